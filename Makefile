@@ -1,0 +1,43 @@
+# Two commands: `make demo` and `make test`. Each sets up the local environment .venv first, if it has to.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+BUILD_FILES := pyproject.toml setup.py CMakeLists.txt package.xml $(wildcard cmake/*.cmake) $(wildcard msg/*.msg)
+export VIRTUAL_ENV := $(CURDIR)/$(VENV)
+
+.PHONY: help demo test lint clean
+help:
+	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
+	@echo "make test   run the tests"
+	@echo "make lint   formatter, linters and type checker"
+	@echo "make clean  remove what was built and the local environment"
+
+demo: $(VENV)/.installed
+	$(BIN)/knee-contact demo $(ARGS)
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+
+$(BIN)/uv:
+	@echo "== Making a local Python environment in $(VENV)"
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
+
+$(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
+	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (about a minute the first time)"
+	$(BIN)/uv pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	@echo "== Installing the tools for tests and checks"
+	$(BIN)/uv pip install --quiet --group dev
+	@touch $@
