@@ -1,0 +1,1 @@
+"""The contact model: plain numbers in, plain numbers out. No ROS, no file, no clock."""

@@ -1,0 +1,19 @@
+"""The contact laws by the name that `contact.law` uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer
+from knee_contact_ros.core.contact_laws.hertz import hertz
+from knee_contact_ros.core.contact_laws.kelvin_voigt import kelvin_voigt
+from knee_contact_ros.core.contact_laws.two_layer import two_layer_elastic, two_layer_viscoelastic
+
+CONTACT_LAWS: dict[str, Callable[..., ContactLaw]] = {
+    "hertz": hertz,
+    "kelvin_voigt": kelvin_voigt,
+    "two_layer_elastic": two_layer_elastic,
+    "two_layer_viscoelastic": two_layer_viscoelastic,
+}
+
+__all__ = ["CONTACT_LAWS", "ContactLaw", "Layer"]

@@ -1,0 +1,19 @@
+"""Hertz: F = K δⁿ (Eq. 8 of the paper with C = 0).
+
+Source: Hertz 1882, doi:10.1515/crll.1882.92.156. Valid for small, frictionless contacts of elastic solids.
+Nothing damps the knee under this law: it rings about its equilibrium for good.
+"""
+
+from __future__ import annotations
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+def hertz(*, stiffness: float, exponent: float) -> ContactLaw:
+    """Elastic contact. `stiffness` K [N/mⁿ], `exponent` n (1.5 for two curved solids)."""
+
+    def force(depth: float, _rate: float) -> tuple[float, float, float]:
+        elastic, slope = power_law(stiffness, exponent, depth)
+        return elastic, slope, 0.0
+
+    return ContactLaw((Layer(0.0, force),))

@@ -1,0 +1,271 @@
+"""Forward dynamics of the femur over one tick (Eq. 13): M ÿ = -L(t) + F(δ, δ̇), with error control and events.
+
+A step computes with the formula of one region of the contact law. When it has crossed a boundary of the region it is
+shortened until it ends on the boundary, and the next region goes on from there: no step crosses a kink or a jump.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import NamedTuple
+
+from knee_contact_ros.core.error_estimate import SAFETY, carry, decay_rate, depth_error
+from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
+from knee_contact_ros.core.integrators.doubling import doubled_step
+from knee_contact_ros.core.integrators.esdirk4 import ORDER, esdirk4_step
+from knee_contact_ros.core.integrators.free_flight import free_flight_step
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import Region, Regions
+
+LOCAL_SHARE = 0.1
+"""Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
+MEMORY = 1.0
+"""How long [s] an error is taken to count where nothing damps it."""
+ROUNDING = 4.0 * sys.float_info.epsilon
+"""Part of a height or a velocity below which an estimated error is rounding, which no smaller step can cure."""
+NEWTON_SHARE = 0.01
+"""Share of the tolerance at which Newton's method has arrived."""
+MAX_EVALUATIONS = 100_000
+"""Contact law evaluations after which a tick is finished without error control, and says so."""
+MAX_EVENTS = 1_000
+"""The same for the boundaries that a tick crosses."""
+MAX_LOCATE = 60
+"""Tries to end a step on a boundary."""
+
+
+class FemurDynamics(NamedTuple):
+    """The scene: what does not change from tick to tick."""
+
+    regions: Regions
+    mass: float
+    """[kg]"""
+    cosine: float
+    """Of the plateau's slope: part of a height that counts along the plateau's normal"""
+    tolerance: float
+    """Wanted error of the depth [m]"""
+    budget: int
+    """Contact law evaluations a tick may cost; 0: no limit"""
+
+
+class Progress(NamedTuple):
+    """Where a run stands: all that one tick hands to the next."""
+
+    state: FemurState
+    error: StateError
+    try_step: float
+    """Duration [s] that the next step should try"""
+
+
+class Advance(NamedTuple):
+    """The contact at the end of a tick."""
+
+    progress: Progress
+    depth: float
+    """[m] signed: < 0 apart"""
+    rate: float
+    """[m/s]"""
+    force: float
+    """[N]"""
+    error_estimate: float
+    """[m]"""
+    evaluations: int
+    controlled: bool
+    """False if the budget ran out and the tick was finished without error control"""
+
+
+class Tick:
+    """One interval on its way; holds what its steps share."""
+
+    def __init__(self, scene: FemurDynamics, interval: Interval, start: Progress) -> None:
+        self.scene = scene
+        self.interval = interval
+        self.s = 0.0
+        self.state, self.error, self.try_step = start
+        self.evaluations = 0
+        self.events = 0
+        self.controlled = True
+
+    def advance(self) -> Advance:
+        """Carry the femur over the whole interval."""
+        regions = self.scene.regions
+        depth, rate = self.contact()
+        region = regions.at(depth, rate, self.interval.load(0.0))
+        while self.s < self.interval.duration:
+            step, h, boundary = self.next_step(region)
+            self.accept(step, h)
+            if boundary:
+                following = regions.beyond(region, boundary, step.stages[-1], self.interval.load(self.s))
+                self.error = self.shifted_error(region, following, step.stages[-1])
+                region = following
+                self.events += 1
+        return self.result(region)
+
+    def result(self, region: Region) -> Advance:
+        """The contact at the end of the interval."""
+        depth, rate = self.contact()
+        force, stiffness, damping = self.force(region, depth, rate)
+        # In flight a velocity error does nothing to the height until later; in contact the two turn into each other.
+        error = depth_error(self.error, stiffness, damping, self.scene.mass) if region.pressing else self.error.height
+        return Advance(
+            progress=Progress(self.state, self.error, self.try_step),
+            depth=depth,
+            rate=rate,
+            force=force if self.scene.regions.allow_tension else max(force, 0.0),
+            error_estimate=SAFETY * abs(error),
+            evaluations=self.evaluations,
+            controlled=self.controlled,
+        )
+
+    def contact(self) -> tuple[float, float]:
+        """Signed depth [m] and rate [m/s] at the present state."""
+        surface, surface_rate = self.interval.surface(self.s)
+        cosine = self.scene.cosine
+        return surface - cosine * self.state.height, surface_rate - cosine * self.state.velocity
+
+    def force(self, region: Region, depth: float, rate: float) -> tuple[float, float, float]:
+        """Force that the contact exerts [N] and its slopes."""
+        formula = self.scene.regions.formula(region)
+        if formula is None or not region.pressing:
+            return 0.0, 0.0, 0.0
+        self.evaluations += 1
+        return formula(depth, rate)
+
+    # Steps
+
+    def next_step(self, region: Region) -> tuple[Step, float, str]:
+        """The next step: small enough for the tolerance, and ending on the first boundary that it meets.
+
+        Returns the step, its duration [s] and the boundary's name, empty if it meets none.
+        """
+        step, h = self.controlled_step(region)
+        boundary = ""
+        while self.controlled and (crossing := self.first_crossing(region, step, boundary)):
+            step, h, boundary = self.step_to_boundary(region, crossing[0], h * crossing[1])
+        return step, h, boundary
+
+    def controlled_step(self, region: Region) -> tuple[Step, float]:
+        """A step whose estimated error fits the tolerance, and its duration [s]."""
+        remaining = self.interval.duration - self.s
+        if not region.pressing or not self.controlled:
+            return self.attempt(region, remaining), remaining
+        h = min(self.try_step, remaining)
+        while True:
+            step = self.attempt(region, h)
+            ratio = self.error_ratio(step, h)
+            factor = 0.9 * max(ratio, 1e-4) ** (-1.0 / ORDER)
+            if ratio <= 1.0 or not self.controlled:
+                self.try_step = h * factor if h < remaining else max(self.try_step, h * factor)
+                return step, h
+            h *= max(0.1, factor)
+            if self.s + h == self.s:
+                self.controlled = False
+
+    def error_ratio(self, step: Step, h: float) -> float:
+        """Estimated error of a step over what it may be: all steps that still count share the tolerance."""
+        if not step.solved:
+            return math.inf
+        mass = self.scene.mass
+        speed = abs(step.state.velocity) + h * abs(step.stages[-1].force) / mass
+        above_rounding = StateError(
+            max(abs(step.error.height) - ROUNDING * abs(step.state.height), 0.0),
+            max(abs(step.error.velocity) - ROUNDING * speed, 0.0),
+        )
+        contact = (step.stiffness, step.damping, mass)
+        forgotten = min(1.0, h * max(decay_rate(*contact), 1.0 / MEMORY))
+        return depth_error(above_rounding, *contact) / (LOCAL_SHARE * self.scene.tolerance * forgotten)
+
+    def attempt(self, region: Region, h: float) -> Step:
+        """One step of `h` [s] by the region's formula, wherever it leads."""
+        scene, formula = self.scene, self.scene.regions.formula(region)
+        if formula is None or not region.pressing:
+            arguments = (scene.mass, scene.cosine, self.s, self.state, h)
+            step = free_flight_step(self.interval, formula, *arguments)
+        else:
+            law, resolution = formula, NEWTON_SHARE * scene.tolerance
+
+            def single(s: float, state: FemurState, h: float) -> Step:
+                return esdirk4_step(self.interval, law, scene.mass, scene.cosine, s, state, h, resolution)
+
+            step = doubled_step(single, ORDER, self.s, self.state, h)
+        self.evaluations += step.evaluations
+        limit = scene.budget or MAX_EVALUATIONS
+        self.controlled = self.controlled and self.evaluations < limit and self.events < MAX_EVENTS
+        return step
+
+    def accept(self, step: Step, h: float) -> None:
+        """Go to the end of a step."""
+        remaining = self.interval.duration - self.s
+        self.s = self.interval.duration if h == remaining else self.s + h
+        self.state = step.state
+        carried = carry(self.error, step.stiffness, step.damping, self.scene.mass, h)
+        self.error = StateError(carried.height + step.error.height, carried.velocity + step.error.velocity)
+
+    # Events
+
+    def first_crossing(self, region: Region, step: Step, boundary: str) -> tuple[str, float] | None:
+        """The boundary that a step crosses first and the part of the step by which it has; None if it stays inside.
+
+        `boundary` is the one on which the step is known to end.
+        """
+        load = self.interval.load(self.s)
+        for stage in step.stages:
+            for margin in self.scene.regions.margins(region, stage, load):
+                if margin.value < -margin.rounding and not (stage.fraction == 1.0 and margin.boundary == boundary):
+                    return margin.boundary, stage.fraction
+        return None
+
+    def step_to_boundary(self, region: Region, boundary: str, high: float) -> tuple[Step, float, str]:
+        """Shorten a step that crosses a boundary before `high` [s] until it ends on it (Illinois' method).
+
+        Returns the step, its duration and the boundary, or a shorter step and no boundary where the crossing that a
+        stage has shown is not there at that step's end.
+        """
+        step = self.attempt(region, high)
+        beyond, rounding = self.margin(region, boundary, step.stages[-1])
+        if beyond >= 0.0:
+            return step, high, ""
+        low, inside = 0.0, self.margin(region, boundary, self.present_stage(region))[0]
+        if inside <= rounding:
+            # The step begins on this boundary: unless a far smaller one leads inside first, it goes straight across.
+            for shorter in (0.1 * high, 0.01 * high, 0.001 * high):
+                within = self.attempt(region, shorter)
+                if self.margin(region, boundary, within.stages[-1])[0] > rounding:
+                    return within, shorter, ""
+            return Step(self.state, NO_ERROR, (self.present_stage(region),), 0.0, 0.0, 0, True), 0.0, boundary
+        h = high
+        for _ in range(MAX_LOCATE):
+            h = low + (high - low) * inside / (inside - beyond)
+            if not low < h < high:
+                break
+            step = self.attempt(region, h)
+            value, _ = self.margin(region, boundary, step.stages[-1])
+            if abs(value) <= 0.01 * rounding:
+                break
+            if value < 0.0:
+                high, beyond, inside = h, value, 0.5 * inside
+            else:
+                low, inside, beyond = h, value, 0.5 * beyond
+        return step, h, boundary
+
+    def margin(self, region: Region, boundary: str, stage: Stage) -> tuple[float, float]:
+        """Signed distance of a stage to one boundary, >= 0 inside, and what counts as zero."""
+        margins = self.scene.regions.margins(region, stage, self.interval.load(self.s))
+        return next((margin.value, margin.rounding) for margin in margins if margin.boundary == boundary)
+
+    def present_stage(self, region: Region) -> Stage:
+        """The present state in the form of a step's end."""
+        depth, rate = self.contact()
+        formula = self.scene.regions.formula(region)
+        return Stage(1.0, depth, rate, formula(depth, rate)[0] if formula else 0.0)
+
+    def shifted_error(self, region: Region, following: Region, end: Stage) -> StateError:
+        """Error behind a boundary: meeting it too early or too late, the femur feels the force's jump for that time."""
+        if end.rate == 0.0:
+            return self.error
+        jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
+        late = abs(self.error.height / end.rate)
+        return StateError(
+            self.error.height,
+            self.error.velocity + math.copysign(late * jump / self.scene.mass, self.error.velocity),
+        )

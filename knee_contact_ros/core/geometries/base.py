@@ -1,0 +1,18 @@
+"""What a femoral geometry is to a plane: its support function.
+
+With the femur turned by θ, the lowest point of its surface lies h(θ) below the reference point,
+h(θ) = max over the curve of -(sin θ pₓ + cos θ p_y), and h'(θ) = -x of that lowest point relative to the reference
+point (Eq. 7 of the paper in closed form). So depth = h(θ) - y with no search, and its rate is exact.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class FemoralGeometry(Protocol):
+    """A femoral surface in the sagittal plane, about its reference point."""
+
+    def support(self, angle: float) -> tuple[float, float]:
+        """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
+        ...

@@ -1,0 +1,1 @@
+"""Methods that carry the femur over one step."""

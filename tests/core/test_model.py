@@ -1,0 +1,196 @@
+"""The model as users call it: against independent solvers, and the promises of its interface."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from knee_contact_ros.core.model import SERIES_DTYPE
+from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
+from tests.core.test_geometries import ellipse
+from tests.scenes import DAMPING, MASS, RADIUS, STIFFNESS, law, model
+
+TICKS = np.arange(0.0, 0.4, 0.005)
+ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)
+LOAD = 700.0 + 400.0 * np.sin(2 * np.pi * 3.0 * TICKS)
+
+
+def read_reference(path: Path) -> np.ndarray:
+    """One table of the independent solver."""
+    return np.genfromtxt(path, delimiter=",", comments="#", skip_header=3, names=True)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize(
+    ("scene", "name"),
+    [
+        ("gait2354_right_kelvin_voigt", "kelvin_voigt"),
+        ("gait2354_right_two_layer", "two_layer_viscoelastic"),
+        ("pull_apart_and_land", "kelvin_voigt"),
+    ],
+)
+def test_independent_answers_are_met_to_the_tolerance(
+    reference_data: Path, scene: str, name: str, tolerance: float
+) -> None:
+    reference = read_reference(reference_data / "reference" / f"{scene}.csv")
+    series = model(law(name), tolerance).run(reference["t"], reference["flexion_angle"], reference["load"])
+    depth = series.penetration_depth - series.gap
+    error = np.abs(depth - (RADIUS - reference["femoral_height"]))
+    assert error.max() <= tolerance
+    # The reference is given to 1e-14 m; the static start is exact on both sides.
+    assert np.mean(error <= series.error_estimate + 1e-14) >= 0.98
+    assert np.mean(series.status & Status.NOT_CONVERGED == 0) >= 0.6
+
+
+def test_a_general_solver_gives_the_same_knee() -> None:
+    """SciPy on the turning ellipse, restarted at every tick: other method, other formulation (depth as the state)."""
+    geometry = ellipse(160)
+    series = model(law("kelvin_voigt"), 1e-9, geometry).run(TICKS, ANGLE, LOAD)
+
+    def surface(angle: float, rate: float) -> tuple[float, float]:
+        h, slope = geometry.support(angle)
+        return h, slope * rate
+
+    depth = (LOAD[0] / STIFFNESS) ** (1 / 1.5)
+    first_rate = (ANGLE[1] - ANGLE[0]) / (TICKS[1] - TICKS[0])
+    h, h_rate = surface(ANGLE[0], first_rate)
+    state = np.array([h - depth, h_rate])
+    for i in range(1, len(TICKS)):
+        duration = TICKS[i] - TICKS[i - 1]
+        rate, load_rate = (ANGLE[i] - ANGLE[i - 1]) / duration, (LOAD[i] - LOAD[i - 1]) / duration
+
+        def motion(s: float, z: np.ndarray, i: int = i, rate: float = rate, slope: float = load_rate) -> list[float]:
+            h, h_rate = surface(ANGLE[i - 1] + rate * s, rate)
+            force = max(STIFFNESS * max(h - z[0], 0.0) ** 1.5 + DAMPING * (h_rate - z[1]), 0.0)
+            return [z[1], (force - LOAD[i - 1] - slope * s) / MASS]
+
+        state = solve_ivp(motion, (0.0, duration), state, method="DOP853", rtol=1e-11, atol=1e-14).y[:, -1]
+        assert series.femoral_height[i] == pytest.approx(state[0], abs=1e-9)
+
+
+def test_run_and_tick_give_the_same_bits() -> None:
+    knee = model(law("two_layer_viscoelastic"), 1e-6, ellipse(40))
+    series = knee.run(TICKS, ANGLE, LOAD)
+    stream = knee.stream()
+    rows = [stream.tick(*row) for row in zip(TICKS.tolist(), ANGLE.tolist(), LOAD.tolist(), strict=True)]
+    assert np.array(rows, dtype=SERIES_DTYPE).tobytes() == series.tobytes()
+
+
+def test_times_that_name_the_same_nanosecond_give_the_same_bits() -> None:
+    stamps = np.arange(530_000_000, 730_000_000, 5_000_000)
+    angle, load = np.linspace(0.1, 0.3, len(stamps)), np.linspace(300.0, 900.0, len(stamps))
+    knee = model(law("kelvin_voigt"), 1e-6)
+    series = [
+        knee.run(time, angle, load).tobytes()
+        for time in (stamps / 1e9, stamps * 1e-9, stamps // 10**9 + (stamps % 10**9) * 1e-9)
+    ]
+    assert series[0] == series[1] == series[2]
+
+
+@pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic"])
+def test_the_first_tick_is_the_static_solution(name: str) -> None:
+    first = model(law(name)).stream().tick(0.0, 0.2, 1614.18)
+    assert first.contact_force == pytest.approx(1614.18, rel=1e-12)
+    assert first.penetration_rate == 0.0
+    assert first.error_estimate == 0.0
+    assert first.fidelity == Fidelity.DYNAMIC
+
+
+def test_the_depth_of_a_circle_does_not_depend_on_the_angle() -> None:
+    knee = model(law("kelvin_voigt"))
+    assert np.array_equal(
+        knee.run(TICKS, ANGLE, LOAD).penetration_depth, knee.run(TICKS, 0.0 * ANGLE, LOAD).penetration_depth
+    )
+
+
+def test_a_heavier_load_goes_deeper_by_the_law() -> None:
+    load = np.full_like(TICKS, 1000.0)
+    depths = [model(law("kelvin_voigt")).run(TICKS, ANGLE, load * k).penetration_depth[-1] for k in (1.0, 1.01)]
+    assert depths[1] / depths[0] == pytest.approx(1.01 ** (2 / 3), rel=1e-9)
+
+
+def test_the_knee_lifts_off_and_lands() -> None:
+    load = np.where((TICKS > 0.1) & (TICKS < 0.12), -80.0, 600.0)
+    series = model(law("kelvin_voigt"), 1e-6).run(TICKS, ANGLE, load)
+    apart = series.contact_state == ContactState.SEPARATED
+    assert apart.any()
+    assert series.contact_state[-1] == ContactState.CARTILAGE
+    assert np.all(series.contact_force[apart] == 0.0)
+    assert np.all(series.gap[apart] >= 0.0)
+    assert np.all(series.penetration_depth * series.gap == 0.0)
+    assert np.all(series.contact_force >= 0.0)
+    assert np.all(series.status == Status.OK)
+
+
+def test_layers_share_the_depth() -> None:
+    series = model(law("two_layer_viscoelastic")).run(TICKS, ANGLE, LOAD + 800.0)
+    bone = series.contact_state == ContactState.BONE
+    assert bone.any()
+    assert np.array_equal(bone, series.penetration_depth > 5e-4)
+    assert series.cartilage_depth + series.bone_depth == pytest.approx(series.penetration_depth, abs=1e-18)
+    assert np.all(series.cartilage_depth <= 5e-4)
+
+
+def test_the_contact_point_lies_on_the_plateau_under_the_lowest_point() -> None:
+    geometry = ellipse(320)
+    series = model(law("kelvin_voigt"), geometry=geometry).run(TICKS, ANGLE, LOAD)
+    a, b = 0.034, 0.028
+    h = np.hypot(a * np.sin(ANGLE), b * np.cos(ANGLE))
+    assert series.contact_point.x == pytest.approx(-(a * a - b * b) * np.sin(ANGLE) * np.cos(ANGLE) / h, abs=1e-8)
+    assert np.all(series.contact_point.y == 0.0)
+
+
+def test_a_sloped_plateau_carries_the_load_by_its_normal_force() -> None:
+    slope = 0.15
+    load = np.full_like(TICKS, 1000.0)
+    series = model(law("kelvin_voigt"), slope=slope).run(TICKS, 0.0 * ANGLE, load)
+    assert series.contact_force[-1] * math.cos(slope) == pytest.approx(1000.0, rel=1e-9)
+    last = series[-1]
+    assert last.contact_point.y / last.contact_point.x == pytest.approx(math.tan(slope), rel=1e-12)
+    # Distance of the reference point from the plateau: the radius less the depth.
+    assert last.femoral_height * math.cos(slope) == pytest.approx(RADIUS - last.penetration_depth, abs=1e-15)
+
+
+def test_a_budget_is_kept_and_missing_it_is_said() -> None:
+    rough = LOAD * np.where(np.arange(len(TICKS)) % 2, 1.0, 0.2)
+    series = model(law("two_layer_viscoelastic"), 1e-10, budget=100).run(TICKS, ANGLE, rough)
+    # One step in the making may still be finished: 15 stages with a handful of Newton corrections each.
+    assert series.evaluations.max() <= 100 + 15 * 30
+    assert np.any(series.status & Status.NOT_CONVERGED)
+    assert np.isfinite(series.penetration_depth).all()
+
+
+@pytest.mark.parametrize(
+    ("time", "angle", "load", "words"),
+    [
+        ([0.0, 1.0], [0.0], [1.0, 1.0], "equal length"),
+        ([[0.0]], [[0.0]], [[1.0]], "one-dimensional"),
+        ([0.0, math.nan], [0.0, 0.0], [1.0, 1.0], "finite"),
+        ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "finite"),
+        ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], "increase"),
+        ([1.0, 0.5], [0.0, 0.0], [1.0, 1.0], "increase"),
+    ],
+)
+def test_series_that_make_no_sense_are_refused(time: list, angle: list, load: list, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        model(law("kelvin_voigt")).run(time, angle, load)
+
+
+def test_an_empty_series_gives_an_empty_answer() -> None:
+    assert len(model(law("kelvin_voigt")).run([], [], [])) == 0
+
+
+def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
+    knee, rows = model(law("kelvin_voigt")), list(zip(TICKS.tolist(), ANGLE.tolist(), LOAD.tolist(), strict=True))
+    stream = knee.stream()
+    answers: list[Contact] = []
+    for row in rows:
+        if len(answers) == 10:
+            with pytest.raises(ValueError, match="finite"):
+                stream.tick(row[0], math.nan, row[2])
+        answers.append(stream.tick(*row))
+    assert np.array(answers, dtype=SERIES_DTYPE).tobytes() == knee.run(TICKS, ANGLE, LOAD).tobytes()

@@ -1,0 +1,82 @@
+"""Scenes that the tests of the model share."""
+
+from __future__ import annotations
+
+import math
+
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
+from knee_contact_ros.core.geometries import Circle, FemoralGeometry
+from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import Regions
+
+RADIUS = 0.034
+MASS = 9.3014
+BODY_WEIGHT = 75.16 * 9.80665
+STIFFNESS = 7.905694e7
+DAMPING = 5000.0
+LAYER_DEPTH = 5e-4
+LAW_ARGUMENTS = {
+    "hertz": {"stiffness": STIFFNESS, "exponent": 1.5},
+    "kelvin_voigt": {"stiffness": STIFFNESS, "exponent": 1.5, "damping": DAMPING},
+    "two_layer_elastic": {
+        "stiffness": STIFFNESS,
+        "exponent": 1.5,
+        "layer_depth": LAYER_DEPTH,
+        "stiffness_2": 3.112e9,
+    },
+    "two_layer_viscoelastic": {
+        "stiffness": STIFFNESS,
+        "exponent": 1.5,
+        "damping": DAMPING,
+        "layer_depth": LAYER_DEPTH,
+        "stiffness_2": 3.112e9,
+        "damp_first_layer": False,
+    },
+}
+
+
+def law(name: str, **changes: float) -> ContactLaw:
+    """A contact law with the constants of Table 1, or others."""
+    return CONTACT_LAWS[name](**(LAW_ARGUMENTS[name] | changes))
+
+
+def model(
+    contact_law: ContactLaw,
+    tolerance: float = 1e-8,
+    geometry: FemoralGeometry | None = None,
+    mass: float = MASS,
+    slope: float = 0.0,
+    budget: int = 0,
+    allow_tension: bool = False,
+) -> KneeModel:
+    """A knee like the paper's."""
+    return KneeModel(
+        geometry=geometry or Circle(RADIUS),
+        regions=Regions(contact_law, allow_tension),
+        mass=mass,
+        plateau_slope=slope,
+        cartilage_thickness=contact_law.layers[1].begin if len(contact_law.layers) > 1 else math.inf,
+        tolerance=tolerance,
+        budget=budget,
+    )
+
+
+def advance(
+    contact_law: ContactLaw,
+    depth: float,
+    rate: float,
+    duration: float,
+    load: float = 0.0,
+    mass: float = 1.0,
+    tolerance: float = 1e-10,
+    allow_tension: bool = False,
+) -> Advance:
+    """One long tick of a circular femur from a given contact, under a constant load."""
+    interval = Interval(Circle(RADIUS), duration, 0.0, 0.0, load, 0.0)
+    scene = FemurDynamics(Regions(contact_law, allow_tension), mass, 1.0, tolerance, 0)
+    start = Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf)
+    return Tick(scene, interval, start).advance()
