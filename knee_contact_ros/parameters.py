@@ -1,0 +1,282 @@
+"""The parameters, declared here once with type, range, default and meaning.
+
+The node, the offline commands and `load_model` all come through here, so a value means the same everywhere.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.geometries import GEOMETRIES
+from knee_contact_ros.errors import UsageError
+
+NODE_NAME = "knee_contact"
+STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
+"""Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
+
+
+def one_of(*allowed: str | float) -> AfterValidator:
+    """Allow these values only."""
+
+    def check(value: Any) -> Any:
+        if value not in allowed:
+            raise ValueError(f"allowed: {', '.join(map(str, allowed))}")
+        return value
+
+    return AfterValidator(check)
+
+
+def _budget(value: int) -> int:
+    if 0 < value < 100 or value < 0:
+        raise ValueError("allowed: 0 (no limit) or an integer >= 100")
+    return value
+
+
+def _off(value: object) -> object:
+    """ROS 2 parameter files take a bare `off` for the truth value false (YAML 1.1)."""
+    return "off" if value is False else value
+
+
+class Section(BaseModel):
+    """A group of parameters; names and types are strict, numbers finite."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Knee(Section):
+    """Which joint, and how its position becomes the flexion angle: flexion_sign x position + flexion_offset."""
+
+    joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
+    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = Field(
+        1.0, description="1 if the position grows in flexion, or -1"
+    )
+    flexion_offset: float = Field(0.0, description="[rad] added to the signed position")
+
+
+class Load(Section):
+    """Which part of the axial joint reaction drives the compartment."""
+
+    compartment: Annotated[str, one_of("total", "fixed_share")] = Field(
+        "fixed_share", description="total or fixed_share"
+    )
+    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction")
+
+
+class Pairing(Section):
+    """How angle and force samples are brought together by their stamps."""
+
+    wait: float = Field(
+        0.1, ge=0.0, le=10.0, description="[s] how long a force waits for an angle at or after its stamp"
+    )
+    max_gap: float = Field(
+        0.1, gt=0.0, le=3600.0, description="[s] largest gap between stamps that is not flagged stale"
+    )
+
+
+class Femur(Section):
+    """The femur: its mass and the surface that touches."""
+
+    mass: float = Field(9.3014, ge=1e-4, le=1e3, description="[kg] that follows the reference point")
+    geometry: Annotated[str, one_of(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
+    radius: float = Field(0.034, gt=0.0, le=1.0, description="[m] of the circle")
+    profile: str = Field("", description="CSV of x, y [m] in the femur frame, ordered along the curve")
+
+
+class Tibia(Section):
+    """The plateau."""
+
+    geometry: Annotated[str, one_of("plane")] = Field("plane", description="plane")
+    slope: float = Field(0.0, ge=-0.7, le=0.7, description="[rad] > 0 when the anterior edge is the higher one")
+
+
+class Translation(Section):
+    """Anterior-posterior translation of the femur."""
+
+    mechanism: Annotated[str, one_of("hinge")] = Field("hinge", description="hinge: none")
+
+
+class ContactParameters(Section):
+    """The contact law and its constants."""
+
+    law: Annotated[str, one_of(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
+    stiffness: float = Field(7.905694e7, gt=0.0, le=1e15, description="[N/m^exponent] of the first layer")
+    exponent: float = Field(1.5, ge=1.0, le=3.0, description="of the depth; 1.5 for two curved solids")
+    damping: float = Field(5000.0, ge=0.0, le=1e9, description="[N s/m]")
+    allow_tension: bool = Field(False, description="let the law pull instead of clamping it at 0")
+    layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1, description="[m] at which the second layer begins")
+    stiffness_2: float = Field(3.112e9, gt=0.0, le=1e15, description="[N/m^exponent] of the second layer")
+    damp_first_layer: bool = Field(False, description="two_layer_viscoelastic: put the dashpot into both layers")
+
+
+class FidelityParameters(Section):
+    """How exactly to solve, and how much that may cost."""
+
+    level: Annotated[str, one_of("dynamic", "auto")] = Field("auto", description="dynamic, or auto (which picks it)")
+    tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
+    budget: Annotated[int, AfterValidator(_budget)] = Field(
+        0, description="contact law evaluations a tick may cost; 0: no limit"
+    )
+
+
+class Record(Section):
+    """Recording to MCAP."""
+
+    path: str = Field("", description="MCAP file to write; empty: none")
+    flush_period: float = Field(0.05, ge=0.001, le=60.0, description="[s] what a crash may lose")
+
+
+class Rerun(Section):
+    """The Rerun recording."""
+
+    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file")] = Field("off", description="off or file")
+    path: str = Field("", description=".rrd file to write in mode file")
+
+
+class Parameters(Section):
+    """All parameters of the node and of the offline commands."""
+
+    knee: Knee = Knee()
+    load: Load = Load()
+    pairing: Pairing = Pairing()
+    drive: Annotated[str, one_of("force")] = Field("force", description="force: Eq. 13")
+    femur: Femur = Femur()
+    tibia: Tibia = Tibia()
+    translation: Translation = Translation()
+    contact: ContactParameters = ContactParameters()
+    fidelity: FidelityParameters = FidelityParameters()
+    body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
+    autostart: bool = Field(True, description="configure and activate without being asked")
+    record: Record = Record()
+    rerun: Rerun = Rerun()
+
+
+def known_parameters() -> dict[str, tuple[Any, str]]:
+    """Every parameter's dotted name, with default and description."""
+    names: dict[str, tuple[Any, str]] = {}
+    for name, field in Parameters.model_fields.items():
+        if isinstance(field.default, Section):
+            for inner, inner_field in type(field.default).model_fields.items():
+                names[f"{name}.{inner}"] = (inner_field.default, inner_field.description or "")
+        else:
+            names[name] = (field.default, field.description or "")
+    return names
+
+
+def load_parameters(source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path]) -> Parameters:
+    """Read parameters from a ROS 2 parameter file, from several (the later one wins), or from a mapping.
+
+    A mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+
+    Raises:
+        UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
+    """
+    if isinstance(source, Parameters):
+        return source
+    if isinstance(source, Mapping):
+        return _validated(_flat(_section_of_node(source, "the mapping")), "")
+    paths = [source] if isinstance(source, (str, Path)) else source
+    merged: dict[str, Any] = {}
+    for path in paths:
+        values = _flat(_section_of_node(_read_yaml(Path(path)), str(path)))
+        _validated(values, f"{path}: ")
+        merged |= values
+    return _validated(merged, "")
+
+
+def check_parameter_file(path: Path) -> None:
+    """Check a file that ROS will read; sections of other nodes are none of our business.
+
+    Raises:
+        UsageError: as `load_parameters`.
+    """
+    content = _read_yaml(path)
+    if _sections_of_node(content):
+        load_parameters(path)
+
+
+def _read_yaml(path: Path) -> Mapping[str, Any]:
+    try:
+        content = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{path}: cannot read the parameter file: {error.strerror}") from None
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from None
+    if not isinstance(content, Mapping):
+        raise UsageError(f"{path}: not a ROS 2 parameter file: it must map node names to ros__parameters")
+    return content
+
+
+def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Parameters of our node in a parameter file's content, or the content itself if it has no node names."""
+    ours = _sections_of_node(content)
+    if ours:
+        merged: dict[str, Any] = {}
+        for section in ours:
+            merged |= _flat(section)
+        return merged
+    if any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
+        raise UsageError(f"{name}: no parameters for node {NODE_NAME}; found {', '.join(map(str, content))}")
+    return content
+
+
+def _sections_of_node(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Our node's sections of a parameter file; wildcards first, so that the node's own section wins."""
+    ours = [
+        key
+        for key, value in content.items()
+        if isinstance(value, Mapping) and "ros__parameters" in value
+        and str(key).rsplit("/", 1)[-1] in (NODE_NAME, "*", "**")
+    ]  # fmt: skip
+    return [content[key]["ros__parameters"] or {} for key in sorted(ours, key=lambda key: str(key).endswith(NODE_NAME))]
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested or dotted names to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _validated(values: Mapping[str, Any], where: str) -> Parameters:
+    """Check dotted values against the declarations."""
+    known = known_parameters()
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+            raise UsageError(f"{where}unknown parameter {name}; {hint}")
+        section, _, inner = name.rpartition(".")
+        (nested.setdefault(section, {}) if section else nested)[inner] = value
+    try:
+        parameters = Parameters.model_validate(nested)
+    except ValidationError as error:
+        raise UsageError(where + _one_line(error)) from None
+    if parameters.femur.geometry == "profile" and not parameters.femur.profile:
+        raise UsageError(
+            f"{where}parameter femur.profile is empty; femur.geometry profile needs the name of a CSV file"
+        )
+    if parameters.rerun.mode == "file" and not parameters.rerun.path:
+        raise UsageError(f"{where}parameter rerun.path is empty; rerun.mode file needs the name of an .rrd file")
+    return parameters
+
+
+def _one_line(error: ValidationError) -> str:
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    return f"parameter {name}: {first['input']!r} is not allowed; {reason}"
