@@ -1,0 +1,103 @@
+"""Record answers: the inputs that led to a tick, then its outputs, in the order of the ticks.
+
+That order depends on stamps only, so a live recording and an offline one hold the same messages in the same order.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from knee_contact_ros.messages import PlainMessages
+from knee_contact_ros.pipeline import Answer
+from knee_contact_ros.publish import contact_message, wrench_message
+from knee_contact_ros.record import BagWriter
+from knee_contact_ros.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+
+ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
+
+
+class AnswerWriter:
+    """Writes answers into a bag."""
+
+    def __init__(
+        self, bag: BagWriter, plateau_normal: tuple[float, float], names: Mapping[str, str] = ABSOLUTE_NAMES
+    ) -> None:
+        """`names` gives the absolute name under which each topic is recorded."""
+        self.bag = bag
+        self._names = names
+        self._normal = plateau_normal
+        self._types = PlainMessages()
+        for topic, type_name in MESSAGE_TYPES.items():
+            bag.add_topic(names[topic], type_name)
+
+    def write(self, answer: Answer) -> None:
+        """Write an answer's inputs and outputs."""
+        self.write_inputs(answer.inputs)
+        stamp, frame_id, contact = answer.stamp, answer.frame_id, answer.contact
+        message = contact_message(self._types, stamp, frame_id, contact)
+        wrench = wrench_message(self._types, stamp, frame_id, contact, self._normal)
+        self.bag.write(self._names[KNEE_CONTACT], stamp, message)
+        self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
+
+    def write_inputs(self, inputs: Iterable[tuple[str, int, Any]]) -> None:
+        """Write input messages: (topic, stamp [ns], message)."""
+        for topic, stamp, message in inputs:
+            self.bag.write(self._names[topic], stamp, message)
+
+
+class RecorderThread:
+    """Writes answers in a thread of its own, so that encoding, compression and the disk never hold up a tick."""
+
+    def __init__(self, writer: AnswerWriter, flush_period: float, on_failure: Callable[[str], None]) -> None:
+        """`flush_period` [s] is what a crash may lose; `on_failure` is told once if the disk refuses."""
+        self.failure = ""
+        self._writer = writer
+        self._period = flush_period
+        self._on_failure = on_failure
+        self._queue: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+        self._rest: list[tuple[str, int, Any]] = []
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def diagnostics(self) -> dict[str, str]:
+        """How many answers wait to be written."""
+        return {"backlog": str(self._queue.qsize())}
+
+    def put(self, answer: Answer) -> None:
+        """Hand over an answer."""
+        if not self.failure:
+            self._queue.put(answer)
+
+    def close(self, rest: list[tuple[str, int, Any]]) -> None:
+        """Write what waits and `rest`, inputs without an answer, and complete the file."""
+        self._rest = rest
+        self._queue.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._write_all()
+            self._writer.write_inputs(self._rest)
+            self._writer.bag.close()
+        except OSError as error:
+            self.failure = f"recording {self._writer.bag.partial} stopped: {error.strerror or error}"
+            self._on_failure(self.failure)
+
+    def _write_all(self) -> None:
+        flushed = time.monotonic()
+        while True:
+            try:
+                answer = self._queue.get(timeout=self._period)
+            except queue.Empty:
+                pass
+            else:
+                if answer is None:
+                    return
+                self._writer.write(answer)
+            if time.monotonic() - flushed >= self._period:
+                self._writer.bag.flush()
+                flushed = time.monotonic()

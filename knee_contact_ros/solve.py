@@ -1,0 +1,44 @@
+"""`knee-contact solve`: a bag through the pipeline as fast as the machine allows, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.record import BagWriter
+from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.summary import Summary
+from knee_contact_ros.topics import JOINT_STATES
+
+
+def solve(bag: Path, parameters: Parameters, output: Path, advance: Callable[[int, int], None]) -> Summary:
+    """Compute every tick of `bag` and write inputs and outputs to `output`.
+
+    `advance` is called after every message with the number of messages done and in all.
+
+    Raises:
+        UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
+    """
+    with BagReader(bag) as reader, BagWriter(output) as writer:
+        pipeline = Pipeline(parameters)
+        recorder = AnswerWriter(writer, pipeline.plateau_normal)
+        summary = Summary(parameters.body_weight)
+        for done, (topic, _, message) in enumerate(reader.messages(), start=1):
+            feed = pipeline.joint_state if topic == f"/{JOINT_STATES}" else pipeline.joint_reaction_force
+            for answer in feed(message):
+                recorder.write(answer)
+                summary.add(answer.stamp, answer.contact)
+            advance(done, reader.count)
+        for answer in pipeline.give_up():
+            recorder.write(answer)
+            summary.add(answer.stamp, answer.contact)
+        recorder.write_inputs(pipeline.rest())
+        summary.refused = pipeline.synchroniser.refused
+        if not summary.ticks:
+            reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal})")
+    return summary

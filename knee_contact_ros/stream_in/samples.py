@@ -1,0 +1,78 @@
+"""Messages to samples: the one place where joint names, signs and the compartment's share are applied.
+
+Works on ROS messages and on plain ones alike, for it only reads their fields.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from knee_contact_ros.messages import stamp_to_ns
+from knee_contact_ros.parameters import Knee, Load
+
+
+class RefusedSampleError(Exception):
+    """A sample that cannot be used; `reason` is the counter's name, the text says what is wrong."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class AngleSample(NamedTuple):
+    """A flexion angle at a stamp."""
+
+    stamp: int
+    """[ns]"""
+    angle: float
+    """[rad] positive in flexion"""
+    message: Any
+    """The message it came in"""
+
+
+class LoadSample(NamedTuple):
+    """A compressive compartment load at a stamp."""
+
+    stamp: int
+    """[ns]"""
+    load: float
+    """[N] > 0 when it presses the femur onto the tibia"""
+    frame_id: str
+    """The tibia frame"""
+    message: Any
+    """The message it came in"""
+
+
+def angle_sample(message: Any, knee: Knee) -> AngleSample:
+    """Flexion angle from a JointState: sign x position + offset.
+
+    Raises:
+        RefusedSampleError: the joint is missing, has no position, or the position is not finite.
+    """
+    names = list(message.name)
+    if knee.joint_name not in names:
+        raise RefusedSampleError(
+            "joint_missing", f"joint_states has no joint {knee.joint_name!r}; it has {', '.join(names)}"
+        )
+    index = names.index(knee.joint_name)
+    if index >= len(message.position):
+        raise RefusedSampleError("joint_missing", f"joint_states gives no position for joint {knee.joint_name!r}")
+    position = float(message.position[index])
+    if not math.isfinite(position):
+        raise RefusedSampleError("not_finite", f"joint_states: position of joint {knee.joint_name!r} is {position}")
+    angle = knee.flexion_sign * position + knee.flexion_offset
+    return AngleSample(stamp_to_ns(message.header.stamp), angle, message)
+
+
+def load_sample(message: Any, load: Load) -> LoadSample:
+    """Compressive load from a WrenchStamped on the tibia: L = -F_y, times the compartment's share.
+
+    Raises:
+        RefusedSampleError: the axial force is not finite.
+    """
+    axial = float(message.wrench.force.y)
+    if not math.isfinite(axial):
+        raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
+    share = load.share if load.compartment == "fixed_share" else 1.0
+    return LoadSample(stamp_to_ns(message.header.stamp), share * -axial, message.header.frame_id, message)

@@ -1,0 +1,111 @@
+"""What a run amounts to: counts, and the peaks of load, contact force and depth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
+
+PEAK_LOAD = 1.0
+"""Smallest load [BW] that counts as a peak of stance."""
+PEAK_DISTANCE = 0.25
+"""Smallest time [s] between two peaks of stance."""
+
+
+class Peak(NamedTuple):
+    """A value and its stamp."""
+
+    value: float
+    """In the field's SI unit"""
+    stamp: int
+    """[ns]"""
+
+
+class LoadPeak(NamedTuple):
+    """The contact where the load has a local peak."""
+
+    stamp: int
+    """[ns]"""
+    load: float
+    """[N]"""
+    contact_force: float
+    """[N]"""
+    penetration_depth: float
+    """[m]"""
+
+
+@dataclass
+class Summary:
+    """Running figures of a run of any length."""
+
+    body_weight: float
+    """[N]"""
+    ticks: int = 0
+    flagged: Counter[str] = field(default_factory=Counter)
+    """Ticks per status bit"""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Refused samples per reason"""
+    evaluations: int = 0
+    largest_error: float = 0.0
+    """[m]"""
+    first_stamp: int = 0
+    last_stamp: int = 0
+    peaks: dict[str, Peak] = field(default_factory=dict)
+    """Largest value of a field"""
+    load_peaks: list[LoadPeak] = field(default_factory=list)
+    """Local peaks of the load, where they were looked for"""
+
+    def add(self, stamp: int, contact: Any) -> None:
+        """Take a `Contact` or a `KneeContact` message into account."""
+        if not self.ticks:
+            self.first_stamp = stamp
+        self.last_stamp = stamp
+        self.ticks += 1
+        self.evaluations += contact.evaluations
+        self.largest_error = max(self.largest_error, contact.error_estimate)
+        for name in ("load", "contact_force", "penetration_depth"):
+            value = getattr(contact, name)
+            if name not in self.peaks or value > self.peaks[name].value:
+                self.peaks[name] = Peak(value, stamp)
+        for bit in Status:
+            if contact.status & bit:
+                self.flagged[bit.name or ""] += 1
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last tick [s]."""
+        return (self.last_stamp - self.first_stamp) / NANOSECONDS
+
+
+def read_summary(recording: Path, body_weight: float) -> Summary:
+    """Summarise a short recording; looks for the peaks of the load too. `body_weight` is in N."""
+    summary = Summary(body_weight)
+    rows: list[LoadPeak] = []
+    with BagReader(recording, {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
+        for _, _, message in reader.messages():
+            stamp = stamp_to_ns(message.header.stamp)
+            summary.add(stamp, message)
+            rows.append(LoadPeak(stamp, message.load, message.contact_force, message.penetration_depth))
+    summary.load_peaks = [rows[index] for index in load_peaks(rows, body_weight)]
+    return summary
+
+
+def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> NDArray[np.intp]:
+    """Indices of the stance peaks: loads above 1 BW, the largest within `PEAK_DISTANCE`, not at the run's ends."""
+    load = np.array([row.load for row in rows])
+    period = (rows[-1].stamp - rows[0].stamp) / max(len(rows) - 1, 1)
+    reach = max(1, round(PEAK_DISTANCE * NANOSECONDS / max(period, 1.0)))
+    around = sliding_window_view(np.pad(load, reach, constant_values=-np.inf), 2 * reach + 1).max(axis=1)
+    peaks = np.flatnonzero((load == around) & (load >= PEAK_LOAD * body_weight))
+    return peaks[(peaks > 0) & (peaks < len(rows) - 1)]

@@ -1,0 +1,159 @@
+"""Pair load and angle by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
+
+No clock in here: whether an angle is late is for the caller to say (`give_up`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from typing import NamedTuple
+
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters import Pairing
+from knee_contact_ros.stream_in.samples import AngleSample, LoadSample
+
+SECOND = 1_000_000_000
+
+
+class PairedSample(NamedTuple):
+    """What one tick is made of."""
+
+    load: LoadSample
+    angle: float
+    """Flexion angle [rad] at the load's stamp"""
+    status: Status
+    angles: tuple[AngleSample, ...]
+    """Angle samples up to this stamp that no earlier pair has taken along"""
+
+
+class Synchroniser:
+    """Two streams in, pairs out, in the order of the load's stamps.
+
+    Both streams may jump back in time, and not at the same moment (a looped bag). Each stretch between jumps is an
+    epoch; samples pair only within one.
+    """
+
+    def __init__(self, pairing: Pairing) -> None:
+        self.refused: Counter[str] = Counter()
+        """Refused samples by reason"""
+        self._max_gap = round(pairing.max_gap * SECOND)
+        self._epochs: defaultdict[int, _Epoch] = defaultdict(lambda: _Epoch(self._max_gap))
+        self._angle_epoch = 0
+        self._load_epoch = 0
+        self._last_angle: int | None = None
+        self._last_load: int | None = None
+        self._last_pair: int | None = None
+        self._flags = Status.OK
+
+    @property
+    def waiting(self) -> int:
+        """Loads that wait for an angle."""
+        return len(self._epochs[self._load_epoch].loads)
+
+    def refuse(self, reason: str) -> None:
+        """Count a sample that cannot be used; the next tick says so."""
+        self.refused[reason] += 1
+        self._flags |= Status.INPUT_REJECTED
+
+    def push_angle(self, sample: AngleSample) -> list[PairedSample]:
+        """Take an angle; return the pairs that can be made now."""
+        if self._last_angle is not None and sample.stamp <= self._last_angle:
+            if self._last_angle - sample.stamp <= self._max_gap:
+                self.refuse("angle_not_in_order")
+                return []
+            self._epochs[self._angle_epoch].angles_ended = True
+            self._angle_epoch += 1
+        self._last_angle = sample.stamp
+        self._epochs[self._angle_epoch].add_angle(sample)
+        return self._pairs()
+
+    def push_load(self, sample: LoadSample) -> list[PairedSample]:
+        """Take a load; return the pairs that can be made now."""
+        pairs = []
+        if self._last_load is not None and sample.stamp <= self._last_load:
+            if self._last_load - sample.stamp <= self._max_gap:
+                self.refuse("load_not_in_order")
+                return []
+            pairs = self.give_up()
+            del self._epochs[self._load_epoch]
+            self._load_epoch += 1
+            self._angle_epoch = max(self._angle_epoch, self._load_epoch)
+            self._last_pair = None
+            self._flags |= Status.TIME_RESET
+        self._last_load = sample.stamp
+        self._epochs[self._load_epoch].loads.append(sample)
+        return pairs + self._pairs()
+
+    def give_up(self) -> list[PairedSample]:
+        """Answer all waiting loads with the last angle before them: no angle at or after their stamps came in time."""
+        return self._pairs(hold=True)
+
+    def rest(self) -> list[AngleSample]:
+        """Angle samples that no pair has taken along; for the end of a stream."""
+        return [angle for epoch in self._epochs.values() for angle in epoch.take_fresh(None)]
+
+    def _pairs(self, hold: bool = False) -> list[PairedSample]:
+        epoch = self._epochs[self._load_epoch]
+        pairs = []
+        while (found := epoch.next_pair(hold)) is not None:
+            load, angle, status = found
+            if angle is None:
+                self.refuse("no_angle_before")
+                continue
+            if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
+                status |= Status.STALE_INPUT
+            self._last_pair = load.stamp
+            pairs.append(PairedSample(load, angle, status | self._flags, tuple(epoch.take_fresh(load.stamp))))
+            self._flags = Status.OK
+        return pairs
+
+
+class _Epoch:
+    """Samples of both streams between two jumps in time; stamps grow in each."""
+
+    def __init__(self, max_gap: int) -> None:
+        self.max_gap = max_gap
+        self.loads: deque[LoadSample] = deque()
+        self.angles: deque[AngleSample] = deque()
+        self.fresh: deque[AngleSample] = deque()
+        self.angles_ended = False
+
+    def add_angle(self, sample: AngleSample) -> None:
+        self.angles.append(sample)
+        self.fresh.append(sample)
+
+    def take_fresh(self, until: int | None) -> list[AngleSample]:
+        """Angles up to a stamp [ns] (None: all) that have not been taken yet."""
+        taken = []
+        while self.fresh and (until is None or self.fresh[0].stamp <= until):
+            taken.append(self.fresh.popleft())
+        return taken
+
+    def next_pair(self, hold: bool) -> tuple[LoadSample, float | None, Status] | None:
+        """The oldest load with its angle; the angle is None if the load lies before all angles.
+
+        None while the load must wait; with `hold`, and when no more angles will come, it gets the last one instead.
+        """
+        if not self.loads:
+            return None
+        found = self._angle_at(self.loads[0].stamp, hold or self.angles_ended)
+        return None if found is None else (self.loads.popleft(), *found)
+
+    def _angle_at(self, stamp: int, hold: bool) -> tuple[float | None, Status] | None:
+        """The angle at a stamp that no later call goes behind; None while it is not known."""
+        while len(self.angles) > 1 and self.angles[1].stamp <= stamp:
+            self.angles.popleft()
+        if not self.angles:
+            return (None, Status.OK) if hold else None
+        before, after = self.angles[0], self.angles[1] if len(self.angles) > 1 else None
+        if before.stamp > stamp:
+            return None, Status.OK
+        if before.stamp == stamp:
+            return before.angle, Status.OK
+        if after is not None:
+            part = (stamp - before.stamp) / (after.stamp - before.stamp)
+            return before.angle + part * (after.angle - before.angle), self._stale(after.stamp - before.stamp)
+        return (before.angle, Status.INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
+
+    def _stale(self, gap: int) -> Status:
+        return Status.STALE_INPUT if gap > self.max_gap else Status.OK

@@ -1,0 +1,16 @@
+"""The topics of the package and their message types."""
+
+from __future__ import annotations
+
+JOINT_STATES = "joint_states"
+JOINT_REACTION_FORCE = "joint_reaction_force"
+KNEE_CONTACT = "knee_contact"
+KNEE_CONTACT_WRENCH = "knee_contact/wrench"
+
+MESSAGE_TYPES = {
+    JOINT_STATES: "sensor_msgs/msg/JointState",
+    JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
+    KNEE_CONTACT_WRENCH: "geometry_msgs/msg/WrenchStamped",
+}
+INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
