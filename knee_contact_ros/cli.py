@@ -1,0 +1,143 @@
+"""The command `knee-contact`. Bad input ends it with code 2 and one line; Ctrl-C with code 130."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from knee_contact_ros import __version__
+from knee_contact_ros.errors import UsageError
+
+DEFAULT_PARAMETERS = "healthy.yaml"
+INTERRUPTED = 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, package_name="knee_contact_ros", message="%(prog)s %(version)s")
+def knee_contact() -> None:
+    """Live tibiofemoral contact from streamed gait. A research tool, not a medical device."""
+
+
+parameter_files = click.option(
+    "--params",
+    "parameter_files",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Parameter file; can be given several times, the later one wins. A name that is not found here "
+    f"is looked up among the package's own. [default: {DEFAULT_PARAMETERS}]",
+)
+
+
+@knee_contact.command()
+@click.option("--bag", type=click.Path(path_type=Path), metavar="BAG", help="[default: the right leg's gait]")
+@parameter_files
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_demo",
+    show_default=True,
+    metavar="DIR",
+    help="Where the results go; those of an earlier demo are replaced.",
+)
+@click.option(
+    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
+)
+def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float) -> None:
+    """See the knee of a walking person: real node, real topics, recording, Rerun file, table."""
+    from knee_contact_ros.demo import run_demo
+    from knee_contact_ros.resources import share_folder
+
+    run_demo(bag or share_folder() / "bags" / "gait2354_right", found(parameter_files), output, rate)
+
+
+@knee_contact.command(
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
+    add_help_option=False,
+    options_metavar="[--ros-args ...]",
+)
+@click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
+def node(ros_arguments: tuple[str, ...]) -> None:
+    """Run the node `knee_contact`; takes ordinary ROS 2 arguments."""
+    if ros_arguments in (("--help",), ("-h",)):
+        click.echo(click.get_current_context().get_help())
+        return
+    from knee_contact_ros.node import run_node
+
+    run_node(list(ros_arguments))
+
+
+@knee_contact.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option(
+    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of the bag per second."
+)
+@click.option("--loop", is_flag=True, help="Start over at the end.")
+@click.option("--clock", is_flag=True, help="Publish /clock.")
+@click.option(
+    "--wait",
+    type=click.FloatRange(0.0, 3600.0),
+    default=10.0,
+    show_default=True,
+    help="How long to wait for subscribers [s] before publishing all the same.",
+)
+def replay(bag: Path, rate: float, loop: bool, clock: bool, wait: float) -> None:
+    """Publish the input topics of BAG in time."""
+    from knee_contact_ros.stream_in.replay import Timing, run_replay
+
+    run_replay(bag, Timing(rate=rate, loop=loop, clock=clock, wait=wait))
+
+
+@knee_contact.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@parameter_files
+@click.option(
+    "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
+)
+def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path) -> None:
+    """Compute BAG offline, as fast as the machine allows; the same numbers as the node's."""
+    from knee_contact_ros.parameters import load_parameters
+    from knee_contact_ros.solve import solve as solve_bag
+    from knee_contact_ros.terminal import progress, show_summary
+
+    with progress("Solving") as advance:
+        summary = solve_bag(bag, load_parameters(found(parameter_files)), output, advance)
+    show_summary(summary, {}, {"Recording": str(output)})
+
+
+def found(files: tuple[Path, ...]) -> list[Path]:
+    """Parameter files as given, or from the package's config folder."""
+    from knee_contact_ros.resources import find_file
+
+    return [find_file(str(name)) for name in files or (DEFAULT_PARAMETERS,)]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    try:
+        knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
+    except UsageError as error:
+        return fail(str(error))
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "knee-contact"
+        return fail(f"{error.format_message().rstrip('.')}; see {command} --help")
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("knee-contact: interrupted", err=True)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+def fail(text: str) -> int:
+    """Say in one line what is wrong."""
+    click.echo(f"knee-contact: {' '.join(text.split())}", err=True)
+    return 2
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,228 @@
+"""`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
+
+This process replays the bag and listens to the answers; the node computes, records and draws. The results appear under
+their names when all is done; an interrupted demo leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import rclpy
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.graph import private_graph
+from knee_contact_ros.messages import stamp_to_ns
+from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.stream_in.bag import BagMessage, BagReader
+from knee_contact_ros.stream_in.replay import Replayer
+from knee_contact_ros.summary import Summary, read_summary
+from knee_contact_ros.terminal import progress, show_summary
+from knee_contact_ros.topics import JOINT_REACTION_FORCE, KNEE_CONTACT
+
+NODE_START = 30.0
+"""How long [s] the node may take to appear."""
+LAST_ANSWERS = 3.0
+"""How long [s] to wait for the last answers once nothing more comes."""
+NODE_STOP = 30.0
+"""How long [s] the node may take to complete its files."""
+RECORDING = Path("recording") / "recording_0.mcap"
+RERUN_FILE = Path("knee_contact.rrd")
+NODE_LOG = Path("node.log")
+
+
+@dataclass
+class Listener:
+    """Counts what was published and what was answered, and how long each answer took."""
+
+    published: dict[int, float] = field(default_factory=dict)
+    """Time [s] at which the force of a stamp [ns] was published"""
+    latencies: list[float] = field(default_factory=list)
+    """[s] from publishing a force to receiving its answer"""
+
+    def on_published(self, message: BagMessage) -> None:
+        """Note a published input."""
+        if message.topic == f"/{JOINT_REACTION_FORCE}":
+            self.published[stamp_to_ns(message.message.header.stamp)] = time.perf_counter()
+
+    def on_contact(self, message: KneeContact) -> None:
+        """Note an answer."""
+        sent = self.published.get(stamp_to_ns(message.header.stamp))
+        if sent is not None:
+            self.latencies.append(time.perf_counter() - sent)
+
+    @property
+    def missing(self) -> int:
+        """Forces without an answer so far."""
+        return len(self.published) - len(self.latencies)
+
+
+def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) -> None:
+    """Run the demo and print its table.
+
+    Raises:
+        UsageError: the bag, a parameter or the output folder cannot be used, or the node has failed.
+    """
+    parameters = load_parameters(parameter_files)
+    Pipeline(parameters)  # so that a bad profile is told before anything starts
+    with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
+        os.environ.update(environment)
+        listener = Listener()
+        with node_process(parameter_files, work) as node_is_alive:
+            play(reader, rate, listener, node_is_alive)
+        summary = read_summary(work / RECORDING, parameters.body_weight)
+        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG):
+            replace(work / result, output / result)
+    show_summary(summary, latency_rows(listener, summary), result_files(output))
+
+
+def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Callable[[], None]) -> None:
+    """Replay the bag and collect the answers."""
+    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("knee_contact_demo")
+    executor: Executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
+        replayer = Replayer(node, reader)
+
+        def spin(seconds: float) -> None:
+            executor.spin_once(timeout_sec=seconds)
+
+        with progress("Starting the node") as advance:
+            deadline = time.monotonic() + NODE_START
+            while not (replayer.wait_for_subscribers(0.1, spin) and node.count_publishers(KNEE_CONTACT)):
+                node_is_alive()
+                if time.monotonic() > deadline:
+                    raise UsageError(f"the node did not appear within {NODE_START:g} s")
+        with progress("Walking") as advance:
+
+            def published(message: BagMessage, number: int) -> None:
+                listener.on_published(message)
+                advance(number, len(replayer.messages))
+
+            replayer.run(rate, spin, published)
+        wait_for_last_answers(listener, spin)
+        node_is_alive()
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> None:
+    """Wait until every force is answered, or until nothing has come for a while."""
+    missing, since = listener.missing, time.monotonic()
+    while missing and time.monotonic() - since < LAST_ANSWERS:
+        spin(0.1)
+        if listener.missing != missing:
+            missing, since = listener.missing, time.monotonic()
+
+
+@contextmanager
+def node_process(parameter_files: list[Path], work: Path) -> Iterator[Callable[[], None]]:
+    """The node in a process of its own; yields a function that raises if it has died. Ends it as a user would."""
+    arguments = ["node", "--ros-args"]
+    for path in parameter_files:
+        arguments += ["--params-file", str(path)]
+    for name, value in {
+        "record.path": work / RECORDING,
+        "rerun.mode": "file",
+        "rerun.path": work / RERUN_FILE,
+    }.items():
+        arguments += ["-p", f'{name}:="{value}"']
+    with (work / NODE_LOG).open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "knee_contact_ros.cli", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
+        )
+
+    def check() -> None:
+        if process.poll() is not None:
+            lines = (work / NODE_LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise UsageError(
+                f"the node ended with code {process.returncode}: {lines[-1] if lines else 'it said nothing'}"
+            )
+
+    try:
+        yield check
+        process.send_signal(signal.SIGINT)
+        process.wait(NODE_STOP)
+        if process.returncode:
+            check()
+    except subprocess.TimeoutExpired:
+        raise UsageError(f"the node did not complete its files within {NODE_STOP:g} s") from None
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(NODE_STOP)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@contextmanager
+def work_folder(output: Path) -> Iterator[Path]:
+    """A folder inside `output` that is gone afterwards, also after SIGTERM."""
+    work = output / f".incomplete-{os.getpid()}"
+    made = not output.exists()
+    try:
+        work.mkdir(parents=True)
+    except OSError as error:
+        raise UsageError(f"cannot write to {output}: {error.strerror}") from None
+
+    def on_terminate(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGTERM, on_terminate)
+    try:
+        yield work.resolve()
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+        shutil.rmtree(work, ignore_errors=True)
+        if made and not any(output.iterdir()):
+            output.rmdir()
+
+
+def replace(source: Path, target: Path) -> None:
+    """Move a result to its place; an earlier demo's gives way."""
+    if target.is_dir():
+        shutil.rmtree(target)
+    else:
+        target.unlink(missing_ok=True)
+    source.rename(target)
+
+
+def latency_rows(listener: Listener, summary: Summary) -> dict[str, str]:
+    """Rows of the table that only a live run has."""
+    rows = {"dropped": str(len(listener.published) - summary.ticks)}
+    if listener.latencies:
+        median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
+        rows["latency"] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
+    return rows
+
+
+def result_files(output: Path) -> dict[str, str]:
+    """Where the results are, and how to look at them."""
+    return {
+        "Recording": str(output / RECORDING.parent),
+        "Rerun": f"{output / RERUN_FILE}   (open it with: rerun {output / RERUN_FILE})",
+        "Node's log": str(output / NODE_LOG),
+    }

@@ -1,0 +1,34 @@
+"""A ROS graph of our own: loopback only, in a domain that no other run uses."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from domain_coordinator import domain_id
+
+from knee_contact_ros.resources import share_folder
+
+
+@contextmanager
+def private_graph() -> Iterator[dict[str, str]]:
+    """Environment variables for processes that shall hear each other and nobody else on this machine or beyond.
+
+    `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone still opens sockets on every interface with Fast DDS; the profile in
+    `config/fastdds_loopback.xml` binds them all to 127.0.0.1.
+    """
+    with domain_id() as domain:
+        yield {"ROS_DOMAIN_ID": str(domain)} | loopback_environment(os.environ)
+
+
+def loopback_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """Environment variables that keep DDS on the loopback interface."""
+    if "fastrtps" in environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"):
+        profile = str(share_folder() / "config" / "fastdds_loopback.xml")
+        return {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # leave discovery to the profile
+            "FASTRTPS_DEFAULT_PROFILES_FILE": profile,
+            "FASTDDS_DEFAULT_PROFILES_FILE": profile,
+        }
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
