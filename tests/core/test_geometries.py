@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -40,7 +41,7 @@ def test_spline_through_an_ellipse_converges_at_fourth_order() -> None:
         return max(abs(profile.support(angle)[0] - h) for angle, h in zip(ANGLES, exact, strict=True))
 
     errors = [largest_error(points) for points in (40, 80, 160)]
-    orders = [math.log2(coarse / fine) for coarse, fine in zip(errors, errors[1:], strict=False)]
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 3.7
     assert errors[-1] < 1e-9
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -82,7 +83,7 @@ def integrate(steps: int, duration: float) -> tuple[float, Step]:
 
 def test_the_damped_oscillator_is_met_at_fourth_order() -> None:
     errors = [integrate(steps, 4e-3)[0] for steps in (8, 16, 32)]
-    orders = [math.log2(coarse / fine) for coarse, fine in zip(errors, errors[1:], strict=False)]
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 3.8
 
 

@@ -114,7 +114,7 @@ def test_a_heavier_load_goes_deeper_by_the_law() -> None:
 
 
 def test_the_knee_lifts_off_and_lands() -> None:
-    load = np.where((TICKS > 0.1) & (TICKS < 0.12), -80.0, 600.0)
+    load = np.where((TICKS > 0.1) & (TICKS < 0.2), -80.0, 600.0)
     series = model(law("kelvin_voigt"), 1e-6).run(TICKS, ANGLE, load)
     apart = series.contact_state == ContactState.SEPARATED
     assert apart.any()
@@ -123,7 +123,10 @@ def test_the_knee_lifts_off_and_lands() -> None:
     assert np.all(series.gap[apart] >= 0.0)
     assert np.all(series.penetration_depth * series.gap == 0.0)
     assert np.all(series.contact_force >= 0.0)
-    assert np.all(series.status == Status.OK)
+    # A knee thrown 5 cm off carries its speed's error along: what exceeds the tolerance is said, and covered.
+    exact = model(law("kelvin_voigt"), 1e-11).run(TICKS, ANGLE, load)
+    assert np.all(np.abs(series.femoral_height - exact.femoral_height) <= series.error_estimate + 1e-14)
+    assert np.array_equal(series.status == Status.NOT_CONVERGED, series.error_estimate > 1e-6)
 
 
 def test_layers_share_the_depth() -> None:
