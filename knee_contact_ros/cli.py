@@ -47,7 +47,11 @@ parameter_files = click.option(
     "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
 )
 def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float) -> None:
-    """See the knee of a walking person: real node, real topics, recording, Rerun file, table."""
+    """See the knee of a walking person.
+
+    Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
+    Rerun file and prints the peaks.
+    """
     from knee_contact_ros.demo import run_demo
     from knee_contact_ros.resources import share_folder
 
@@ -61,7 +65,10 @@ def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate
 )
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def node(ros_arguments: tuple[str, ...]) -> None:
-    """Run the node `knee_contact`; takes ordinary ROS 2 arguments."""
+    """Run the ROS 2 node.
+
+    Takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
+    """
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
@@ -85,7 +92,10 @@ def node(ros_arguments: tuple[str, ...]) -> None:
     help="How long to wait for subscribers [s] before publishing all the same.",
 )
 def replay(bag: Path, rate: float, loop: bool, clock: bool, wait: float) -> None:
-    """Publish the input topics of BAG in time."""
+    """Publish a bag's input topics in time.
+
+    BAG is an .mcap file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    """
     from knee_contact_ros.stream_in.replay import Timing, run_replay
 
     run_replay(bag, Timing(rate=rate, loop=loop, clock=clock, wait=wait))
@@ -98,7 +108,11 @@ def replay(bag: Path, rate: float, loop: bool, clock: bool, wait: float) -> None
     "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
 )
 def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path) -> None:
-    """Compute BAG offline, as fast as the machine allows; the same numbers as the node's."""
+    """Compute a bag offline.
+
+    As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file or a
+    rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    """
     from knee_contact_ros.parameters import load_parameters
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.terminal import progress, show_summary

@@ -223,6 +223,7 @@ def result_files(output: Path) -> dict[str, str]:
     """Where the results are, and how to look at them."""
     return {
         "Recording": str(output / RECORDING.parent),
-        "Rerun": f"{output / RERUN_FILE}   (open it with: rerun {output / RERUN_FILE})",
+        "Rerun file": str(output / RERUN_FILE),
         "Node's log": str(output / NODE_LOG),
+        "To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}",
     }

@@ -40,6 +40,7 @@ class Synchroniser:
         self._epochs: defaultdict[int, _Epoch] = defaultdict(lambda: _Epoch(self._max_gap))
         self._angle_epoch = 0
         self._load_epoch = 0
+        self._angles_adopted = False  # the angles were counted into the loads' epoch without having jumped
         self._last_angle: int | None = None
         self._last_load: int | None = None
         self._last_pair: int | None = None
@@ -61,8 +62,12 @@ class Synchroniser:
             if self._last_angle - sample.stamp <= self._max_gap:
                 self.refuse("angle_not_in_order")
                 return []
-            self._epochs[self._angle_epoch].angles_ended = True
-            self._angle_epoch += 1
+            if self._angles_adopted:
+                self._epochs[self._angle_epoch].angles.clear()  # the jump that the loads have made before
+            else:
+                self._epochs[self._angle_epoch].angles_ended = True
+                self._angle_epoch += 1
+            self._angles_adopted = False
         self._last_angle = sample.stamp
         self._epochs[self._angle_epoch].add_angle(sample)
         return self._pairs()
@@ -77,7 +82,6 @@ class Synchroniser:
             pairs = self.give_up()
             del self._epochs[self._load_epoch]
             self._load_epoch += 1
-            self._angle_epoch = max(self._angle_epoch, self._load_epoch)
             self._last_pair = None
             self._flags |= Status.TIME_RESET
         self._last_load = sample.stamp
@@ -86,6 +90,8 @@ class Synchroniser:
 
     def give_up(self) -> list[PairedSample]:
         """Answer all waiting loads with the last angle before them: no angle at or after their stamps came in time."""
+        if self._angle_epoch < self._load_epoch:
+            self._angle_epoch, self._angles_adopted = self._load_epoch, True
         return self._pairs(hold=True)
 
     def rest(self) -> list[AngleSample]:

@@ -1,0 +1,147 @@
+"""A real ROS graph: the node in a process of its own, this process as its peer."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from knee_contact_ros.msg import KneeContact
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+from knee_contact_ros.graph import private_graph
+from knee_contact_ros.publish import header
+from knee_contact_ros.ros_messages import RosMessages
+
+PATIENCE = 30.0
+"""How long [s] to wait for what must come; discovery alone can take seconds."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def graph() -> Iterator[None]:
+    """Loopback only, in a domain of our own."""
+    with private_graph() as environment:
+        os.environ.update(environment)
+        rclpy.init()
+        yield
+        rclpy.shutdown()
+
+
+class NodeProcess:
+    """`knee-contact node` with its output."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "knee_contact_ros.cli", "node", "--ros-args", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+        """End it by a signal; return its code and all it said."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.wait()
+
+    def wait(self) -> tuple[int, str]:
+        """Wait for its end."""
+        output, _ = self.process.communicate(timeout=PATIENCE)
+        return self.process.returncode, output
+
+
+class Peer:
+    """Publishes samples and listens to answers."""
+
+    def __init__(self) -> None:
+        self.node = Node("peer")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.contacts: list[KneeContact] = []
+        self.wrenches: list[WrenchStamped] = []
+        self.diagnostics: dict[str, dict[str, str]] = {}
+        qos = QoSProfile(depth=1000)
+        self.angle = self.node.create_publisher(JointState, "joint_states", qos)
+        self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
+        self.node.create_subscription(KneeContact, "knee_contact", self.contacts.append, qos)
+        self.node.create_subscription(WrenchStamped, "knee_contact/wrench", self.wrenches.append, qos)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, qos)
+
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep the newest values of every entry."""
+        for status in message.status:
+            self.diagnostics[status.name] = {value.key: value.value for value in status.values}
+
+    def wait_until(self, done: Callable[[], Any]) -> None:
+        """Spin until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline, "it did not happen in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def spin(self, seconds: float) -> None:
+        """Spin for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def wait_for_node(self) -> None:
+        """Wait until the node listens and speaks."""
+        self.wait_until(
+            lambda: (
+                self.angle.get_subscription_count()
+                and self.force.get_subscription_count()
+                and self.node.count_publishers("knee_contact")
+                and self.node.count_publishers("/diagnostics")
+            )
+        )
+
+    def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
+        """Publish a flexion angle [rad] at a stamp [ns]."""
+        self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
+
+    def send_force(self, stamp: int, axial: float) -> None:
+        """Publish an axial compression [N] at a stamp [ns]."""
+        wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=0.0, y=-axial, z=0.0))
+        self.force.publish(WrenchStamped(header=header(RosMessages, stamp, "tibia_r"), wrench=wrench))
+
+    def send(self, stamp: int, angle: float, axial: float) -> None:
+        """Publish both."""
+        self.send_angle(stamp, angle)
+        self.send_force(stamp, axial)
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    """This process's side of the graph."""
+    peer = Peer()
+    yield peer
+    peer.executor.shutdown()
+    peer.node.destroy_node()
+
+
+@pytest.fixture
+def start_node() -> Iterator[Callable[..., NodeProcess]]:
+    """Start nodes; all are gone after the test."""
+    started: list[NodeProcess] = []
+
+    def start(*arguments: str | Path) -> NodeProcess:
+        started.append(NodeProcess(*map(str, arguments)))
+        return started[-1]
+
+    yield start
+    for node in started:
+        node.process.kill()
+        node.process.communicate()

@@ -1,0 +1,112 @@
+"""The commands as a person runs them."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.stream_in.bag import read_bag
+from knee_contact_ros.topics import MESSAGE_TYPES
+
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
+TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+TIMEOUT = 120
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+
+
+def recorded(path: Path) -> list[tuple[str, int, str]]:
+    return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, TOPICS)]
+
+
+def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path, config: Path) -> None:
+    names = ("healthy.yaml", "osteoarthritis.yaml")
+    demos = [
+        subprocess.Popen(
+            [*COMMAND, "demo", "--params", name, "--rate", "2", "--output", tmp_path / name],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for name in names
+    ]  # fmt: skip
+    for name, demo in zip(names, demos, strict=True):
+        output, errors = demo.communicate(timeout=TIMEOUT)
+        assert demo.returncode == 0, errors
+        assert errors == ""  # no progress bar in a pipe
+        assert "387 over 1.93 s" in output
+        assert "dropped          0" in output
+        assert "1613.8   2.19" in output
+        assert ("0.747" if name == "healthy.yaml" else "0.538") in output
+        assert max(len(line.rstrip()) for line in output.split("\n\n")[0].splitlines()) <= 80
+        results = sorted(str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*"))
+        assert results == [
+            "knee_contact.rrd", "node.log", "recording", "recording/metadata.yaml", "recording/recording_0.mcap",
+        ]  # fmt: skip
+        solved = run("solve", right_bag, "--params", config / name, "--output", tmp_path / f"{name}.mcap")
+        assert solved.returncode == 0
+        assert recorded(tmp_path / f"{name}.mcap") == recorded(tmp_path / name / "recording")
+
+
+def test_an_interrupted_demo_leaves_nothing(tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    demo = subprocess.Popen(
+        [*COMMAND, "demo", "--rate", "0.1", "--output", output],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + TIMEOUT
+    while not list(output.glob(".incomplete-*/recording/*.partial")):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    time.sleep(1.0)
+    demo.send_signal(signal.SIGINT)
+    printed, errors = demo.communicate(timeout=TIMEOUT)
+    assert demo.returncode == 130
+    assert errors.strip() == "knee-contact: interrupted"
+    assert printed == ""
+    assert not output.exists()
+
+
+def test_replay_says_when_nobody_listens(right_bag: Path) -> None:
+    done = run("replay", right_bag, "--rate", "20", "--wait", "0.1")
+    assert done.returncode == 0
+    assert "no subscriber on every topic after 0.1 s" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["demo", "--bag", "nowhere"], "no bag at nowhere"),
+        (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
+        (["demo", "--rate", "0"], "0.01<=x<=100"),
+        (["replay", "nowhere"], "no bag at nowhere"),
+        (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
+        (["solve", "nowhere"], "Missing option '--output'"),
+        (["replay"], "Missing argument 'BAG'"),
+        (["walk"], "No such command 'walk'"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=TIMEOUT, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert words in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_and_version_are_quick_to_say() -> None:
+    assert "not a medical device" in " ".join(run("--help").stdout.split())
+    assert run("--version").stdout.startswith("knee-contact 0.")
+    assert "--ros-args" in run("node", "--help").stdout

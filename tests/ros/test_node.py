@@ -1,0 +1,190 @@
+"""The node over real topics: answers, faults, parameters, life cycle, files."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
+import knee_contact_ros
+from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.stream_in.bag import read_bag
+from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.ros.conftest import NodeProcess, Peer
+
+Start = Callable[..., NodeProcess]
+STEP = 5_000_000
+STAMPS = np.arange(40) * STEP
+ANGLES = 0.2 + 0.3 * np.sin(STAMPS * 3e-9)
+AXIAL = 1500.0 + 900.0 * np.sin(STAMPS * 2e-8)
+
+
+def send_all(peer: Peer) -> None:
+    """Publish the little series above and wait for its answers."""
+    for stamp, angle, axial in zip(STAMPS.tolist(), ANGLES.tolist(), AXIAL.tolist(), strict=True):
+        peer.send(stamp, angle, axial)
+    peer.wait_until(lambda: len(peer.contacts) == len(STAMPS) and len(peer.wrenches) == len(STAMPS))
+
+
+@pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml"])
+def test_the_node_gives_the_bits_of_the_python_calls(peer: Peer, start_node: Start, config: Path, name: str) -> None:
+    start_node("--params-file", config / name)
+    peer.wait_for_node()
+    send_all(peer)
+    series = knee_contact_ros.load_model(config / name).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
+    for field in Contact._fields:
+        if field != "contact_point":
+            assert np.array_equal(series[field], [getattr(contact, field) for contact in peer.contacts]), field
+    assert [contact.header.frame_id for contact in peer.contacts] == ["tibia_r"] * len(STAMPS)
+    assert [-wrench.wrench.force.y for wrench in peer.wrenches] == series.contact_force.tolist()
+
+
+def test_faulty_samples_are_refused_counted_and_the_node_goes_on(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "pairing.wait:=5.0")
+    peer.wait_for_node()
+    peer.send(0, 0.2, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == 1)  # nothing orders the samples of two topics
+    peer.send(STEP, 0.2, float("nan"))
+    peer.send_angle(2 * STEP, float("inf"))
+    peer.send_angle(2 * STEP, 0.2, joint="elbow")
+    peer.spin(0.3)
+    peer.send(2 * STEP, 0.2, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    peer.send_force(2 * STEP, 1000.0)
+    peer.spin(0.3)
+    peer.send(3 * STEP, 0.2, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == 3)
+    stamps = [contact.header.stamp.nanosec for contact in peer.contacts]
+    assert stamps == [0, 2 * STEP, 3 * STEP]
+    assert [contact.status for contact in peer.contacts] == [0, Status.INPUT_REJECTED, Status.INPUT_REJECTED]
+    expected = {"total": "4", "not_finite": "2", "joint_missing": "1", "load_not_in_order": "1"}
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: refused samples") == expected)
+    assert peer.diagnostics["knee_contact: ticks"]["ticks"] == "3"
+
+
+def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "pairing.wait:=0.2")
+    peer.wait_for_node()
+    peer.send(0, 0.2, 1000.0)
+    peer.send_force(STEP, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    assert peer.contacts[1].status == Status.INPUT_HELD
+    assert peer.contacts[1].flexion_angle == 0.2
+
+
+def test_a_looped_stream_starts_anew(peer: Peer, start_node: Start) -> None:
+    start_node()
+    peer.wait_for_node()
+    for stamp in (0, STEP, 200 * STEP, 0, STEP):
+        peer.send(stamp, 0.2, 1000.0 + stamp * 1e-5)
+    peer.wait_until(lambda: len(peer.contacts) == 5)
+    statuses = [contact.status for contact in peer.contacts]
+    assert statuses == [0, 0, Status.STALE_INPUT, Status.TIME_RESET, 0]
+    assert peer.contacts[3].penetration_depth == peer.contacts[0].penetration_depth
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
+    recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
+    node = start_node(
+        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}"
+    )  # fmt: skip
+    peer.wait_for_node()
+    send_all(peer)
+    peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
+    peer.spin(0.3)
+    code, output = node.stop(number)
+    assert code == 0, output
+    assert "40 ticks, 0 samples refused" in output
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
+    messages = read_bag(recording.parent, {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()})
+    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in MESSAGE_TYPES}
+    assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
+    recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
+    assert recorded == [contact.penetration_depth for contact in peer.contacts]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-p", "contact.damping:=-1.0"], "parameter contact.damping: -1.0 is not allowed"),
+        (["-p", "contact.damping:=much"], "parameter contact.damping: 'much' is not allowed"),
+        (["-p", "contact.dampin:=1.0"], "unknown parameter contact.dampin; did you mean contact.damping?"),
+        (["-p", "femur.geometry:=profile", "-p", "femur.profile:=nowhere.csv"], "cannot read nowhere.csv"),
+        (["-p", "record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap"),
+        (["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot read the parameter file"),
+    ],
+)
+def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[str], words: str) -> None:
+    code, output = start_node(*arguments).wait()
+    assert code == 2
+    assert len(output.splitlines()) == 1, output
+    assert words in output
+
+
+def test_an_existing_recording_is_not_overwritten(start_node: Start, tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").write_text("precious")
+    code, output = start_node("-p", f"record.path:={tmp_path / 'out.mcap'}").wait()
+    assert (code, (tmp_path / "out.mcap").read_text()) == (2, "precious")
+    assert "exists already" in output
+
+
+def call(peer: Peer, service_type: type, name: str, request: object) -> object:
+    """Call a service and wait for its answer."""
+    client = peer.node.create_client(service_type, name)
+    peer.wait_until(client.service_is_ready)
+    future = client.call_async(request)
+    peer.wait_until(future.done)
+    return future.result()
+
+
+def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "autostart:=false")
+
+    def state() -> int:
+        return call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id
+
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return call(peer, ChangeState, "/knee_contact/change_state", request).success
+
+    def set_damping(value: object) -> tuple[bool, str]:
+        parameter = Parameter("contact.damping", value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        result = call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0]
+        return result.successful, result.reason
+
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert set_damping(-5.0) == (
+        False,
+        "parameter contact.damping: -5.0 is not allowed; it should be greater than or equal to 0",
+    )
+    assert set_damping(0.0) == (True, "")
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert set_damping(10.0) == (False, "parameter contact.damping cannot change while the node is configured")
+    assert change(Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    send_all(peer)
+    undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
+    assert undamped.penetration_depth.tolist() == [contact.penetration_depth for contact in peer.contacts]
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert state() == State.PRIMARY_STATE_INACTIVE
+    peer.wait_until(lambda: not peer.force.get_subscription_count())
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert set_damping(10.0) == (True, "")
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert change(Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    peer.contacts.clear()
+    peer.wrenches.clear()
+    send_all(peer)
+    assert peer.contacts[0].status == 0
+    assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert state() == State.PRIMARY_STATE_FINALIZED

@@ -1,0 +1,70 @@
+"""Messages to samples: names, signs, shares, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.messages import PlainMessages, message_class
+from knee_contact_ros.parameters import Knee, Load
+from knee_contact_ros.publish import header
+from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
+
+TYPES = PlainMessages()
+
+
+def joint_state(**positions: float) -> Any:
+    return message_class("sensor_msgs/msg/JointState")(
+        header=header(TYPES, 1_500_000_000, ""),
+        name=list(positions),
+        position=np.array(list(positions.values())),
+        velocity=np.array([]),
+        effort=np.array([]),
+    )
+
+
+def force(y: float) -> Any:
+    wrench = TYPES.Wrench(force=TYPES.Vector3(x=1.0, y=y, z=2.0), torque=TYPES.Vector3(x=0.0, y=0.0, z=0.0))
+    return TYPES.WrenchStamped(header=header(TYPES, 1_500_000_000, "tibia_r"), wrench=wrench)
+
+
+def test_the_joint_is_found_by_its_name() -> None:
+    sample = angle_sample(joint_state(hip=1.0, knee=0.25, ankle=2.0), Knee())
+    assert (sample.stamp, sample.angle) == (1_500_000_000, 0.25)
+
+
+def test_sign_and_offset_make_the_flexion_angle() -> None:
+    knee = Knee(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
+    assert angle_sample(joint_state(knee_angle_r=-0.5), knee).angle == pytest.approx(0.6)
+
+
+def test_compression_is_a_positive_load() -> None:
+    assert load_sample(force(-1000.0), Load()).load == 500.0
+    assert load_sample(force(-1000.0), Load(share=0.6)).load == 600.0
+    assert load_sample(force(-1000.0), Load(compartment="total")).load == 1000.0
+    assert load_sample(force(80.0), Load()).load == -40.0
+    assert load_sample(force(1.0), Load()).frame_id == "tibia_r"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_numbers_that_are_none_are_refused(value: float) -> None:
+    with pytest.raises(RefusedSampleError, match="knee") as caught:
+        angle_sample(joint_state(knee=value), Knee())
+    assert caught.value.reason == "not_finite"
+    with pytest.raises(RefusedSampleError, match="joint_reaction_force"):
+        load_sample(force(value), Load())
+
+
+def test_a_missing_joint_is_refused_with_those_that_are_there() -> None:
+    with pytest.raises(RefusedSampleError, match="no joint 'knee'; it has hip, ankle") as caught:
+        angle_sample(joint_state(hip=1.0, ankle=2.0), Knee())
+    assert caught.value.reason == "joint_missing"
+
+
+def test_a_joint_without_position_is_refused() -> None:
+    message = joint_state(knee=1.0)
+    message.position = np.array([])
+    with pytest.raises(RefusedSampleError, match="no position"):
+        angle_sample(message, Knee())

@@ -1,0 +1,159 @@
+"""The offline path on the real gait: the paper's numbers, and the same bits as the Python calls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.messages import PlainMessages, message_class
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.publish import header
+from knee_contact_ros.record import BagWriter
+from knee_contact_ros.solve import solve
+from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
+from knee_contact_ros.summary import read_summary
+from knee_contact_ros.topics import MESSAGE_TYPES
+
+TYPES = PlainMessages()
+OUTPUTS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee") -> Path:
+    """A bag of (stamp [ns], angle [rad], axial force [N])."""
+    joint_state = message_class("sensor_msgs/msg/JointState")
+    zero = TYPES.Vector3(x=0.0, y=0.0, z=0.0)
+    with BagWriter(path) as bag:
+        for topic, name in INPUT_TYPES.items():
+            bag.add_topic(topic, name)
+        for stamp, angle, force in rows:
+            head = header(TYPES, stamp, "tibia_r")
+            none = np.array([])
+            state = joint_state(header=head, name=[joint], position=np.array([angle]), velocity=none, effort=none)
+            wrench = TYPES.Wrench(force=TYPES.Vector3(x=0.0, y=-force, z=0.0), torque=zero)
+            bag.write("/joint_states", stamp, state)
+            bag.write("/joint_reaction_force", stamp, TYPES.WrenchStamped(header=head, wrench=wrench))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("files", "depth"),
+    [
+        (["healthy.yaml"], 0.747e-3),
+        (["osteoarthritis.yaml"], 0.538e-3),
+        (["healthy.yaml", "mri_femur.yaml"], 0.747e-3),
+        (["osteoarthritis.yaml", "mri_femur.yaml"], 0.538e-3),
+    ],
+)
+def test_the_second_stance_has_the_papers_peaks(
+    config: Path, right_bag: Path, tmp_path: Path, files: list[str], depth: float
+) -> None:
+    parameters = load_parameters([config / name for name in files])
+    summary = solve(right_bag, parameters, tmp_path / "out.mcap", silent)
+    assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (387, 0, 0)
+    peaks = read_summary(tmp_path / "out.mcap", parameters.body_weight).load_peaks
+    in_body_weights = [round(peak.load / parameters.body_weight, 2) for peak in peaks]
+    assert in_body_weights == [1.72, 2.11, 1.81, 2.19]
+    assert [round(peak.stamp / 1e9, 3) for peak in peaks] == [0.785, 1.205, 2.015, 2.43]
+    # Contact force and load differ by the femur's inertia, 2.2 N at most on gait.
+    assert all(abs(peak.contact_force - peak.load) < 3.0 for peak in peaks)
+    assert round(peaks[-1].penetration_depth, 6) == depth
+    assert round(summary.peaks["penetration_depth"].value, 6) == depth
+
+
+@pytest.mark.parametrize("files", [["healthy.yaml"], ["osteoarthritis.yaml", "mri_femur.yaml"]])
+def test_solve_and_the_python_calls_give_the_same_bits(
+    config: Path, right_bag: Path, tmp_path: Path, files: list[str]
+) -> None:
+    paths = [config / name for name in files]
+    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap", silent)
+    answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    inputs = read_bag(right_bag, INPUT_TYPES)
+    angle = np.array([m.message.position[0] for m in inputs if m.topic == "/joint_states"])
+    forces = [m.message for m in inputs if m.topic == "/joint_reaction_force"]
+    time = np.array([m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in forces])
+    series = knee_contact_ros.load_model(paths).run(time, angle, np.array([-0.5 * m.wrench.force.y for m in forces]))
+    for name in Contact._fields:
+        if name != "contact_point":
+            assert np.array_equal(series[name], [getattr(answer, name) for answer in answers]), name
+    assert np.array_equal(series.contact_point.x, [answer.contact_point.x for answer in answers])
+
+
+def test_the_recording_holds_inputs_and_outputs(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
+    assert [sum(m.topic == topic for m in messages) for topic in OUTPUTS] == [387] * 4
+    assert [m.log_time for m in messages] == sorted(m.log_time for m in messages)
+    inputs = read_bag(tmp_path / "out.mcap", INPUT_TYPES)
+    assert [(m.topic, m.log_time) for m in inputs] == [(m.topic, m.log_time) for m in read_bag(right_bag, INPUT_TYPES)]
+
+
+def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
+    rows[7] = (rows[7][0], 0.1, float("nan"))
+    bag = make_bag(tmp_path / "in.mcap", rows)
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
+    assert summary.ticks == 19
+    assert summary.refused == {"not_finite": 1}
+    answers = [m.message for m in read_bag(tmp_path / "o" / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    assert [a.status for a in answers] == [0] * 7 + [Status.INPUT_REJECTED] + [0] * 11
+
+
+def test_forces_after_the_last_angle_are_answered_as_held(config: Path, tmp_path: Path) -> None:
+    bag = make_bag(tmp_path / "in.mcap", [(0, 0.1, 800.0), (5_000_000, 0.2, 800.0), (10_000_000, float("nan"), 800.0)])
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
+    assert summary.ticks == 3
+    assert summary.flagged["INPUT_HELD"] == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda folder: folder / "missing", "no bag at"),
+        (lambda folder: folder, "it has no metadata.yaml"),
+        (
+            lambda folder: make_bag(folder / "a" / "b.mcap", [(0, 0.1, 1.0)], joint="elbow"),
+            "no joint 'knee'; it has elbow",
+        ),
+        (lambda folder: make_bag(folder / "a" / "b.mcap", [(0, float("nan"), 1.0)]), "is nan"),
+        (lambda folder: make_bag(folder / "a" / "b.mcap", []), "no messages"),
+    ],
+)
+def test_bags_that_cannot_be_used_leave_nothing_behind(config: Path, tmp_path: Path, make, words: str) -> None:
+    bag = make(tmp_path)
+    output = tmp_path / "o" / "out.mcap"
+    with pytest.raises(UsageError, match=words) as caught:
+        solve(bag, load_parameters(config / "healthy.yaml"), output, silent)
+    assert "\n" not in str(caught.value)
+    assert not output.parent.exists() or list(output.parent.iterdir()) == []
+
+
+def test_a_bag_without_the_topics_names_those_it_has(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.add_topic("/imu", "geometry_msgs/msg/WrenchStamped")
+    with pytest.raises(UsageError, match=r"no topic /joint_states .* its topics: /imu"):
+        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
+
+
+def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.add_topic("/joint_states", "geometry_msgs/msg/WrenchStamped")
+    with pytest.raises(UsageError, match="must be a sensor_msgs/msg/JointState"):
+        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64])
+def test_files_that_are_no_bags_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(content)
+    with pytest.raises(UsageError, match=r"broken\.mcap"):
+        solve(path, load_parameters({}), tmp_path / "out.mcap", silent)
+    assert not (tmp_path / "out.mcap").exists()

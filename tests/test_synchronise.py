@@ -1,0 +1,146 @@
+"""Pairing by stamp: orders of arrival, rates, gaps, jumps."""
+
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters import Pairing
+from knee_contact_ros.stream_in.samples import AngleSample, LoadSample
+from knee_contact_ros.synchronise import PairedSample, Synchroniser
+
+MS = 1_000_000
+
+
+def angle(stamp: int, value: float | None = None) -> AngleSample:
+    return AngleSample(stamp, float(stamp) if value is None else value, None)
+
+
+def load(stamp: int) -> LoadSample:
+    return LoadSample(stamp, float(stamp), "tibia", None)
+
+
+def feed(synchroniser: Synchroniser, samples: list[AngleSample | LoadSample]) -> list[PairedSample]:
+    """Push samples in this order."""
+    pairs = []
+    for sample in samples:
+        push = synchroniser.push_angle if isinstance(sample, AngleSample) else synchroniser.push_load
+        pairs += push(sample)  # type: ignore[operator]
+    return pairs
+
+
+def test_equal_stamps_pair_exactly_whichever_comes_first() -> None:
+    for samples in ([angle(5 * MS), load(5 * MS)], [load(5 * MS), angle(5 * MS)]):
+        (pair,) = feed(Synchroniser(Pairing()), samples)
+        assert (pair.angle, pair.status) == (5.0 * MS, Status.OK)
+
+
+def test_a_load_between_two_angles_gets_the_value_between() -> None:
+    synchroniser = Synchroniser(Pairing())
+    assert feed(synchroniser, [angle(10 * MS, 1.0), load(12 * MS)]) == []
+    assert synchroniser.waiting == 1
+    (pair,) = feed(synchroniser, [angle(20 * MS, 2.0)])
+    assert pair.angle == pytest.approx(1.2, abs=1e-15)
+
+
+@given(st.integers(0, 10**9))
+def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
+    angles = [angle(i * 10 * MS) for i in range(8)]
+    loads = [load(i * MS) for i in range(70)]
+    expected = feed(Synchroniser(Pairing()), [*angles, *loads])
+    mixed: list[AngleSample | LoadSample] = []
+    rng = random.Random(seed)
+    a, b = list(angles), list(loads)
+    while a or b:
+        mixed.append((a if a and (not b or rng.random() < 0.2) else b).pop(0))
+    pairs = feed(Synchroniser(Pairing()), mixed)
+    assert [(p.load.stamp, p.angle, p.status) for p in pairs] == [(p.load.stamp, p.angle, p.status) for p in expected]
+    assert len(pairs) == 70
+    assert [a for p in pairs for a in p.angles] == angles[: len([a for p in pairs for a in p.angles])]
+
+
+@given(st.lists(st.integers(0, 50), min_size=2, max_size=30), st.lists(st.integers(0, 50), min_size=1, max_size=30))
+def test_every_load_is_answered_or_counted(angle_steps: list[int], load_steps: list[int]) -> None:
+    synchroniser = Synchroniser(Pairing())
+    samples: list[AngleSample | LoadSample] = []
+    stamp = 0
+    for step in angle_steps:
+        stamp += step * MS
+        samples.append(angle(stamp))
+    stamp = 0
+    for step in load_steps:
+        stamp += step * MS
+        samples.append(load(stamp))
+    random.Random(1).shuffle(samples)
+    pairs = feed(synchroniser, samples) + synchroniser.give_up()
+    assert len(pairs) + synchroniser.refused.total() >= len(load_steps)
+    resets = [i for i, pair in enumerate(pairs) if pair.status & Status.TIME_RESET]
+    for i, (before, after) in enumerate(pairwise(pairs), start=1):
+        assert after.load.stamp > before.load.stamp or i in resets
+
+
+def test_a_load_before_every_angle_is_refused_and_said() -> None:
+    synchroniser = Synchroniser(Pairing())
+    (pair,) = feed(synchroniser, [load(1 * MS), load(5 * MS), angle(5 * MS)])
+    assert pair.load.stamp == 5 * MS
+    assert pair.status == Status.INPUT_REJECTED
+    assert synchroniser.refused == {"no_angle_before": 1}
+
+
+def test_what_waits_too_long_is_answered_with_the_last_angle() -> None:
+    synchroniser = Synchroniser(Pairing())
+    assert feed(synchroniser, [angle(5 * MS, 0.3), load(6 * MS), load(7 * MS)]) == []
+    held = synchroniser.give_up()
+    assert [(pair.angle, pair.status) for pair in held] == [(0.3, Status.INPUT_HELD)] * 2
+
+
+def test_gaps_are_flagged() -> None:
+    synchroniser = Synchroniser(Pairing(max_gap=0.1))
+    pairs = feed(synchroniser, [angle(0), load(0), angle(50 * MS), load(50 * MS), load(200 * MS), angle(300 * MS)])
+    assert [pair.status for pair in pairs] == [Status.OK, Status.OK, Status.STALE_INPUT]
+
+
+def test_doubled_and_late_samples_are_refused() -> None:
+    synchroniser = Synchroniser(Pairing())
+    pairs = feed(
+        synchroniser, [angle(0), load(0), load(0), angle(0), angle(10 * MS), angle(5 * MS), load(10 * MS), load(8 * MS)]
+    )
+    assert [pair.load.stamp for pair in pairs] == [0, 10 * MS]
+    assert synchroniser.refused == {"load_not_in_order": 2, "angle_not_in_order": 2}
+    assert pairs[1].status == Status.INPUT_REJECTED
+
+
+@pytest.mark.parametrize("angle_first", [True, False])
+def test_a_looped_stream_starts_anew(angle_first: bool) -> None:
+    first = [angle(0), load(0), angle(2000 * MS), load(2000 * MS)]
+    again = [angle(0, 7.0), load(0)] if angle_first else [load(0), angle(0, 7.0)]
+    synchroniser = Synchroniser(Pairing())
+    assert len(feed(synchroniser, first)) == 2
+    (pair,) = feed(synchroniser, again)
+    assert pair.status == Status.TIME_RESET
+    assert pair.angle == 7.0
+
+
+def test_angles_may_jump_long_after_the_loads_or_never() -> None:
+    first = [angle(0), load(0), angle(2000 * MS), load(2000 * MS)]
+    for late_jump in (True, False):
+        synchroniser = Synchroniser(Pairing())
+        feed(synchroniser, [*first, load(500 * MS)])
+        assert synchroniser.give_up() == []
+        assert synchroniser.refused == {"no_angle_before": 1}
+        again = angle(510 * MS if late_jump else 2010 * MS, 7.0)
+        (pair,) = feed(synchroniser, [again, load(again.stamp)])
+        assert pair.angle == 7.0
+        assert pair.status == Status.TIME_RESET | Status.INPUT_REJECTED
+
+
+def test_loads_still_on_their_way_when_the_angles_jump_are_held() -> None:
+    synchroniser = Synchroniser(Pairing())
+    pairs = feed(synchroniser, [angle(1990 * MS), angle(2000 * MS, 3.0), angle(0), load(2005 * MS), load(0)])
+    assert [(pair.load.stamp, pair.angle) for pair in pairs] == [(2005 * MS, 3.0), (0, 0.0)]
+    assert [pair.status for pair in pairs] == [Status.INPUT_HELD, Status.TIME_RESET]
