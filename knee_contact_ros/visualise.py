@@ -43,8 +43,8 @@ BONE, CARTILAGE, FORCE, LOAD, POINT = (
 )
 SERIES = {
     "flexion/angle": ("flexion angle [deg]", CARTILAGE, 2.0),
-    "force/load": ("load [BW]", LOAD, 3.0),
-    "force/contact": ("contact force [BW]", FORCE, 1.5),
+    "force/load": ("load [BW]", LOAD, 1.0),
+    "force/contact": ("contact force [BW]", FORCE, 3.0),
     "depth/penetration": ("penetration depth [mm]", CARTILAGE, 2.0),
     "depth/gap": ("gap [mm]", LOAD, 1.0),
     "depth/second_layer": ("second layer begins [mm]", BONE, 1.0),
