@@ -91,11 +91,13 @@ class Tick:
         regions = self.scene.regions
         depth, rate = self.contact()
         region = regions.at(depth, rate, self.interval.load(0.0))
+        self.evaluations += region.layer >= 0
         while self.s < self.interval.duration:
             step, h, boundary = self.next_step(region)
             self.accept(step, h)
             if boundary:
                 following = regions.beyond(region, boundary, step.stages[-1], self.interval.load(self.s))
+                self.evaluations += boundary != "force" and following.layer >= 0
                 self.error = self.shifted_error(region, following, step.stages[-1])
                 region = following
                 self.events += 1
@@ -140,7 +142,7 @@ class Tick:
         """
         step, h = self.controlled_step(region)
         boundary = ""
-        while self.controlled and (crossing := self.first_crossing(region, step, boundary)):
+        while self.controlled and h > 0.0 and (crossing := self.first_crossing(region, step, boundary)):
             step, h, boundary = self.step_to_boundary(region, crossing[0], h * crossing[1])
         return step, h, boundary
 
@@ -257,6 +259,7 @@ class Tick:
         """The present state in the form of a step's end."""
         depth, rate = self.contact()
         formula = self.scene.regions.formula(region)
+        self.evaluations += formula is not None
         return Stage(1.0, depth, rate, formula(depth, rate)[0] if formula else 0.0)
 
     def shifted_error(self, region: Region, following: Region, end: Stage) -> StateError:

@@ -142,7 +142,7 @@ class Stream:
             rate=0.0,
             force=model.regions.law.static_force(static.depth),
             error_estimate=0.0,
-            evaluations=static.evaluations,
+            evaluations=static.evaluations + (static.depth > 0.0),
             controlled=True,
         )
 

@@ -35,6 +35,7 @@ def static_depth(law: ContactLaw, force: float) -> StaticSolution:
     formula, low = law.layers[layer].force, law.layers[layer].begin
 
     high = max(2.0 * low, 1e-9)
+    evaluations += 1
     while formula(high, 0.0)[0] < force:
         evaluations += 1
         low, high = high, 10.0 * high

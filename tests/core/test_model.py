@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerForce
 from knee_contact_ros.core.model import SERIES_DTYPE
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
 from tests.core.test_geometries import ellipse
@@ -181,6 +182,26 @@ def test_a_budget_is_kept_and_missing_it_is_said() -> None:
 def test_series_that_make_no_sense_are_refused(time: list, angle: list, load: list, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         model(law("kelvin_voigt")).run(time, angle, load)
+
+
+@pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic"])
+def test_every_evaluation_of_the_law_is_counted(name: str) -> None:
+    calls = 0
+
+    def counted(force: LayerForce) -> LayerForce:
+        def counting(depth: float, rate: float) -> tuple[float, float, float]:
+            nonlocal calls
+            calls += 1
+            return force(depth, rate)
+
+        return counting
+
+    plain = law(name)
+    counting_law = ContactLaw(tuple(Layer(layer.begin, counted(layer.force)) for layer in plain.layers))
+    load = np.where((TICKS > 0.1) & (TICKS < 0.12), -80.0, 2.0 * LOAD)
+    series = model(counting_law, 1e-7).run(TICKS, ANGLE, load)
+    assert series.contact_state.min() == ContactState.SEPARATED
+    assert series.evaluations.sum() == calls
 
 
 def test_an_empty_series_gives_an_empty_answer() -> None:
