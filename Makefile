@@ -28,12 +28,14 @@ clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
 $(BIN)/uv:
+	@for tool in $(PYTHON) cc c++; do command -v $$tool >/dev/null || \
+		{ echo "$$tool is missing; on Debian: apt install python3-venv gcc g++ make" >&2; exit 1; }; done
 	@echo "== Making a local Python environment in $(VENV)"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
 
 $(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
-	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (about a minute the first time)"
+	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (half a minute the first time)"
 	$(BIN)/uv pip install --quiet --editable .
 	@touch $@
 

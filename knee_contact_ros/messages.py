@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -28,6 +29,17 @@ def message_class(name: str) -> Any:
     return typestore().types[name]
 
 
+def message_class_with_zeros(name: str) -> Any:
+    """The same with numbers 0, texts empty and truth values false unless given, as in ROS."""
+    zeros = {"string": "", "bool": False}
+    defaults = {
+        field: zeros.get(str(detail[0]), 0.0 if str(detail[0]).startswith("float") else 0)
+        for field, (kind, detail) in typestore().fielddefs[name][1]
+        if kind is Nodetype.BASE
+    }
+    return partial(message_class(name), **defaults)
+
+
 def stamp_to_ns(stamp: Any) -> int:
     """A message's stamp as integer nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
@@ -43,4 +55,4 @@ class PlainMessages:
         self.Vector3 = message_class("geometry_msgs/msg/Vector3")
         self.Wrench = message_class("geometry_msgs/msg/Wrench")
         self.WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
-        self.KneeContact = message_class(MESSAGE_TYPES[KNEE_CONTACT])
+        self.KneeContact = message_class_with_zeros(MESSAGE_TYPES[KNEE_CONTACT])
