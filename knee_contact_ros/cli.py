@@ -107,7 +107,8 @@ def replay(bag: Path, rate: float, loop: bool, clock: bool, wait: float) -> None
 @click.option(
     "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
 )
-def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path) -> None:
+@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite: bool) -> None:
     """Compute a bag offline.
 
     As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file or a
@@ -118,7 +119,7 @@ def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path) -> None:
     from knee_contact_ros.terminal import progress, show_summary
 
     with progress("Solving") as advance:
-        summary = solve_bag(bag, load_parameters(found(parameter_files)), output, advance)
+        summary = solve_bag(bag, load_parameters(found(parameter_files)), output, advance, overwrite)
     show_summary(summary, {}, {"Recording": str(output)})
 
 

@@ -50,14 +50,16 @@ class BagWriter:
     Until `close` the file carries the suffix `.partial`. Messages are plain or ROS ones; only their fields are read.
     """
 
-    def __init__(self, path: Path, compression: CompressionType = CompressionType.ZSTD) -> None:
-        """Open `path` for writing.
+    def __init__(
+        self, path: Path, compression: CompressionType = CompressionType.ZSTD, overwrite: bool = False
+    ) -> None:
+        """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
 
         Raises:
             UsageError: the file exists, or its folder cannot be written.
         """
-        if path.exists():
-            raise UsageError(f"{path} exists already; recordings are not overwritten")
+        if path.exists() and not overwrite:
+            raise UsageError(f"{path} exists already, and recordings are not overwritten")
         self.path = path
         self.partial = path.with_name(path.name + PARTIAL)
         self.counts: Counter[str] = Counter()

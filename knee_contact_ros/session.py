@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -83,9 +84,10 @@ class Session:
                 message_type, topic, callback, INPUT_QOS, qos_overriding_options=qos
             )
             self._subscriptions.append(subscription)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # both must run on when simulated time stands still
         self._timers = [
-            node.create_timer(max(0.25 * self.parameters.pairing.wait, 0.01), self._on_wait_timer),
-            node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer),
+            node.create_timer(max(0.25 * self.parameters.pairing.wait, 0.01), self._on_wait_timer, clock=steady),
+            node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
         ]
 
     def stop(self) -> None:

@@ -15,15 +15,18 @@ from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_STATES
 
 
-def solve(bag: Path, parameters: Parameters, output: Path, advance: Callable[[int, int], None]) -> Summary:
+def solve(
+    bag: Path, parameters: Parameters, output: Path, advance: Callable[[int, int], None], overwrite: bool = False
+) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
-    `advance` is called after every message with the number of messages done and in all.
+    `advance` is called after every message with the number of messages done and in all. With `overwrite`, an existing
+    output is replaced once the new one is complete.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
-    with BagReader(bag) as reader, BagWriter(output) as writer:
+    with BagReader(bag) as reader, BagWriter(output, overwrite=overwrite) as writer:
         pipeline = Pipeline(parameters)
         recorder = AnswerWriter(writer, pipeline.plateau_normal)
         summary = Summary(parameters.body_weight)

@@ -96,6 +96,18 @@ def test_the_recording_holds_inputs_and_outputs(config: Path, right_bag: Path, t
     assert [(m.topic, m.log_time) for m in inputs] == [(m.topic, m.log_time) for m in read_bag(right_bag, INPUT_TYPES)]
 
 
+def test_an_output_is_replaced_only_when_asked(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    output, parameters = tmp_path / "out.mcap", load_parameters(config / "healthy.yaml")
+    output.write_text("precious")
+    with pytest.raises(UsageError, match="exists already"):
+        solve(right_bag, parameters, output, silent)
+    with pytest.raises(UsageError, match="no bag"):
+        solve(tmp_path / "missing", parameters, output, silent, overwrite=True)
+    assert output.read_text() == "precious"
+    assert solve(right_bag, parameters, output, silent, overwrite=True).ticks == 387
+    assert read_summary(output, parameters.body_weight).ticks == 387
+
+
 def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
     rows[7] = (rows[7][0], 0.1, float("nan"))

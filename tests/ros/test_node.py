@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -15,6 +19,8 @@ from rclpy.parameter import Parameter
 
 import knee_contact_ros
 from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer
@@ -88,6 +94,41 @@ def test_a_looped_stream_starts_anew(peer: Peer, start_node: Start) -> None:
     statuses = [contact.status for contact in peer.contacts]
     assert statuses == [0, 0, Status.STALE_INPUT, Status.TIME_RESET, 0]
     assert peer.contacts[3].penetration_depth == peer.contacts[0].penetration_depth
+
+
+def test_the_private_graph_stays_on_the_loopback_interface(peer: Peer, start_node: Start) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    sockets = psutil.Process(node.process.pid).net_connections(kind="inet")
+    assert sockets
+    assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
+
+
+def test_replay_feeds_the_node_a_bag(start_node: Start, right_bag: Path, config: Path, tmp_path: Path) -> None:
+    node = start_node("--params-file", config / "healthy.yaml", "-p", f"record.path:={tmp_path / 'live.mcap'}")
+    command = [sys.executable, "-m", "knee_contact_ros.cli", "replay", str(right_bag), "--rate", "5", "--clock"]
+    replay = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (replay.returncode, replay.stdout, replay.stderr) == (0, "", "")
+    time.sleep(0.5)
+    code, output = node.stop()
+    assert code == 0, output
+    assert "387 ticks, 0 samples refused" in output
+    solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / "offline.mcap", lambda done, total: None)
+    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+    live, offline = (
+        [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
+        for name in ("live.mcap", "offline.mcap")
+    )
+    assert live == offline
+
+
+def test_simulated_time_that_stands_still_does_not_stop_the_node(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
+    peer.wait_for_node()
+    peer.send(0, 0.2, 1000.0)
+    peer.send_force(STEP, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    peer.wait_until(lambda: "knee_contact: ticks" in peer.diagnostics)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
