@@ -1,4 +1,4 @@
-"""The command `knee-contact`. Bad input ends it with code 2 and one line; Ctrl-C with code 130."""
+"""The command `knee-contact`. Bad input ends it with code 2 and one line, a full disk with 1, Ctrl-C with 130."""
 
 from __future__ import annotations
 
@@ -139,19 +139,21 @@ def main(arguments: list[str] | None = None) -> int:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "knee-contact"
         return fail(f"{error.format_message().rstrip('.')}; see {command} --help")
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):  # the reader of our output has gone
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        return fail(f"{error.filename or 'writing'}: {error.strerror or error}", code=1)
     except (click.Abort, KeyboardInterrupt):
         click.echo("knee-contact: interrupted", err=True)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     return 0
 
 
-def fail(text: str) -> int:
+def fail(text: str, code: int = 2) -> int:
     """Say in one line what is wrong."""
     click.echo(f"knee-contact: {' '.join(text.split())}", err=True)
-    return 2
+    return code
 
 
 if __name__ == "__main__":

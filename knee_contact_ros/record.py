@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import os
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -131,7 +132,8 @@ class BagWriter:
 
     def discard(self) -> None:
         """Give up: leave nothing behind."""
-        self._file.close()
+        with suppress(OSError):  # a full disk also refuses what is still in the file's buffer
+            self._file.close()
         self.partial.unlink(missing_ok=True)
 
     def __enter__(self) -> BagWriter:
@@ -140,10 +142,12 @@ class BagWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
+        try:
+            if kind is None:
+                self.close()
+        finally:
+            if self.partial.exists():
+                self.discard()
 
     def _information(self) -> dict[str, Any]:
         """Content of `metadata.yaml`, version 9."""

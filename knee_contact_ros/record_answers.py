@@ -68,7 +68,7 @@ class RecorderThread:
         return {"backlog": str(self._queue.qsize())}
 
     def put(self, answer: Answer) -> None:
-        """Hand over an answer."""
+        """Hand over an answer; after a failure it goes nowhere."""
         if not self.failure:
             self._queue.put(answer)
 
@@ -83,8 +83,9 @@ class RecorderThread:
             self._write_all()
             self._writer.write_inputs(self._rest)
             self._writer.bag.close()
-        except OSError as error:
-            self.failure = f"recording {self._writer.bag.partial} stopped: {error.strerror or error}"
+        except Exception as error:  # whatever it is, the node must compute on
+            reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+            self.failure = f"recording {self._writer.bag.partial} stopped: {reason}"
             self._on_failure(self.failure)
 
     def _write_all(self) -> None:

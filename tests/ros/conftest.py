@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -42,13 +43,15 @@ def graph() -> Iterator[None]:
 class NodeProcess:
     """`knee-contact node` with its output."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY) -> None:
+        """`largest_file` [B] makes the disk look full."""
         self.process = subprocess.Popen(
             [sys.executable, "-m", "knee_contact_ros.cli", "node", "--ros-args", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
         )
+        resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """End it by a signal; return its code and all it said."""
@@ -137,8 +140,8 @@ def start_node() -> Iterator[Callable[..., NodeProcess]]:
     """Start nodes; all are gone after the test."""
     started: list[NodeProcess] = []
 
-    def start(*arguments: str | Path) -> NodeProcess:
-        started.append(NodeProcess(*map(str, arguments)))
+    def start(*arguments: str | Path, **limits: int) -> NodeProcess:
+        started.append(NodeProcess(*map(str, arguments), **limits))
         return started[-1]
 
     yield start

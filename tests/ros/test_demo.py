@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 import subprocess
 import sys
@@ -103,6 +104,16 @@ def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_pat
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert words in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing_half_written(right_bag: Path, tmp_path: Path) -> None:
+    command = [*COMMAND, "solve", str(right_bag), "--output", str(tmp_path / "out.mcap")]
+    solving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    resource.prlimit(solving.pid, resource.RLIMIT_FSIZE, (16 * 1024, 16 * 1024))  # no file may grow beyond 16 KiB
+    _, errors = solving.communicate(timeout=TIMEOUT)
+    assert solving.returncode == 1
+    assert errors.splitlines() == ["knee-contact: writing: File too large"]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -122,6 +122,20 @@ def test_replay_feeds_the_node_a_bag(start_node: Start, right_bag: Path, config:
     assert live == offline
 
 
+def test_a_full_disk_stops_the_recording_and_not_the_node(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}", largest_file=8 * 1024)
+    peer.wait_for_node()
+    for i in range(400):
+        peer.send(i * STEP, 0.2, 1000.0 + i)
+        peer.spin(0.001)
+    peer.wait_until(lambda: len(peer.contacts) == 400)
+    code, output = node.stop()
+    assert code == 0
+    assert output.count("live.mcap.partial stopped: File too large") == 1
+    assert "400 ticks" in output
+    assert not (tmp_path / "live.mcap").exists()
+
+
 def test_simulated_time_that_stands_still_does_not_stop_the_node(peer: Peer, start_node: Start) -> None:
     start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
     peer.wait_for_node()
