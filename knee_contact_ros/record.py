@@ -20,12 +20,10 @@ from mcap_ros2_support_fast.writer import ROS2EncoderFactory
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import typestore
+from knee_contact_ros.outputs import claim
 
 LIBRARY = "knee_contact_ros"
-PARTIAL = ".partial"
-"""Suffix of a recording that has not been closed."""
 CHUNK_SIZE = 64 * 1024
 """[B] Small chunks: closing one stalls the writer 2-4 ms at most, and little is lost in a crash."""
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -57,23 +55,17 @@ class BagWriter:
         """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
 
         Raises:
-            UsageError: the file exists, or its folder cannot be written.
+            UsageError: see `claim`.
         """
-        if path.exists() and not overwrite:
-            raise UsageError(f"{path} exists already, and recordings are not overwritten")
         self.path = path
-        self.partial = path.with_name(path.name + PARTIAL)
+        self.partial = claim(path, overwrite)
         self.counts: Counter[str] = Counter()
         self._first = self._last = 0
         self._types: dict[str, str] = {}  # topic to message type
         self._schemas: dict[str, tuple[int, Any]] = {}  # message type to schema id and encoder
         self._channels: dict[str, tuple[int, Any]] = {}  # topic to channel id and encoder
         self._encoders = ROS2EncoderFactory()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.partial.open("wb")
-        except OSError as error:
-            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+        self._file = self.partial.open("wb")
         self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=LIBRARY)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.errors import UsageError
+from knee_contact_ros.outputs import claim
 from knee_contact_ros.pipeline import Answer
-from knee_contact_ros.record import PARTIAL
 
 APPLICATION = "knee_contact_ros"
 TIMELINE = "stamp"
@@ -71,7 +71,9 @@ class RerunThread:
         return {"backlog": str(self._queue.qsize()), "dropped": str(self.dropped)}
 
     def put(self, answer: Answer) -> None:
-        """Hand over an answer; drop it if too many wait."""
+        """Hand over an answer; drop it if too many wait or the file has failed."""
+        if self.failure:
+            return
         try:
             self._queue.put_nowait(answer)
         except queue.Full:
@@ -79,30 +81,37 @@ class RerunThread:
 
     def close(self, rest: list[tuple[str, int, Any]]) -> None:  # noqa: ARG002  (inputs alone are not shown)
         """Show what waits and complete the file."""
-        self._queue.put(None)
+        if not self.failure:
+            self._queue.put(None)
         self._thread.join()
 
     def _run(self) -> None:
-        batch: list[Answer] = []
+        ended = False
         try:
-            while True:
-                try:
-                    answer = self._queue.get(timeout=BATCH_PERIOD)
-                    if answer is not None:
-                        batch.append(answer)
-                    ended = answer is None
-                    full = len(batch) >= BATCH
-                except queue.Empty:
-                    ended, full = False, True
-                if batch and (full or ended):
+            while not ended:
+                batch, ended = self._next_batch()
+                if batch:
                     self._scene.show(batch)
-                    batch = []
-                if ended:
-                    break
             self._scene.close()
         except Exception as error:  # a viewer's failure must not become the knee's
             self.failure = f"Rerun recording {self._scene.path} stopped: {error}"
             self._on_failure(self.failure)
+            while not self._queue.empty():  # so that nobody waits for room in it
+                self._queue.get()
+
+    def _next_batch(self) -> tuple[list[Answer], bool]:
+        """Answers until the batch is full or has waited long enough, and whether the stream has ended."""
+        batch: list[Answer] = []
+        deadline = time.monotonic() + BATCH_PERIOD
+        while len(batch) < BATCH:
+            try:
+                answer = self._queue.get(timeout=max(deadline - time.monotonic(), 0.0))
+            except queue.Empty:
+                break
+            if answer is None:
+                return batch, True
+            batch.append(answer)
+        return batch, False
 
 
 class RerunFile:
@@ -112,21 +121,14 @@ class RerunFile:
         """Open the file and write what does not change.
 
         Raises:
-            UsageError: the file exists, or its folder cannot be written.
+            UsageError: see `claim`.
         """
-        if path.exists():
-            raise UsageError(f"{path} exists already; recordings are not overwritten")
         self.path = path
-        self._partial = path.with_name(path.name + PARTIAL)
+        self._partial = claim(path)
         self._body_weight = body_weight
         self._layer = model.cartilage_thickness
         self._slope = model.plateau_slope
         self._recording = rr.RecordingStream(APPLICATION)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._partial.touch()
-        except OSError as error:
-            raise UsageError(f"cannot write {path}: {error.strerror}") from None
         outline, extent = femoral_outline(model)
         self._recording.save(self._partial, default_blueprint=blueprint(extent))
         self._write_static(outline)

@@ -131,6 +131,13 @@ def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
         BagWriter(tmp_path / "out.mcap")
 
 
+def test_a_recording_that_was_cut_off_is_not_lost(tmp_path: Path) -> None:
+    (tmp_path / "out.mcap.partial").write_text("all that is left")
+    with pytest.raises(UsageError, match=r"out\.mcap\.partial exists: a recording that was cut off"):
+        BagWriter(tmp_path / "out.mcap")
+    assert (tmp_path / "out.mcap.partial").read_text() == "all that is left"
+
+
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot write"):

@@ -72,6 +72,7 @@ def test_a_viewer_that_fails_says_so_once_and_stops(knee, tmp_path: Path, monkey
         raise OSError("disk full")
 
     monkeypatch.setattr(RerunFile, "show", broken)
+    monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 200)  # as if it had filled before the failure
     thread = RerunThread(tmp_path / "knee.rrd", pipeline.model, 737.068, told.append)
     for answer in answers:
         thread.put(answer)
@@ -85,5 +86,8 @@ def test_existing_files_and_bad_folders_are_refused(knee, tmp_path: Path) -> Non
     (tmp_path / "old.rrd").touch()
     with pytest.raises(UsageError, match="exists already"):
         RerunFile(tmp_path / "old.rrd", model, 737.0)
+    (tmp_path / "cut.rrd.partial").touch()
+    with pytest.raises(UsageError, match="was cut off"):
+        RerunFile(tmp_path / "cut.rrd", model, 737.0)
     with pytest.raises(UsageError, match="cannot write"):
         RerunFile(tmp_path / "old.rrd" / "new.rrd", model, 737.0)
