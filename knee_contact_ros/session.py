@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -60,12 +61,7 @@ class Session:
         self.pipeline = Pipeline(parameters)
         self.inputs = {topic: InputMeter() for topic in INPUTS}
         self.ticks = TickMeter()
-        self.sinks: dict[str, Sink] = {}
-        try:
-            self._open_sinks()
-        except BaseException:
-            self.close()
-            raise
+        self.sinks = self._open_sinks()
         self._contact = node.create_lifecycle_publisher(KneeContact, KNEE_CONTACT, OUTPUT_QOS)
         self._wrench = node.create_lifecycle_publisher(WrenchStamped, KNEE_CONTACT_WRENCH, OUTPUT_QOS)
         self._diagnostics = node.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", OUTPUT_QOS)
@@ -112,19 +108,26 @@ class Session:
         for publisher in (self._contact, self._wrench, self._diagnostics):
             self.node.destroy_publisher(publisher)
 
-    def _open_sinks(self) -> None:
+    def _open_sinks(self) -> dict[str, Sink]:
+        """Open all output files, then start their threads; if one cannot be opened, none is left behind."""
         parameters, log_error = self.parameters, self.node.get_logger().error
-        if parameters.record.path:
-            names = {
-                topic: self.node.resolve_topic_name(topic) for topic in (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
-            }
-            writer = AnswerWriter(BagWriter(Path(parameters.record.path)), self.pipeline.plateau_normal, names)
-            self.sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
-        if parameters.rerun.mode == "file":
-            from knee_contact_ros.visualise import RerunThread  # imports Rerun: 1 s that only its users pay
+        sinks: dict[str, Sink] = {}
+        with ExitStack() as undo:
+            if parameters.record.path:
+                bag = BagWriter(Path(parameters.record.path))
+                undo.callback(bag.discard)
+            if parameters.rerun.mode == "file":
+                from knee_contact_ros.visualise import RerunFile, RerunThread  # 1 s that only Rerun's users pay
 
-            path = Path(parameters.rerun.path)
-            self.sinks["viewer"] = RerunThread(path, self.pipeline.model, parameters.body_weight, log_error)
+                scene = RerunFile(Path(parameters.rerun.path), self.pipeline.model, parameters.body_weight)
+                sinks["viewer"] = RerunThread(scene, log_error)
+            undo.pop_all()
+        if parameters.record.path:
+            topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+            names = {topic: self.node.resolve_topic_name(topic) for topic in topics}
+            writer = AnswerWriter(bag, self.pipeline.plateau_normal, names)
+            sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
+        return sinks
 
     def _on_joint_state(self, message: JointState) -> None:
         self.inputs[JOINT_STATES].count()

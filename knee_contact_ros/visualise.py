@@ -56,12 +56,12 @@ SERIES = {
 class RerunThread:
     """Writes answers to an `.rrd` file without ever holding up the caller."""
 
-    def __init__(self, path: Path, model: KneeModel, body_weight: float, on_failure: Callable[[str], None]) -> None:
-        """Open `path`; `body_weight` [N] scales forces; `on_failure` is told once if the file cannot be written."""
+    def __init__(self, scene: RerunFile, on_failure: Callable[[str], None]) -> None:
+        """Take over `scene`; `on_failure` is told once if it cannot be written."""
         self.dropped = 0
         self.failure = ""
         self._on_failure = on_failure
-        self._scene = RerunFile(path, model, body_weight)
+        self._scene = scene
         self._queue: queue.Queue[Answer | None] = queue.Queue(QUEUE)
         self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
         self._thread.start()
@@ -118,7 +118,7 @@ class RerunFile:
     """An `.rrd` recording with its blueprint; it appears under its final name when it is complete."""
 
     def __init__(self, path: Path, model: KneeModel, body_weight: float) -> None:
-        """Open the file and write what does not change.
+        """Open the file and write what does not change; forces are shown in units of `body_weight` [N].
 
         Raises:
             UsageError: see `claim`.

@@ -39,7 +39,7 @@ def column(path: Path, entity: str, component: str) -> np.ndarray:
 def test_every_curve_holds_every_tick(knee: tuple[Pipeline, list[Answer]], tmp_path: Path) -> None:
     pipeline, answers = knee
     path = tmp_path / "knee.rrd"
-    thread = RerunThread(path, pipeline.model, 737.068, pytest.fail)
+    thread = RerunThread(RerunFile(path, pipeline.model, 737.068), pytest.fail)
     for answer in answers:
         thread.put(answer)
     thread.close([])
@@ -58,7 +58,7 @@ def test_a_full_queue_drops_and_counts(knee: tuple[Pipeline, list[Answer]], tmp_
     pipeline, answers = knee
     monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 5)
     monkeypatch.setattr(RerunThread, "_run", lambda self: None)  # a viewer that takes nothing
-    thread = RerunThread(tmp_path / "knee.rrd", pipeline.model, 737.068, pytest.fail)
+    thread = RerunThread(RerunFile(tmp_path / "knee.rrd", pipeline.model, 737.068), pytest.fail)
     for answer in answers[:12]:
         thread.put(answer)
     assert thread.dropped == 7
@@ -73,7 +73,7 @@ def test_a_viewer_that_fails_says_so_once_and_stops(knee, tmp_path: Path, monkey
 
     monkeypatch.setattr(RerunFile, "show", broken)
     monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 200)  # as if it had filled before the failure
-    thread = RerunThread(tmp_path / "knee.rrd", pipeline.model, 737.068, told.append)
+    thread = RerunThread(RerunFile(tmp_path / "knee.rrd", pipeline.model, 737.068), told.append)
     for answer in answers:
         thread.put(answer)
     thread.close([])

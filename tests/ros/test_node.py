@@ -191,6 +191,17 @@ def test_an_existing_recording_is_not_overwritten(start_node: Start, tmp_path: P
     assert "exists already" in output
 
 
+def test_outputs_are_opened_all_or_none(start_node: Start, tmp_path: Path) -> None:
+    (tmp_path / "old.rrd").touch()
+    code, output = start_node(
+        "-p", f"record.path:={tmp_path / 'new.mcap'}",
+        "-p", "rerun.mode:=file", "-p", f"rerun.path:={tmp_path / 'old.rrd'}",
+    ).wait()  # fmt: skip
+    assert code == 2
+    assert "old.rrd exists already" in output
+    assert [path.name for path in tmp_path.iterdir()] == ["old.rrd"]
+
+
 def call(peer: Peer, service_type: type, name: str, request: object) -> object:
     """Call a service and wait for its answer."""
     client = peer.node.create_client(service_type, name)
