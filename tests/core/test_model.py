@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerForce
 from knee_contact_ros.core.model import SERIES_DTYPE
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
 from tests.core.test_geometries import ellipse
-from tests.scenes import DAMPING, MASS, RADIUS, STIFFNESS, law, model
+from tests.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
 
 TICKS = np.arange(0.0, 0.4, 0.005)
 ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)
@@ -218,3 +220,31 @@ def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
                 stream.tick(row[0], math.nan, row[2])
         answers.append(stream.tick(*row))
     assert np.array(answers, dtype=SERIES_DTYPE).tobytes() == knee.run(TICKS, ANGLE, LOAD).tobytes()
+
+
+@settings(deadline=None, max_examples=60)
+@given(data=st.data())
+def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObject) -> None:
+    def power_of_ten(low: float, high: float) -> float:
+        return 10.0 ** data.draw(st.floats(low, high))
+
+    name = data.draw(st.sampled_from(sorted(LAW_ARGUMENTS)))
+    changes = {"stiffness": power_of_ten(3, 13), "exponent": data.draw(st.floats(1.0, 3.0))}
+    if "damping" in LAW_ARGUMENTS[name]:
+        changes["damping"] = data.draw(st.sampled_from([0.0, 1.0])) * power_of_ten(0, 7)
+    if "layer_depth" in LAW_ARGUMENTS[name]:
+        changes |= {"layer_depth": power_of_ten(-6, -2.3), "stiffness_2": power_of_ten(3, 13)}
+    ticks = 8
+    time = np.arange(ticks) * power_of_ten(-5, -1)
+    load = np.array(data.draw(st.lists(st.floats(-5e3, 2e4), min_size=ticks, max_size=ticks)))
+    angle = np.array(data.draw(st.lists(st.floats(-0.2, 1.5), min_size=ticks, max_size=ticks)))
+    tolerance = power_of_ten(-10, -5)
+    # The budget keeps the test short: what cannot be solved within it must be said.
+    knee = model(law(name, **changes), tolerance, ellipse(24), mass=power_of_ten(-4, 3), budget=2000)
+    series = knee.run(time, angle, load)
+    for field in ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate"):
+        assert np.isfinite(series[field]).all(), field
+    assert np.all(series.contact_force >= 0.0)
+    assert np.all(series.penetration_depth * series.gap == 0.0)
+    said = series.status & Status.NOT_CONVERGED != 0
+    assert np.all(said[(series.error_estimate > tolerance) | (series.evaluations >= 2000)])
