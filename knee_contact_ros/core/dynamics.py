@@ -10,13 +10,14 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import SAFETY, carry, decay_rate, depth_error
+from knee_contact_ros.core.error_estimate import HORIZON, SAFETY, carry, decay_rate, depth_error
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.esdirk4 import ORDER, esdirk4_step
 from knee_contact_ros.core.integrators.free_flight import free_flight_step
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Region, Regions
+from knee_contact_ros.core.statics import static_depth
 
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
@@ -27,7 +28,7 @@ ROUNDING = 4.0 * sys.float_info.epsilon
 NEWTON_SHARE = 0.01
 """Share of the tolerance at which Newton's method has arrived."""
 MAX_EVALUATIONS = 100_000
-"""Contact law evaluations after which a tick is finished without error control, and says so."""
+"""Contact law evaluations after which a tick is answered with the static solution, and says so."""
 MAX_EVENTS = 1_000
 """The same for the boundaries that a tick crosses."""
 MAX_LOCATE = 60
@@ -70,8 +71,12 @@ class Advance(NamedTuple):
     error_estimate: float
     """[m]"""
     evaluations: int
-    controlled: bool
-    """False if the budget ran out and the tick was finished without error control"""
+    dynamic: bool
+    """False if the budget ran out and the contact is the static one"""
+
+
+class OutOfBudgetError(Exception):
+    """A tick takes more evaluations or events than it may."""
 
 
 class Tick:
@@ -84,10 +89,16 @@ class Tick:
         self.state, self.error, self.try_step = start
         self.evaluations = 0
         self.events = 0
-        self.controlled = True
 
     def advance(self) -> Advance:
-        """Carry the femur over the whole interval."""
+        """Carry the femur over the interval, or answer with the static solution at its end if that takes too much."""
+        try:
+            return self.result(self.steps())
+        except OutOfBudgetError:
+            return self.settled()
+
+    def steps(self) -> Region:
+        """Step to the end of the interval; return the region there."""
         regions = self.scene.regions
         depth, rate = self.contact()
         region = regions.at(depth, rate, self.interval.load(0.0))
@@ -101,7 +112,7 @@ class Tick:
                 self.error = self.shifted_error(region, following, step.stages[-1])
                 region = following
                 self.events += 1
-        return self.result(region)
+        return region
 
     def result(self, region: Region) -> Advance:
         """The contact at the end of the interval."""
@@ -116,7 +127,26 @@ class Tick:
             force=force if self.scene.regions.allow_tension else max(force, 0.0),
             error_estimate=SAFETY * abs(error),
             evaluations=self.evaluations,
-            controlled=self.controlled,
+            dynamic=True,
+        )
+
+    def settled(self) -> Advance:
+        """The static contact at the end of the interval, in doubt by all the motion that was going on."""
+        depth, rate = self.contact()
+        left, self.s = self.interval.duration - self.s, self.interval.duration
+        cosine, law = self.scene.cosine, self.scene.regions.law
+        static = static_depth(law, self.interval.load(self.s) / cosine)
+        surface, surface_rate = self.interval.surface(self.s)
+        doubt = max(abs(depth), static.depth) + abs(rate) * min(left, HORIZON)
+        state = FemurState((surface - static.depth) / cosine, surface_rate / cosine)
+        return Advance(
+            progress=Progress(state, StateError(doubt, 0.0), math.inf),
+            depth=static.depth,
+            rate=0.0,
+            force=law.static_force(static.depth),
+            error_estimate=doubt,
+            evaluations=self.evaluations + static.evaluations + (static.depth > 0.0),
+            dynamic=False,
         )
 
     def contact(self) -> tuple[float, float]:
@@ -142,26 +172,26 @@ class Tick:
         """
         step, h = self.controlled_step(region)
         boundary = ""
-        while self.controlled and h > 0.0 and (crossing := self.first_crossing(region, step, boundary)):
+        while h > 0.0 and (crossing := self.first_crossing(region, step, boundary)):
             step, h, boundary = self.step_to_boundary(region, crossing[0], h * crossing[1])
         return step, h, boundary
 
     def controlled_step(self, region: Region) -> tuple[Step, float]:
         """A step whose estimated error fits the tolerance, and its duration [s]."""
         remaining = self.interval.duration - self.s
-        if not region.pressing or not self.controlled:
+        if not region.pressing:
             return self.attempt(region, remaining), remaining
         h = min(self.try_step, remaining)
         while True:
             step = self.attempt(region, h)
             ratio = self.error_ratio(step, h)
             factor = 0.9 * max(ratio, 1e-4) ** (-1.0 / ORDER)
-            if ratio <= 1.0 or not self.controlled:
+            if ratio <= 1.0:
                 self.try_step = h * factor if h < remaining else max(self.try_step, h * factor)
                 return step, h
             h *= max(0.1, factor)
             if self.s + h == self.s:
-                self.controlled = False
+                raise OutOfBudgetError
 
     def error_ratio(self, step: Step, h: float) -> float:
         """Estimated error of a step over what it may be: all steps that still count share the tolerance."""
@@ -178,7 +208,13 @@ class Tick:
         return depth_error(above_rounding, *contact) / (LOCAL_SHARE * self.scene.tolerance * forgotten)
 
     def attempt(self, region: Region, h: float) -> Step:
-        """One step of `h` [s] by the region's formula, wherever it leads."""
+        """One step of `h` [s] by the region's formula, wherever it leads.
+
+        Raises:
+            OutOfBudgetError: the tick has taken too much already.
+        """
+        if self.evaluations >= (self.scene.budget or MAX_EVALUATIONS) or self.events >= MAX_EVENTS:
+            raise OutOfBudgetError
         scene, formula = self.scene, self.scene.regions.formula(region)
         if formula is None or not region.pressing:
             arguments = (scene.mass, scene.cosine, self.s, self.state, h)
@@ -191,8 +227,6 @@ class Tick:
 
             step = doubled_step(single, ORDER, self.s, self.state, h)
         self.evaluations += step.evaluations
-        limit = scene.budget or MAX_EVALUATIONS
-        self.controlled = self.controlled and self.evaluations < limit and self.events < MAX_EVENTS
         return step
 
     def accept(self, step: Step, h: float) -> None:
@@ -264,10 +298,10 @@ class Tick:
 
     def shifted_error(self, region: Region, following: Region, end: Stage) -> StateError:
         """Error behind a boundary: meeting it too early or too late, the femur feels the force's jump for that time."""
-        if end.rate == 0.0:
-            return self.error
         jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
-        late = abs(self.error.height / end.rate)
+        late = self.interval.duration
+        if abs(self.error.height) < late * abs(end.rate):
+            late = abs(self.error.height / end.rate)
         return StateError(
             self.error.height,
             self.error.velocity + math.copysign(late * jump / self.scene.mass, self.error.velocity),

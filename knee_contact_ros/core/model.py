@@ -71,24 +71,24 @@ class KneeModel:
 
     def contact(self, angle: float, load: float, advance: Advance) -> Contact:
         """Put the answer to a tick into the terms of the message."""
-        depth = max(advance.depth, 0.0)
-        bone = max(depth - self.cartilage_thickness, 0.0)
+        depth = max(0.0, advance.depth)
+        bone = max(0.0, depth - self.cartilage_thickness)
         state = ContactState.BONE if bone > 0.0 else ContactState.CARTILAGE if depth > 0.0 else ContactState.SEPARATED
         height = advance.progress.state.height
-        missed = not advance.controlled or advance.error_estimate > self.tolerance
+        missed = not advance.dynamic or advance.error_estimate > self.tolerance
         return Contact(
             flexion_angle=angle,
             load=load,
             contact_force=advance.force,
             penetration_depth=depth,
-            gap=max(-advance.depth, 0.0),
+            gap=max(0.0, -advance.depth),
             penetration_rate=advance.rate,
             contact_point=self.contact_point(angle, height),
             femoral_height=height,
             cartilage_depth=depth - bone,
             bone_depth=bone,
             contact_state=int(state),
-            fidelity=int(Fidelity.DYNAMIC),
+            fidelity=int(Fidelity.DYNAMIC if advance.dynamic else Fidelity.QUASI_STATIC),
             status=int(Status.NOT_CONVERGED if missed else Status.OK),
             error_estimate=advance.error_estimate,
             evaluations=advance.evaluations,
@@ -143,7 +143,7 @@ class Stream:
             force=model.regions.law.static_force(static.depth),
             error_estimate=0.0,
             evaluations=static.evaluations + (static.depth > 0.0),
-            controlled=True,
+            dynamic=True,
         )
 
     def _advance(self, progress: Progress, stamp: int, angle: float, load: float) -> Advance:

@@ -98,7 +98,7 @@ def test_without_load_no_energy_is_made(name: str, depth: float, rate: float, ma
     # An error within the tolerance is worth tolerance x force in depth, and as much again in speed.
     assert after <= before + 2e-9 * contact_law.static_force(5e-3)
     assert result.force >= 0.0
-    assert result.controlled
+    assert result.dynamic
 
 
 def test_the_estimate_covers_the_error_of_an_impact() -> None:

@@ -166,8 +166,14 @@ def test_a_budget_is_kept_and_missing_it_is_said() -> None:
     series = model(law("two_layer_viscoelastic"), 1e-10, budget=100).run(TICKS, ANGLE, rough)
     # One step in the making may still be finished: 15 stages with a handful of Newton corrections each.
     assert series.evaluations.max() <= 100 + 15 * 30
-    assert np.any(series.status & Status.NOT_CONVERGED)
-    assert np.isfinite(series.penetration_depth).all()
+    missed = series.status & Status.NOT_CONVERGED != 0
+    settled = series.fidelity == Fidelity.QUASI_STATIC
+    assert settled.any()
+    assert np.all(missed[settled])
+    # What could not be computed is answered with the static solution, and the next tick goes on from there.
+    assert series.contact_force[settled] == pytest.approx(rough[settled], rel=1e-12)
+    exact = model(law("two_layer_viscoelastic"), 1e-10).run(TICKS, ANGLE, rough)
+    assert np.all(np.abs(series.penetration_depth - exact.penetration_depth)[settled] <= series.error_estimate[settled])
 
 
 @pytest.mark.parametrize(
@@ -247,4 +253,4 @@ def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObj
     assert np.all(series.contact_force >= 0.0)
     assert np.all(series.penetration_depth * series.gap == 0.0)
     said = series.status & Status.NOT_CONVERGED != 0
-    assert np.all(said[(series.error_estimate > tolerance) | (series.evaluations >= 2000)])
+    assert np.all(said[(series.error_estimate > tolerance) | (series.fidelity == Fidelity.QUASI_STATIC)])
