@@ -24,6 +24,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.node_parameters import NodeParameters
 from knee_contact_ros.parameters import NODE_NAME, check_parameter_file
 from knee_contact_ros.session import Session
+from knee_contact_ros.topics import INPUTS
 
 SPIN_PERIOD = 0.1
 """How often [s] the main loop looks for a signal to stop."""
@@ -67,7 +68,8 @@ class KneeContactNode(LifecycleNode):
         """Start the stream."""
         if self.session:
             self.session.start()
-        self.get_logger().info("active")
+            topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)
+            self.get_logger().info(f"active, listening to {topics}")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -30,6 +30,9 @@ INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 DIAGNOSTICS_PERIOD = 1.0
 REFUSAL_LOG_PERIOD = 5.0
+SILENCE = 5.0
+"""How long [s] an input may be silent after the start before the log says so."""
+SILENCE_LOG_PERIOD = 30.0
 
 
 class Sink(Protocol):
@@ -68,9 +71,11 @@ class Session:
         self._subscriptions: list[Any] = []
         self._timers: list[Any] = []
         self._waiting_since: float | None = None
+        self._started = 0.0
 
     def start(self) -> None:
         """Listen."""
+        self._started = time.monotonic()
         node, qos = self.node, QoSOverridingOptions.with_default_policies()
         for message_type, topic, callback in (
             (JointState, JOINT_STATES, self._on_joint_state),
@@ -167,10 +172,14 @@ class Session:
 
     def _on_diagnostics_timer(self) -> None:
         refused = self.pipeline.synchroniser.refused
-        entries = [
-            diagnostic_status(f"{NODE_NAME}: {topic}", meter.values(DIAGNOSTICS_PERIOD))
-            for topic, meter in self.inputs.items()
-        ]
+        entries = []
+        for topic, meter in self.inputs.items():
+            problem = "" if meter.received else "nothing received yet"
+            entries.append(diagnostic_status(f"{NODE_NAME}: {topic}", meter.values(DIAGNOSTICS_PERIOD), problem))
+        silent = [self.node.resolve_topic_name(topic) for topic, meter in self.inputs.items() if not meter.received]
+        if silent and time.monotonic() - self._started > SILENCE:
+            text = f"nothing received yet on {' and '.join(silent)}"
+            self.node.get_logger().warning(text, throttle_duration_sec=SILENCE_LOG_PERIOD)
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         problem = "samples were refused" if refused else ""
         entries.append(diagnostic_status(f"{NODE_NAME}: refused samples", counts, problem))

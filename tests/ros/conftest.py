@@ -75,6 +75,7 @@ class Peer:
         self.contacts: list[KneeContact] = []
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
+        self.problems: dict[str, str] = {}
         qos = QoSProfile(depth=1000)
         self.angle = self.node.create_publisher(JointState, "joint_states", qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
@@ -86,6 +87,7 @@ class Peer:
         """Keep the newest values of every entry."""
         for status in message.status:
             self.diagnostics[status.name] = {value.key: value.value for value in status.values}
+            self.problems[status.name] = status.message
 
     def wait_until(self, done: Callable[[], Any]) -> None:
         """Spin until something has happened."""
