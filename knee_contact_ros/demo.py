@@ -30,13 +30,14 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import private_graph
 from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.stream_in.bag import BagMessage, BagReader
 from knee_contact_ros.stream_in.replay import Replayer
+from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
 from knee_contact_ros.terminal import progress, show_summary
-from knee_contact_ros.topics import JOINT_REACTION_FORCE, KNEE_CONTACT
+from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 
 NODE_START = 30.0
 """How long [s] the node may take to appear."""
@@ -82,7 +83,7 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) 
         UsageError: the bag, a parameter or the output folder cannot be used, or the node has failed.
     """
     parameters = load_parameters(parameter_files)
-    Pipeline(parameters)  # so that a bad profile is told before anything starts
+    check_before(bag, parameters)
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
@@ -92,6 +93,21 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) 
         for result in (RECORDING.parent, RERUN_FILE, NODE_LOG):
             replace(work / result, output / result)
     show_summary(summary, latency_rows(listener, summary), result_files(output))
+
+
+def check_before(bag: Path, parameters: Parameters) -> None:
+    """Tell what the node could only refuse: a bad profile, a bag without topics, a joint that is not there.
+
+    Raises:
+        UsageError: one of these.
+    """
+    pipeline = Pipeline(parameters)
+    with BagReader(bag) as reader:
+        angle = next(message.message for message in reader.messages() if message.topic == f"/{JOINT_STATES}")
+    try:
+        angle_sample(angle, pipeline.parameters.knee)
+    except RefusedSampleError as refused:
+        raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
 
 
 def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Callable[[], None]) -> None:

@@ -26,8 +26,8 @@ def solve(
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
+    pipeline = Pipeline(parameters)
     with BagReader(bag) as reader, BagWriter(output, overwrite=overwrite) as writer:
-        pipeline = Pipeline(parameters)
         recorder = AnswerWriter(writer, pipeline.plateau_normal)
         summary = Summary(parameters.body_weight)
         for done, (topic, _, message) in enumerate(reader.messages(), start=1):

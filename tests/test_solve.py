@@ -162,6 +162,13 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
         solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
 
 
+def test_a_bad_profile_leaves_no_folder(right_bag: Path, tmp_path: Path) -> None:
+    parameters = load_parameters({"femur.geometry": "profile", "femur.profile": "nowhere.csv"})
+    with pytest.raises(UsageError, match=r"cannot read nowhere\.csv"):
+        solve(right_bag, parameters, tmp_path / "new" / "out.mcap", silent)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64])
 def test_files_that_are_no_bags_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.mcap"

@@ -107,6 +107,17 @@ def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("command", ["demo", "solve"])
+def test_an_unknown_joint_is_told_before_anything_starts(command: str, right_bag: Path, tmp_path: Path) -> None:
+    (tmp_path / "p.yaml").write_text("knee_contact: {ros__parameters: {knee: {joint_name: elbow}}}")
+    bag = ["--bag", right_bag] if command == "demo" else [right_bag]
+    done = run(command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "joint_states has no joint 'elbow'; it has knee" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["p.yaml"]
+
+
 def test_a_full_disk_leaves_nothing_half_written(right_bag: Path, tmp_path: Path) -> None:
     command = [*COMMAND, "solve", str(right_bag), "--output", str(tmp_path / "out.mcap")]
     solving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
