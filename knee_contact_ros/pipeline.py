@@ -26,6 +26,15 @@ class Answer(NamedTuple):
     """(topic, stamp [ns], message): the angles up to this stamp, then the load"""
 
 
+class Ending(NamedTuple):
+    """What is left to say when a stream ends."""
+
+    inputs: tuple[tuple[str, int, Any], ...]
+    """(topic, stamp [ns], message) that belong to no answer"""
+    refused: dict[str, int]
+    """Refused samples by reason"""
+
+
 class Pipeline:
     """Samples, pairing and model in one line."""
 
@@ -67,9 +76,10 @@ class Pipeline:
         """Answer the loads that wait for an angle with the last angle."""
         return self._answers(self.synchroniser.give_up())
 
-    def rest(self) -> list[tuple[str, int, Any]]:
-        """Inputs that belong to no answer, for the end of a recording."""
-        return [(JOINT_STATES, sample.stamp, sample.message) for sample in self.synchroniser.rest()]
+    def ending(self) -> Ending:
+        """What a recording must hold beside the answers."""
+        inputs = tuple((JOINT_STATES, sample.stamp, sample.message) for sample in self.synchroniser.rest())
+        return Ending(inputs, dict(self.synchroniser.refused))
 
     def _refuse(self, refused: RefusedSampleError) -> Iterator[Answer]:
         self.synchroniser.refuse(refused.reason)

@@ -24,6 +24,8 @@ from knee_contact_ros.messages import typestore
 from knee_contact_ros.outputs import claim
 
 LIBRARY = "knee_contact_ros"
+REFUSED_SAMPLES = "refused_samples"
+"""Name of the metadata record that counts refused samples by reason."""
 CHUNK_SIZE = 64 * 1024
 """[B] Small chunks: closing one stalls the writer 2-4 ms at most, and little is lost in a crash."""
 FOREVER = {"sec": 9223372036, "nsec": 854775807}

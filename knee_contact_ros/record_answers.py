@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from knee_contact_ros.messages import PlainMessages
-from knee_contact_ros.pipeline import Answer
+from knee_contact_ros.pipeline import Answer, Ending
 from knee_contact_ros.publish import contact_message, wrench_message
-from knee_contact_ros.record import BagWriter
+from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter
 from knee_contact_ros.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
@@ -43,6 +43,12 @@ class AnswerWriter:
         self.bag.write(self._names[KNEE_CONTACT], stamp, message)
         self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
 
+    def finish(self, ending: Ending) -> None:
+        """Write the inputs without an answer, and how many samples were refused and why."""
+        self.write_inputs(ending.inputs)
+        counts = {"total": sum(ending.refused.values())} | ending.refused
+        self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
+
     def write_inputs(self, inputs: Iterable[tuple[str, int, Any]]) -> None:
         """Write input messages: (topic, stamp [ns], message)."""
         for topic, stamp, message in inputs:
@@ -59,7 +65,7 @@ class RecorderThread:
         self._period = flush_period
         self._on_failure = on_failure
         self._queue: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
-        self._rest: list[tuple[str, int, Any]] = []
+        self._ending = Ending((), {})
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -72,16 +78,16 @@ class RecorderThread:
         if not self.failure:
             self._queue.put(answer)
 
-    def close(self, rest: list[tuple[str, int, Any]]) -> None:
-        """Write what waits and `rest`, inputs without an answer, and complete the file."""
-        self._rest = rest
+    def close(self, ending: Ending) -> None:
+        """Write what waits and the ending, and complete the file."""
+        self._ending = ending
         self._queue.put(None)
         self._thread.join()
 
     def _run(self) -> None:
         try:
             self._write_all()
-            self._writer.write_inputs(self._rest)
+            self._writer.finish(self._ending)
             self._writer.bag.close()
         except Exception as error:  # whatever it is, the node must compute on
             reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"

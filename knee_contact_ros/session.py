@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.diagnostics import InputMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import NODE_NAME, Parameters
-from knee_contact_ros.pipeline import Answer, Pipeline
+from knee_contact_ros.pipeline import Answer, Ending, Pipeline
 from knee_contact_ros.publish import contact_message, wrench_message
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter, RecorderThread
@@ -46,8 +46,8 @@ class Sink(Protocol):
     def diagnostics(self) -> dict[str, str]:
         """What `/diagnostics` shall say."""
 
-    def close(self, rest: list[tuple[str, int, Any]]) -> None:
-        """Finish; `rest` are the inputs that belong to no answer."""
+    def close(self, ending: Ending) -> None:
+        """Finish the file."""
 
 
 class Session:
@@ -103,9 +103,9 @@ class Session:
 
     def close(self) -> None:
         """Complete the files."""
-        rest = self.pipeline.rest()
+        ending = self.pipeline.ending()
         for sink in self.sinks.values():
-            sink.close(rest)
+            sink.close(ending)
         self.sinks = {}
 
     def destroy_publishers(self) -> None:

@@ -39,7 +39,7 @@ def solve(
         for answer in pipeline.give_up():
             recorder.write(answer)
             summary.add(answer.stamp, answer.contact)
-        recorder.write_inputs(pipeline.rest())
+        recorder.finish(pipeline.ending())
         summary.refused = pipeline.synchroniser.refused
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())

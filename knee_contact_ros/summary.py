@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.reader import make_reader
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.record import REFUSED_SAMPLES
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
 
@@ -97,8 +99,17 @@ def read_summary(recording: Path, body_weight: float) -> Summary:
             stamp = stamp_to_ns(message.header.stamp)
             summary.add(stamp, message)
             rows.append(LoadPeak(stamp, message.load, message.contact_force, message.penetration_depth))
+    summary.refused = read_refused(recording)
     summary.load_peaks = [rows[index] for index in load_peaks(rows, body_weight)]
     return summary
+
+
+def read_refused(recording: Path) -> Counter[str]:
+    """Refused samples by reason, as the recording tells."""
+    with recording.open("rb") as file:
+        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    counts = records.get(REFUSED_SAMPLES, {})
+    return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
 
 
 def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> NDArray[np.intp]:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.outputs import claim
-from knee_contact_ros.pipeline import Answer
+from knee_contact_ros.pipeline import Answer, Ending
 
 APPLICATION = "knee_contact_ros"
 TIMELINE = "stamp"
@@ -79,7 +78,7 @@ class RerunThread:
         except queue.Full:
             self.dropped += 1
 
-    def close(self, rest: list[tuple[str, int, Any]]) -> None:  # noqa: ARG002  (inputs alone are not shown)
+    def close(self, ending: Ending) -> None:  # noqa: ARG002  (inputs alone are not shown)
         """Show what waits and complete the file."""
         if not self.failure:
             self._queue.put(None)

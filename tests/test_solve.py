@@ -115,6 +115,7 @@ def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Pat
     summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
     assert summary.ticks == 19
     assert summary.refused == {"not_finite": 1}
+    assert read_summary(tmp_path / "o" / "out.mcap", 737.068).refused == {"not_finite": 1}
     answers = [m.message for m in read_bag(tmp_path / "o" / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
     assert [a.status for a in answers] == [0] * 7 + [Status.INPUT_REJECTED] + [0] * 11
 

@@ -42,7 +42,7 @@ def test_every_curve_holds_every_tick(knee: tuple[Pipeline, list[Answer]], tmp_p
     thread = RerunThread(RerunFile(path, pipeline.model, 737.068), pytest.fail)
     for answer in answers:
         thread.put(answer)
-    thread.close([])
+    thread.close(pipeline.ending())
     assert (thread.dropped, thread.failure) == (0, "")
     assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
     for series in SERIES:
@@ -76,7 +76,7 @@ def test_a_viewer_that_fails_says_so_once_and_stops(knee, tmp_path: Path, monkey
     thread = RerunThread(RerunFile(tmp_path / "knee.rrd", pipeline.model, 737.068), told.append)
     for answer in answers:
         thread.put(answer)
-    thread.close([])
+    thread.close(pipeline.ending())
     assert len(told) == 1
     assert "disk full" in told[0]
 

@@ -13,6 +13,7 @@ import pytest
 
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.test_solve import make_bag
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
@@ -105,6 +106,17 @@ def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_pat
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert words in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_demo_tells_what_the_node_refused(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, float("nan") if i in (3, 7) else 800.0) for i in range(40)]
+    bag = make_bag(tmp_path / "in" / "bag.mcap", rows)
+    done = run("demo", "--bag", bag, "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    words = " ".join(done.stdout.split())
+    assert "ticks 38 over 0.20 s dropped 2" in words
+    assert "samples refused 2 (2 x not_finite)" in words
+    assert "ticks flagged 2 (2 x INPUT_REJECTED)" in words
 
 
 @pytest.mark.parametrize("command", ["demo", "solve"])
