@@ -131,9 +131,9 @@ def run_node(arguments: list[str]) -> int:
         executor.add_node(node)
         while not stop:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
-        node.finish()
     finally:
         if node is not None:
+            node.finish()  # whatever has happened: what was recorded is completed
             node.destroy_node()
         rclpy.shutdown()
     return 0

@@ -107,12 +107,12 @@ class ContactParameters(Section):
     """The contact law and its constants."""
 
     law: Annotated[str, one_of(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
-    stiffness: float = Field(7.905694e7, gt=0.0, le=1e15, description="[N/m^exponent] of the first layer")
+    stiffness: float = Field(7.905694e7, ge=1.0, le=1e15, description="[N/m^exponent] of the first layer")
     exponent: float = Field(1.5, ge=1.0, le=3.0, description="of the depth; 1.5 for two curved solids")
     damping: float = Field(5000.0, ge=0.0, le=1e9, description="[N s/m]")
     allow_tension: bool = Field(False, description="let the law pull instead of clamping it at 0")
     layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1, description="[m] at which the second layer begins")
-    stiffness_2: float = Field(3.112e9, gt=0.0, le=1e15, description="[N/m^exponent] of the second layer")
+    stiffness_2: float = Field(3.112e9, ge=1.0, le=1e15, description="[N/m^exponent] of the second layer")
     damp_first_layer: bool = Field(False, description="two_layer_viscoelastic: put the dashpot into both layers")
 
 

@@ -57,6 +57,15 @@ def test_numbers_that_are_none_are_refused(value: float) -> None:
         load_sample(force(value), Load())
 
 
+@pytest.mark.parametrize("value", [1.1e6, -1e300])
+def test_numbers_beyond_all_knees_are_refused(value: float) -> None:
+    with pytest.raises(RefusedSampleError, match="beyond 10") as caught:
+        angle_sample(joint_state(knee=value), Knee())
+    assert caught.value.reason == "out_of_range"
+    with pytest.raises(RefusedSampleError, match=r"beyond 1e\+06"):
+        load_sample(force(value), Load())
+
+
 def test_a_missing_joint_is_refused_with_those_that_are_there() -> None:
     with pytest.raises(RefusedSampleError, match="no joint 'knee'; it has hip, ankle") as caught:
         angle_sample(joint_state(hip=1.0, ankle=2.0), Knee())

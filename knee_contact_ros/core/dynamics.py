@@ -94,7 +94,7 @@ class Tick:
         """Carry the femur over the interval, or answer with the static solution at its end if that takes too much."""
         try:
             return self.result(self.steps())
-        except OutOfBudgetError:
+        except (OutOfBudgetError, OverflowError):  # overflow: flights of years, after a clock has jumped ahead
             return self.settled()
 
     def steps(self) -> Region:

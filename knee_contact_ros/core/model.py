@@ -18,6 +18,10 @@ from knee_contact_ros.core.statics import static_depth
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Point, Status
 
 NANOSECOND = 1e-9
+LARGEST_LOAD = 1e6
+"""Load [N] beyond which a sample is a fault of its source and no knee's."""
+LARGEST_ANGLE = 10.0
+"""The same for the flexion angle [rad]."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class KneeModel:
             `series.contact_point.x` and so on. Bit for bit the records that `stream().tick` gives.
 
         Raises:
-            ValueError: shapes differ, a value is not finite, or time does not increase.
+            ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD` or `LARGEST_ANGLE`, or time
+                does not increase.
         """
         columns = [np.asarray(column, dtype=float) for column in (time, flexion_angle, load)]
         if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
@@ -113,10 +118,13 @@ class Stream:
         """Advance to `time` [s] and answer; angle [rad] and load [N] are linear since the previous tick.
 
         Raises:
-            ValueError: a value is not finite, or time is not later than at the previous tick.
+            ValueError: a value is not finite or too large, or time is not later than at the previous tick.
         """
         if not (math.isfinite(time) and math.isfinite(flexion_angle) and math.isfinite(load)):
             raise ValueError(f"time, flexion_angle and load must be finite, got {time}, {flexion_angle}, {load}")
+        if abs(flexion_angle) > LARGEST_ANGLE or abs(load) > LARGEST_LOAD:
+            limits = f"{LARGEST_ANGLE:g} rad and {LARGEST_LOAD:g} N"
+            raise ValueError(f"flexion_angle and load must not exceed {limits}, got {flexion_angle}, {load}")
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float) -> Contact:

@@ -22,7 +22,7 @@ def static_depth(law: ContactLaw, force: float) -> StaticSolution:
     Newton's method inside a bracket that halves when Newton leaves it; the static force grows with depth in every law.
 
     Raises:
-        ValueError: the law does not reach the force below a depth of 1 km (a stiffness that is no contact's).
+        ValueError: the law does not reach the force below 1e9 m (a stiffness that is no contact's).
     """
     if force <= 0.0:
         return StaticSolution(0.0, 0)
@@ -39,8 +39,8 @@ def static_depth(law: ContactLaw, force: float) -> StaticSolution:
     while formula(high, 0.0)[0] < force:
         evaluations += 1
         low, high = high, 10.0 * high
-        if high > 1e3:
-            raise ValueError(f"no static depth below 1 km carries {force} N")
+        if high > 1e9:
+            raise ValueError(f"no static depth below 1e9 m carries {force} N")
 
     depth = high
     for _ in range(MAX_ITERATIONS):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.parameters import Knee, Load
 
@@ -48,7 +49,7 @@ def angle_sample(message: Any, knee: Knee) -> AngleSample:
     """Flexion angle from a JointState: sign x position + offset.
 
     Raises:
-        RefusedSampleError: the joint is missing, has no position, or the position is not finite.
+        RefusedSampleError: the joint is missing, has no position, or the angle is not finite or beyond all knees.
     """
     names = list(message.name)
     if knee.joint_name not in names:
@@ -62,6 +63,9 @@ def angle_sample(message: Any, knee: Knee) -> AngleSample:
     if not math.isfinite(position):
         raise RefusedSampleError("not_finite", f"joint_states: position of joint {knee.joint_name!r} is {position}")
     angle = knee.flexion_sign * position + knee.flexion_offset
+    if abs(angle) > LARGEST_ANGLE:
+        text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
+        raise RefusedSampleError("out_of_range", text)
     return AngleSample(stamp_to_ns(message.header.stamp), angle, message)
 
 
@@ -69,10 +73,14 @@ def load_sample(message: Any, load: Load) -> LoadSample:
     """Compressive load from a WrenchStamped on the tibia: L = -F_y, times the compartment's share.
 
     Raises:
-        RefusedSampleError: the axial force is not finite.
+        RefusedSampleError: the axial force is not finite or beyond all knees.
     """
     axial = float(message.wrench.force.y)
     if not math.isfinite(axial):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
+    if abs(axial) > LARGEST_LOAD:
+        raise RefusedSampleError(
+            "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
+        )
     share = load.share if load.compartment == "fixed_share" else 1.0
     return LoadSample(stamp_to_ns(message.header.stamp), share * -axial, message.header.frame_id, message)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerForce
-from knee_contact_ros.core.model import SERIES_DTYPE
+from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD, SERIES_DTYPE
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
 from tests.core.test_geometries import ellipse
 from tests.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
@@ -183,6 +183,8 @@ def test_a_budget_is_kept_and_missing_it_is_said() -> None:
         ([[0.0]], [[0.0]], [[1.0]], "one-dimensional"),
         ([0.0, math.nan], [0.0, 0.0], [1.0, 1.0], "finite"),
         ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "finite"),
+        ([0.0, 1.0], [0.0, 1e300], [1.0, 1.0], "must not exceed 10 rad"),
+        ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad and 1e\\+06 N"),
         ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], "increase"),
         ([1.0, 0.5], [0.0, 0.0], [1.0, 1.0], "increase"),
     ],
@@ -226,6 +228,22 @@ def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
                 stream.tick(row[0], math.nan, row[2])
         answers.append(stream.tick(*row))
     assert np.array(answers, dtype=SERIES_DTYPE).tobytes() == knee.run(TICKS, ANGLE, LOAD).tobytes()
+
+
+@pytest.mark.parametrize("name", ["hertz", "kelvin_voigt"])
+@pytest.mark.parametrize(("stiffness", "exponent"), [(1.0, 1.0), (1.0, 3.0), (1e15, 1.0), (1e15, 3.0)])
+@pytest.mark.parametrize("mass", [1e-4, 1e3])
+@pytest.mark.parametrize("period", [1e-9, 1.0, 1e9])
+def test_the_largest_samples_do_not_break_the_run(
+    name: str, stiffness: float, exponent: float, mass: float, period: float
+) -> None:
+    damping = {"damping": 1e9} if name == "kelvin_voigt" else {}
+    scene = law(name, stiffness=stiffness, exponent=exponent, **damping)
+    load = np.array([LARGEST_LOAD, -LARGEST_LOAD, LARGEST_LOAD, -LARGEST_LOAD, 0.0, LARGEST_LOAD])
+    angle = np.array([LARGEST_ANGLE, -LARGEST_ANGLE, LARGEST_ANGLE, 0.0, -LARGEST_ANGLE, LARGEST_ANGLE])
+    series = model(scene, 1e-12, ellipse(24), mass=mass, budget=1000).run(np.arange(6) * period, angle, load)
+    for field in ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate"):
+        assert np.isfinite(series[field]).all(), field
 
 
 @settings(deadline=None, max_examples=60)
