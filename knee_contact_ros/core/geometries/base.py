@@ -9,10 +9,17 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class FemoralGeometry(Protocol):
     """A femoral surface in the sagittal plane, about its reference point."""
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
+        ...
+
+    def outline(self) -> NDArray[np.float64]:
+        """Points along the surface, shape (n, 2) [m] in the femur frame, for drawing."""
         ...

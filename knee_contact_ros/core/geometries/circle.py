@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -16,3 +20,8 @@ class Circle:
         """Return the radius and 0, whatever the angle [rad]."""
         del angle  # a circle looks the same from everywhere
         return self.radius, 0.0
+
+    def outline(self) -> NDArray[np.float64]:
+        """Points around the circle, shape (n, 2) [m], for drawing."""
+        angles = np.linspace(0.0, math.tau, 181)
+        return self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)

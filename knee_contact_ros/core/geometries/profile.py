@@ -49,7 +49,7 @@ class Profile:
         chords = np.hypot(*np.diff(points))
         spline = CubicSpline(np.concatenate([[0.0], np.cumsum(chords)]), points, axis=1)
         coefficients = spline.c[::-1]  # ascending powers; shape (4, segments, 2)
-        self._segments = tuple(
+        self.segments = tuple(
             Segment(chord, (x0, x1, x2, x3), (y0, y1, y2, y3))
             for chord, (x0, x1, x2, x3), (y0, y1, y2, y3) in zip(
                 chords.tolist(), coefficients[:, :, 0].T.tolist(), coefficients[:, :, 1].T.tolist(), strict=True
@@ -69,7 +69,7 @@ class Profile:
         part = np.linspace(0.0, 1.0, points_per_segment, endpoint=False)
         strips = [
             np.stack([np.polyval(axis[::-1], part * segment.length) for axis in (segment.x, segment.y)], axis=1)
-            for segment in self._segments
+            for segment in self.segments
         ]
         return np.concatenate(strips)
 
@@ -87,12 +87,12 @@ class Profile:
         distances = np.hypot(*np.moveaxis(centres[:, None] - centres[None, :], 2, 0)) + radii[:, None] + radii[None, :]
         behind = depths[np.arange(CELLS), best][:, None] - depths
         possible = behind <= half_width * distances[best]
-        return tuple(tuple(self._segments[i] for i in np.flatnonzero(row)) for row in possible)
+        return tuple(tuple(self.segments[i] for i in np.flatnonzero(row)) for row in possible)
 
     def _depths(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """Support of every segment [m], shape (angles, segments)."""
-        x, y = (np.array([getattr(segment, axis) for segment in self._segments]).T[:, None, :] for axis in "xy")
-        length = np.array([segment.length for segment in self._segments])
+        x, y = (np.array([getattr(segment, axis) for segment in self.segments]).T[:, None, :] for axis in "xy")
+        length = np.array([segment.length for segment in self.segments])
         c0, c1, c2, c3 = -(np.sin(angles)[:, None] * x + np.cos(angles)[:, None] * y)
         with np.errstate(divide="ignore", invalid="ignore"):
             root = np.sqrt(4.0 * c2 * c2 - 12.0 * c3 * c1)
@@ -105,13 +105,13 @@ class Profile:
     def _bounding_circles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centre (segments, 2) and radius (segments,) [m] of a circle around each segment's Bezier control points."""
         controls = []
-        for segment in self._segments:
+        for segment in self.segments:
             u = segment.length
             for c0, c1, c2, c3 in (segment.x, segment.y):
                 controls.append(
                     [c0, c0 + u * c1 / 3, c0 + u * (2 * c1 + u * c2) / 3, c0 + u * (c1 + u * (c2 + u * c3))]
                 )
-        points = np.array(controls).reshape(len(self._segments), 2, 4)
+        points = np.array(controls).reshape(len(self.segments), 2, 4)
         centres = points.mean(axis=2)
         return centres, np.asarray(np.hypot(*np.moveaxis(points - centres[:, :, None], 1, 0)).max(axis=1))
 

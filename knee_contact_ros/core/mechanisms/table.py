@@ -1,0 +1,97 @@
+"""A measured anterior-posterior translation over flexion, for example from dynamic MRI or fluoroscopy."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST = 0.1
+"""Translations beyond this [m] are longer than a tibial plateau: most likely a table in mm."""
+
+
+class Cubic(NamedTuple):
+    """x(u) = c0 + u (c1 + u (c2 + u c3)) [m], u [rad] from `start` on."""
+
+    start: float
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+class Table:
+    """The natural cubic spline through the points, straight beyond its ends: C2 at every angle.
+
+    A natural spline has no curvature at its ends, so the straight continuation joins it smoothly.
+    """
+
+    def __init__(self, angle: Sequence[float] | NDArray[np.float64], x: Sequence[float] | NDArray[np.float64]) -> None:
+        """Fit the spline through flexion angles `angle` [rad] and translations `x` [m], anterior positive.
+
+        Raises:
+            ValueError: fewer than 2 points, different lengths, a number that is not finite, angles that do not
+                increase strictly, or a translation beyond 0.1 m.
+        """
+        angles, values = np.asarray(angle, float), np.asarray(x, float)
+        _check(angles, values)
+        self._pieces = _pieces(angles.tolist(), values.tolist())
+        self._starts = [piece.start for piece in self._pieces[1:]]
+
+    def translation(self, angle: float) -> tuple[float, float]:
+        """Return x [m] and dx/dangle [m/rad] at a flexion angle [rad]."""
+        start, c0, c1, c2, c3 = self._pieces[bisect_right(self._starts, angle)]
+        u = angle - start
+        return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3)
+
+
+def _check(angle: NDArray[np.float64], x: NDArray[np.float64]) -> None:
+    """Refuse what is no table of translations."""
+    if angle.ndim != 1 or angle.shape != x.shape:
+        raise ValueError("a translation table needs as many translations as angles")
+    if angle.size < 2:
+        raise ValueError(f"a translation table needs at least 2 points, got {angle.size}")
+    if not (np.isfinite(angle).all() and np.isfinite(x).all()):
+        raise ValueError("a number in the translation table is not finite")
+    if not (np.diff(angle) > 0.0).all():
+        raise ValueError("the angles of a translation table must increase strictly")
+    if (np.abs(x) > LARGEST).any():
+        raise ValueError(f"a translation is beyond {LARGEST} m: are the numbers in metres?")
+
+
+def _pieces(angle: list[float], x: list[float]) -> tuple[Cubic, ...]:
+    """The cubics between the points, with a straight piece before and after them."""
+    widths = [right - left for left, right in pairwise(angle)]
+    chords = [(right - left) / width for (left, right), width in zip(pairwise(x), widths, strict=True)]
+    bends = _second_derivatives(widths, chords)
+    inner = [
+        Cubic(start, value, chord - width * (2.0 * left + right) / 6.0, left / 2.0, (right - left) / (6.0 * width))
+        for start, value, chord, width, (left, right) in zip(
+            angle[:-1], x[:-1], chords, widths, pairwise(bends), strict=True
+        )
+    ]
+    last_slope = chords[-1] + widths[-1] * bends[-2] / 6.0
+    before = Cubic(angle[0], x[0], inner[0].c1, 0.0, 0.0)
+    after = Cubic(angle[-1], x[-1], last_slope, 0.0, 0.0)
+    return (before, *inner, after)
+
+
+def _second_derivatives(widths: list[float], chords: list[float]) -> list[float]:
+    """Second derivatives at the points [m/rad²], 0 at both ends: the tridiagonal system of slopes that join."""
+    diagonals: list[float] = []
+    sums: list[float] = []
+    for (left, right), (before, after) in zip(pairwise(widths), pairwise(chords), strict=True):
+        diagonal, total = 2.0 * (left + right), 6.0 * (after - before)
+        if diagonals:
+            factor = left / diagonals[-1]
+            diagonal, total = diagonal - factor * left, total - factor * sums[-1]
+        diagonals.append(diagonal)
+        sums.append(total)
+    bends = [0.0]
+    for diagonal, total, width in zip(reversed(diagonals), reversed(sums), reversed(widths[1:]), strict=True):
+        bends.append((total - width * bends[-1]) / diagonal)
+    return [0.0, *reversed(bends)]
