@@ -1,4 +1,4 @@
-"""From parameters to a model: names become laws and geometries here, and nowhere else."""
+"""From parameters to a model: names become laws, surfaces and mechanisms here, and nowhere else."""
 
 from __future__ import annotations
 
@@ -8,68 +8,87 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
-from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
+from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
+from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
+from knee_contact_ros.core.contact_pairs.base import ContactPair
+from knee_contact_ros.core.geometries import Circle, Profile
+from knee_contact_ros.core.mechanisms import MECHANISMS
+from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.curves import read_profile, read_translation
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, load_parameters
-from knee_contact_ros.resources import find_file
+from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, Tibia, Translation, load_parameters
 
 
 def load_model(source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path]) -> KneeModel:
     """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
 
     Raises:
-        UsageError: see `load_parameters`; also a femoral profile that cannot be used.
+        UsageError: see `load_parameters`; also a profile or a table that cannot be used.
     """
     parameters = load_parameters(source)
     law = contact_law(parameters.contact)
     return KneeModel(
-        geometry=femoral_geometry(parameters.femur),
+        pair=contact_pair(femoral_geometry(parameters.femur), parameters.tibia),
+        mechanism=mechanism(parameters.translation),
         regions=law,
         mass=parameters.femur.mass,
-        plateau_slope=parameters.tibia.slope,
         cartilage_thickness=law.law.layers[1].begin if len(law.law.layers) > 1 else math.inf,
         tolerance=parameters.fidelity.tolerance,
         budget=parameters.fidelity.budget,
+        led=parameters.drive == "displacement",
     )
 
 
 def contact_law(contact: ContactParameters) -> Regions:
     """The contact law by its name, with the parameters that its signature asks for."""
     factory = CONTACT_LAWS[contact.law]
-    law = factory(**{name: getattr(contact, name) for name in inspect.signature(factory).parameters})
-    return Regions(law, contact.allow_tension)
+    constants = {name: getattr(contact, name) for name in inspect.signature(factory).parameters}
+    if contact.stiffness_from == "material":
+        constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
+    return Regions(factory(**constants), contact.allow_tension)
 
 
-def femoral_geometry(femur: Femur) -> FemoralGeometry:
+def material_stiffness(contact: ContactParameters) -> dict[str, float]:
+    """Hertz stiffness of both layers [N/m^1.5] from modulus, Poisson's ratio and radii."""
+    radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
+    return {
+        "stiffness": hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius),
+        "stiffness_2": hertz_stiffness(contact.youngs_modulus_2, contact.poissons_ratio_2, radius),
+    }
+
+
+def femoral_geometry(femur: Femur) -> Circle | Profile:
     """The femoral surface by its name."""
     if femur.geometry == "circle":
         return Circle(femur.radius)
-    path = find_file(femur.profile)
-    x, y = read_profile(path)
+    path, points = read_profile("femur.profile", femur.profile)
     try:
-        return Profile(x, y)
+        return Profile(*points)
     except ValueError as error:
         raise UsageError(f"parameter femur.profile: {path}: {error}") from None
 
 
-def read_profile(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Read a profile: CSV with columns x and y [m], comments after #, and one line of column names or none."""
+def contact_pair(femur: Circle | Profile, tibia: Tibia) -> ContactPair:
+    """The femur over the tibial surface by its name."""
+    pair = TIBIAL_GEOMETRIES[tibia.geometry]
+    if tibia.geometry != "profile":
+        return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
+    path, points = read_profile("tibia.profile", tibia.profile)
     try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"parameter femur.profile: cannot read {path}: {error}") from None
-    names = [name.strip() for name in lines[0].split(",")] if lines else []
-    rows = lines[1:] if names[:2] == ["x", "y"] else lines
+        return pair(femur, *points)
+    except ValueError as error:
+        raise UsageError(f"parameter tibia.profile: {path}: {error}") from None
+
+
+def mechanism(translation: Translation) -> Mechanism:
+    """The knee mechanism by its name."""
+    if translation.mechanism != "table":
+        return MECHANISMS[translation.mechanism]()
+    path, columns = read_translation("translation.table", translation.table)
     try:
-        points = np.array([[float(value) for value in row.split(",")[:2]] for row in rows]).reshape(-1, 2)
-    except ValueError:
-        raise UsageError(f"parameter femur.profile: {path} must hold two columns x, y of numbers in m") from None
-    if points.size and np.abs(points).max() > 1.0:
-        raise UsageError(f"parameter femur.profile: {path} reaches {np.abs(points).max():g}; x and y must be in m")
-    return points[:, 0], points[:, 1]
+        return MECHANISMS["table"](*columns)
+    except ValueError as error:
+        raise UsageError(f"parameter translation.table: {path}: {error}") from None

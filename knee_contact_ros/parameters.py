@@ -15,7 +15,9 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
+from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.errors import UsageError
 
 NODE_NAME = "knee_contact"
@@ -59,6 +61,9 @@ class Knee(Section):
         1.0, description="1 if the position grows in flexion, or -1"
     )
     flexion_offset: float = Field(0.0, description="[rad] added to the signed position")
+    height_joint_name: str = Field(
+        "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
+    )
 
 
 class Load(Section):
@@ -93,14 +98,19 @@ class Femur(Section):
 class Tibia(Section):
     """The plateau."""
 
-    geometry: Annotated[str, one_of("plane")] = Field("plane", description="plane")
-    slope: float = Field(0.0, ge=-0.7, le=0.7, description="[rad] > 0 when the anterior edge is the higher one")
+    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
+    slope: float = Field(
+        0.0, ge=-0.7, le=0.7, description="[rad] of the plane, > 0 when the anterior edge is the higher one"
+    )
+    radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] of the concave circle")
+    profile: str = Field("", description="CSV of x, y [m] in the tibia frame, from posterior to anterior")
 
 
 class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
-    mechanism: Annotated[str, one_of("hinge")] = Field("hinge", description="hinge: none")
+    mechanism: Annotated[str, one_of(*MECHANISMS)] = Field("hinge", description=", ".join(MECHANISMS))
+    table: str = Field("", description="CSV of flexion_angle [rad], x [m] of the femoral reference point")
 
 
 class ContactParameters(Section):
@@ -114,6 +124,22 @@ class ContactParameters(Section):
     layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1, description="[m] at which the second layer begins")
     stiffness_2: float = Field(3.112e9, ge=1.0, le=1e15, description="[N/m^exponent] of the second layer")
     damp_first_layer: bool = Field(False, description="two_layer_viscoelastic: put the dashpot into both layers")
+    restitution: float = Field(0.5, ge=0.01, le=1.0, description="asked for; laws with impact damping")
+    least_impact_speed: float = Field(
+        0.1, ge=1e-6, le=100.0, description="[m/s] that slower touches, and the static start, count as"
+    )
+    stiffness_from: Annotated[str, one_of("value", "material")] = Field(
+        "value", description="value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
+    )
+    youngs_modulus: float = Field(24e6, ge=1.0, le=1e13, description="[Pa] of cartilage (first layer)")
+    poissons_ratio: float = Field(0.38, ge=0.0, lt=0.5, description="of cartilage (first layer)")
+    youngs_modulus_2: float = Field(17.2e9, ge=1.0, le=1e13, description="[Pa] of bone (second layer)")
+    poissons_ratio_2: float = Field(0.39, ge=0.0, lt=0.5, description="of bone (second layer)")
+    femoral_radius: float = Field(0.034, gt=0.0, le=10.0, description="[m] convex, for the stiffness only")
+    tibial_radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] concave, for the stiffness only")
+    foundation_thickness: float = Field(
+        4.4e-3, gt=0.0, le=0.1, description="[m] of both cartilages; elastic_foundation"
+    )
 
 
 class FidelityParameters(Section):
@@ -146,7 +172,9 @@ class Parameters(Section):
     knee: Knee = Knee()
     load: Load = Load()
     pairing: Pairing = Pairing()
-    drive: Annotated[str, one_of("force")] = Field("force", description="force: Eq. 13")
+    drive: Annotated[str, one_of("force", "displacement")] = Field(
+        "force", description="force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
+    )
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
     translation: Translation = Translation()
@@ -266,13 +294,36 @@ def _validated(values: Mapping[str, Any], where: str) -> Parameters:
         parameters = Parameters.model_validate(nested)
     except ValidationError as error:
         raise UsageError(where + _one_line(error)) from None
-    if parameters.femur.geometry == "profile" and not parameters.femur.profile:
-        raise UsageError(
-            f"{where}parameter femur.profile is empty; femur.geometry profile needs the name of a CSV file"
-        )
-    if parameters.rerun.mode == "file" and not parameters.rerun.path:
-        raise UsageError(f"{where}parameter rerun.path is empty; rerun.mode file needs the name of an .rrd file")
+    _check_together(parameters, where)
     return parameters
+
+
+def _check_together(parameters: Parameters, where: str) -> None:
+    """Refuse values that are allowed alone but not with each other."""
+    femur, tibia, contact, translation = parameters.femur, parameters.tibia, parameters.contact, parameters.translation
+    material = contact.stiffness_from == "material"
+    rules = (
+        (femur.geometry == "profile" and not femur.profile,
+         "femur.profile is empty; femur.geometry profile needs the name of a CSV file"),
+        (tibia.geometry == "profile" and not tibia.profile,
+         "tibia.profile is empty; tibia.geometry profile needs the name of a CSV file"),
+        (tibia.geometry != "plane" and tibia.slope != 0.0,
+         f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
+        (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
+         f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}"),
+        (translation.mechanism == "table" and not translation.table,
+         "translation.table is empty; translation.mechanism table needs the name of a CSV file"),
+        (material and contact.exponent != 1.5,
+         f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 (Hertz)"),
+        ((material or contact.law == "elastic_foundation") and contact.tibial_radius <= contact.femoral_radius,
+         f"contact.tibial_radius: {contact.tibial_radius:g} is not allowed; it must exceed contact.femoral_radius, "
+         f"{contact.femoral_radius:g}"),
+        (parameters.rerun.mode == "file" and not parameters.rerun.path,
+         "rerun.path is empty; rerun.mode file needs the name of an .rrd file"),
+    )  # fmt: skip
+    for broken, reason in rules:
+        if broken:
+            raise UsageError(f"{where}parameter {reason}")
 
 
 def _one_line(error: ValidationError) -> str:

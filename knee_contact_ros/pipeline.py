@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -22,6 +21,10 @@ class Answer(NamedTuple):
     frame_id: str
     """The tibia frame"""
     contact: Contact
+    femoral_x: float
+    """[m] of the femoral reference point along the tibia's x axis"""
+    normal: tuple[float, float]
+    """Of the tibial surface at the contact point, from tibia to femur (x, y)"""
     inputs: tuple[tuple[str, int, Any], ...]
     """(topic, stamp [ns], message): the angles up to this stamp, then the load"""
 
@@ -47,11 +50,6 @@ class Pipeline:
         self.last_refusal = ""
 
     @property
-    def plateau_normal(self) -> tuple[float, float]:
-        """Normal of the plateau (x, y) in the tibia frame, from tibia to femur."""
-        return -math.sin(self.model.plateau_slope), math.cos(self.model.plateau_slope)
-
-    @property
     def refused(self) -> int:
         """Number of refused samples."""
         return self.synchroniser.refused.total()
@@ -59,7 +57,7 @@ class Pipeline:
     def joint_state(self, message: Any) -> Iterator[Answer]:
         """Take a JointState; give the answers that it makes possible."""
         try:
-            sample = angle_sample(message, self.parameters.knee)
+            sample = angle_sample(message, self.parameters.knee, self.model.led)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_angle(sample))
@@ -92,13 +90,16 @@ class Pipeline:
     def _answer(self, pair: PairedSample) -> Answer:
         if pair.status & Status.TIME_RESET:
             self.stream = self.model.stream()
-        contact = self.stream.tick_ns(pair.load.stamp, pair.angle, pair.load.load)
+        contact = self.stream.tick_ns(pair.load.stamp, pair.angle, pair.load.load, pair.height)
         self.ticks += 1
+        closest = self.model.closest(pair.angle, contact.femoral_height)
         inputs = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
         inputs.append((JOINT_REACTION_FORCE, pair.load.stamp, pair.load.message))
         return Answer(
             stamp=pair.load.stamp,
             frame_id=pair.load.frame_id,
             contact=contact._replace(status=contact.status | pair.status),
+            femoral_x=self.model.mechanism.translation(pair.angle)[0],
+            normal=(closest.normal_x, closest.normal_y),
             inputs=tuple(inputs),
         )

@@ -24,13 +24,13 @@ def contact_message(types: Any, stamp: int, frame_id: str, contact: Contact) -> 
     return types.KneeContact(header=header(types, stamp, frame_id), **fields)
 
 
-def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact, plateau_normal: tuple[float, float]) -> Any:
+def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact, normal: tuple[float, float]) -> Any:
     """What the femur exerts on the tibia through the contact, reduced to the origin of the tibia frame.
 
-    `plateau_normal` (x, y) points from the tibia to the femur; the force on the tibia goes against it.
+    `normal` (x, y) of the tibial surface points from the tibia to the femur; the force on the tibia goes against it.
     """
-    force_x = -contact.contact_force * plateau_normal[0]
-    force_y = -contact.contact_force * plateau_normal[1]
+    force_x = -contact.contact_force * normal[0]
+    force_y = -contact.contact_force * normal[1]
     torque_z = contact.contact_point.x * force_y - contact.contact_point.y * force_x
     wrench = types.Wrench(
         force=types.Vector3(x=force_x, y=force_y, z=0.0), torque=types.Vector3(x=0.0, y=0.0, z=torque_z)

@@ -23,13 +23,10 @@ ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 class AnswerWriter:
     """Writes answers into a bag."""
 
-    def __init__(
-        self, bag: BagWriter, plateau_normal: tuple[float, float], names: Mapping[str, str] = ABSOLUTE_NAMES
-    ) -> None:
+    def __init__(self, bag: BagWriter, names: Mapping[str, str] = ABSOLUTE_NAMES) -> None:
         """`names` gives the absolute name under which each topic is recorded."""
         self.bag = bag
         self._names = names
-        self._normal = plateau_normal
         self._types = PlainMessages()
         for topic, type_name in MESSAGE_TYPES.items():
             bag.add_topic(names[topic], type_name)
@@ -39,7 +36,7 @@ class AnswerWriter:
         self.write_inputs(answer.inputs)
         stamp, frame_id, contact = answer.stamp, answer.frame_id, answer.contact
         message = contact_message(self._types, stamp, frame_id, contact)
-        wrench = wrench_message(self._types, stamp, frame_id, contact, self._normal)
+        wrench = wrench_message(self._types, stamp, frame_id, contact, answer.normal)
         self.bag.write(self._names[KNEE_CONTACT], stamp, message)
         self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
 

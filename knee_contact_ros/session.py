@@ -130,7 +130,7 @@ class Session:
         if parameters.record.path:
             topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
             names = {topic: self.node.resolve_topic_name(topic) for topic in topics}
-            writer = AnswerWriter(bag, self.pipeline.plateau_normal, names)
+            writer = AnswerWriter(bag, names)
             sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
         return sinks
 
@@ -154,8 +154,7 @@ class Session:
         for answer in answers:
             stamp, frame_id, contact = answer.stamp, answer.frame_id, answer.contact
             self._contact.publish(contact_message(RosMessages, stamp, frame_id, contact))
-            normal = self.pipeline.plateau_normal
-            self._wrench.publish(wrench_message(RosMessages, stamp, frame_id, contact, normal))
+            self._wrench.publish(wrench_message(RosMessages, stamp, frame_id, contact, answer.normal))
             for sink in self.sinks.values():
                 sink.put(answer)
             end = time.perf_counter()

@@ -28,7 +28,7 @@ def solve(
     """
     pipeline = Pipeline(parameters)
     with BagReader(bag) as reader, BagWriter(output, overwrite=overwrite) as writer:
-        recorder = AnswerWriter(writer, pipeline.plateau_normal)
+        recorder = AnswerWriter(writer)
         summary = Summary(parameters.body_weight)
         for done, (topic, _, message) in enumerate(reader.messages(), start=1):
             feed = pipeline.joint_state if topic == f"/{JOINT_STATES}" else pipeline.joint_reaction_force

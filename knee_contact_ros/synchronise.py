@@ -21,6 +21,8 @@ class PairedSample(NamedTuple):
     load: LoadSample
     angle: float
     """Flexion angle [rad] at the load's stamp"""
+    height: float | None
+    """Femoral height [m] there, with the displacement drive"""
     status: Status
     angles: tuple[AngleSample, ...]
     """Angle samples up to this stamp that no earlier pair has taken along"""
@@ -102,14 +104,15 @@ class Synchroniser:
         epoch = self._epochs[self._load_epoch]
         pairs = []
         while (found := epoch.next_pair(hold)) is not None:
-            load, angle, status = found
-            if angle is None:
+            load, pose, status = found
+            if pose is None:
                 self.refuse("no_angle_before")
                 continue
             if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
                 status |= Status.STALE_INPUT
             self._last_pair = load.stamp
-            pairs.append(PairedSample(load, angle, status | self._flags, tuple(epoch.take_fresh(load.stamp))))
+            taken = tuple(epoch.take_fresh(load.stamp))
+            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken))
             self._flags = Status.OK
         return pairs
 
@@ -135,8 +138,8 @@ class _Epoch:
             taken.append(self.fresh.popleft())
         return taken
 
-    def next_pair(self, hold: bool) -> tuple[LoadSample, float | None, Status] | None:
-        """The oldest load with its angle; the angle is None if the load lies before all angles.
+    def next_pair(self, hold: bool) -> tuple[LoadSample, AngleSample | None, Status] | None:
+        """The oldest load with the angle at its stamp; the angle is None if the load lies before all angles.
 
         None while the load must wait; with `hold`, and when no more angles will come, it gets the last one instead.
         """
@@ -145,7 +148,7 @@ class _Epoch:
         found = self._angle_at(self.loads[0].stamp, hold or self.angles_ended)
         return None if found is None else (self.loads.popleft(), *found)
 
-    def _angle_at(self, stamp: int, hold: bool) -> tuple[float | None, Status] | None:
+    def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, Status] | None:
         """The angle at a stamp that no later call goes behind; None while it is not known."""
         while len(self.angles) > 1 and self.angles[1].stamp <= stamp:
             self.angles.popleft()
@@ -155,11 +158,19 @@ class _Epoch:
         if before.stamp > stamp:
             return None, Status.OK
         if before.stamp == stamp:
-            return before.angle, Status.OK
+            return before, Status.OK
         if after is not None:
-            part = (stamp - before.stamp) / (after.stamp - before.stamp)
-            return before.angle + part * (after.angle - before.angle), self._stale(after.stamp - before.stamp)
-        return (before.angle, Status.INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
+            return _between(before, after, stamp), self._stale(after.stamp - before.stamp)
+        return (before, Status.INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
 
     def _stale(self, gap: int) -> Status:
         return Status.STALE_INPUT if gap > self.max_gap else Status.OK
+
+
+def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:
+    """The sample at a stamp between two: linear in time."""
+    part = (stamp - before.stamp) / (after.stamp - before.stamp)
+    height = before.height
+    if height is not None and after.height is not None:
+        height += part * (after.height - height)
+    return before._replace(stamp=stamp, angle=before.angle + part * (after.angle - before.angle), height=height)

@@ -17,7 +17,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.outputs import claim
 from knee_contact_ros.pipeline import Answer, Ending
@@ -31,6 +30,8 @@ BATCH_PERIOD = 0.25
 """How long [s] a batch waits to be full."""
 QUEUE = 20_000
 """Answers that may wait; more are dropped and counted."""
+PLATEAU_REACH = 0.04
+"""How far [m] the tibial surface is drawn to both sides."""
 NEWTONS_PER_MM = 50.0
 """Scale of the force arrow."""
 BONE, CARTILAGE, FORCE, LOAD, POINT = (
@@ -126,11 +127,10 @@ class RerunFile:
         self._partial = claim(path)
         self._body_weight = body_weight
         self._layer = model.cartilage_thickness
-        self._slope = model.plateau_slope
         self._recording = rr.RecordingStream(APPLICATION)
         outline, extent = femoral_outline(model)
         self._recording.save(self._partial, default_blueprint=blueprint(extent))
-        self._write_static(outline)
+        self._write_static(outline, tibial_outline(model))
 
     def show(self, answers: Sequence[Answer]) -> None:
         """Write a batch of answers."""
@@ -161,10 +161,11 @@ class RerunFile:
         zero = np.zeros(len(answers))
         half = -0.5 * angle  # the screen's y points down, so a turn changes its sign
         turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-        place = np.stack([zero, -height * MM, zero], axis=1)
+        femoral_x = np.array([answer.femoral_x for answer in answers])
+        place = np.stack([femoral_x * MM, -height * MM, zero], axis=1)
         send("sagittal/femur", rr.Transform3D.columns(translation=place, quaternion=turn))
         on_screen = point * [MM, -MM]
-        normal = np.array([-math.sin(self._slope), -math.cos(self._slope)])
+        normal = np.array([answer.normal for answer in answers]) * [1.0, -1.0]
         send("sagittal/contact_point", rr.Points2D.columns(positions=on_screen))
         arrows = force[:, None] / NEWTONS_PER_MM * normal
         send("sagittal/contact_force_on_femur", rr.Arrows2D.columns(origins=on_screen, vectors=arrows))
@@ -180,31 +181,30 @@ class RerunFile:
         self._recording.disconnect()
         self._partial.unlink(missing_ok=True)
 
-    def _write_static(self, outline: NDArray[np.float64]) -> None:
+    def _write_static(self, femur: NDArray[np.float64], tibia: NDArray[np.float64]) -> None:
         def log(path: str, *what: rr.AsComponents) -> None:
             self._recording.log(path, *what, static=True)
 
         for path, (name, colour, width) in SERIES.items():
             log(f"curves/{path}", rr.SeriesLines(names=name, colors=[colour], widths=[width]))
-        log("sagittal/femur/surface", rr.LineStrips2D([outline * [MM, -MM]], colors=[CARTILAGE], radii=[0.35]))
+        log("sagittal/femur/surface", rr.LineStrips2D([femur * [MM, -MM]], colors=[CARTILAGE], radii=[0.35]))
         axis = [[0.0, 0.0], [0.0, -45.0]]
         log("sagittal/femur/long_axis", rr.LineStrips2D([axis], colors=[BONE], radii=[0.25]))
         log("sagittal/femur/reference_point", rr.Points2D([[0.0, 0.0]], colors=[BONE], radii=[0.8]))
-        run = 40.0 * np.array([math.cos(self._slope), -math.sin(self._slope)])
-        log("sagittal/tibial_plateau", rr.LineStrips2D([[-run, run]], colors=[BONE], radii=[0.35]))
+        log("sagittal/tibial_plateau", rr.LineStrips2D([tibia * [MM, -MM]], colors=[BONE], radii=[0.35]))
         log("sagittal/contact_point", rr.Points2D.from_fields(colors=[POINT], radii=[0.9]))
         log("sagittal/contact_force_on_femur", rr.Arrows2D.from_fields(colors=[FORCE], radii=[0.4]))
 
 
 def femoral_outline(model: KneeModel) -> tuple[NDArray[np.float64], float]:
     """Points of the femoral surface, shape (n, 2) [m] in the femur frame, and its reach [mm]."""
-    if isinstance(model.geometry, Profile):
-        outline = model.geometry.outline()
-    else:
-        angles = np.linspace(0.0, math.tau, 181)
-        radius = model.geometry.support(0.0)[0]
-        outline = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    outline = model.pair.femur.outline()
     return outline, float(np.hypot(*outline.T).max()) * MM
+
+
+def tibial_outline(model: KneeModel) -> NDArray[np.float64]:
+    """Points of the tibial surface under the femur, shape (n, 2) [m], tibia frame."""
+    return model.pair.outline(PLATEAU_REACH)
 
 
 def blueprint(extent: float) -> rrb.Blueprint:

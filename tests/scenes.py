@@ -6,9 +6,13 @@ import math
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.contact_pairs.base import ContactPair
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.mechanisms.base import Mechanism
+from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
@@ -36,6 +40,17 @@ LAW_ARGUMENTS = {
         "stiffness_2": 3.112e9,
         "damp_first_layer": False,
     },
+    **{
+        name: {"stiffness": STIFFNESS, "exponent": 1.5, "restitution": 0.5, "least_impact_speed": 0.1}
+        for name in ("hunt_crossley", "lankarani_nikravesh", "flores", "gonthier")
+    },
+    "elastic_foundation": {
+        "youngs_modulus": 24e6,
+        "poissons_ratio": 0.38,
+        "foundation_thickness": 4.4e-3,
+        "femoral_radius": 0.034,
+        "tibial_radius": 0.095,
+    },
 }
 
 
@@ -52,16 +67,20 @@ def model(
     slope: float = 0.0,
     budget: int = 0,
     allow_tension: bool = False,
+    pair: ContactPair | None = None,
+    mechanism: Mechanism | None = None,
+    led: bool = False,
 ) -> KneeModel:
-    """A knee like the paper's."""
+    """A knee like the paper's; `pair` takes the place of `geometry` on a plane with `slope`."""
     return KneeModel(
-        geometry=geometry or Circle(RADIUS),
+        pair=pair or OnPlane(geometry or Circle(RADIUS), slope),
+        mechanism=mechanism or Hinge(),
         regions=Regions(contact_law, allow_tension),
         mass=mass,
-        plateau_slope=slope,
         cartilage_thickness=contact_law.layers[1].begin if len(contact_law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
+        led=led,
     )
 
 
@@ -76,7 +95,7 @@ def advance(
     allow_tension: bool = False,
 ) -> Advance:
     """One long tick of a circular femur from a given contact, under a constant load."""
-    interval = Interval(Circle(RADIUS), duration, 0.0, 0.0, load, 0.0)
-    scene = FemurDynamics(Regions(contact_law, allow_tension), mass, 1.0, tolerance, 0)
-    start = Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, load, 0.0)
+    scene = FemurDynamics(Regions(contact_law, allow_tension), mass, tolerance, 0)
+    start = Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf, None)
     return Tick(scene, interval, start).advance()

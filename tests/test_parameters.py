@@ -15,7 +15,7 @@ CONTRACT = {
     "knee.joint_name": "knee", "knee.flexion_sign": 1.0, "knee.flexion_offset": 0.0,
     "load.compartment": "fixed_share", "load.share": 0.5, "drive": "force",
     "femur.mass": 9.3014, "femur.geometry": "circle", "femur.radius": 0.034, "femur.profile": "",
-    "tibia.geometry": "plane", "tibia.slope": 0.0, "translation.mechanism": "hinge",
+    "tibia.geometry": "plane", "tibia.slope": 0.0, "tibia.radius": 0.095, "translation.mechanism": "hinge",
     "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5000.0,
     "contact.allow_tension": False, "contact.layer_depth": 5.0e-4, "contact.stiffness_2": 3.112e9,
     "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6, "fidelity.budget": 0,
@@ -47,7 +47,7 @@ def test_names_and_defaults_hold() -> None:
         ("knee.flexion_sign", 2.0, "1.0, -1.0"),
         ("load.share", 1.5, "less than or equal to 1"),
         ("body_weight", 0.0, "greater than 0"),
-        ("drive", "displacement", "force"),
+        ("drive", "torque", "force, displacement"),
     ],
 )
 def test_values_out_of_range_are_refused_in_one_line(name: str, value: Any, allowed: str) -> None:
@@ -99,7 +99,7 @@ def test_later_files_win(config: Path) -> None:
     assert parameters.femur.geometry == "profile"
 
 
-@pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"])
+@pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml", "mri_knee.yaml"])
 def test_shipped_files_load(config: Path, name: str) -> None:
     knee_contact_ros.load_model(config / name)
 
@@ -160,3 +160,48 @@ def test_bad_profiles_are_refused(tmp_path: Path, content: str | None, words: st
 def test_a_profile_needs_its_file() -> None:
     with pytest.raises(UsageError, match=r"femur\.profile is empty"):
         load_parameters({"femur.geometry": "profile"})
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"tibia.geometry": "profile"}, r"tibia\.profile is empty"),
+        ({"translation.mechanism": "table"}, r"translation\.table is empty"),
+        ({"tibia.geometry": "circle", "tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
+        ({"tibia.geometry": "circle", "tibia.radius": 0.034}, r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034"),
+        ({"contact.stiffness_from": "material", "contact.exponent": 1.0}, r"contact\.exponent: 1 .* needs 1\.5"),
+        ({"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03}, r"tibial_radius: 0\.03 .* 0\.034"),
+        ({"contact.restitution": 0.0}, "greater than or equal to 0.01"),
+        ({"contact.poissons_ratio": 0.5}, "less than 0.5"),
+    ],
+)
+def test_values_that_do_not_go_together_are_refused_in_one_line(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError, match=words) as caught:
+        load_parameters(values)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("flexion_angle,x\n0.0,0.0\n0.5\n", "two columns flexion_angle, x of numbers"),
+        ("0.0,0.0\n0.5,4.5\n", "0.1 m"),
+        ("0.5,0.0\n0.0,0.001\n", "increase"),
+        ("0.0,0.0\n", "2"),
+    ],
+)
+def test_bad_translations_are_refused(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "translation.csv"
+    path.write_text(content)
+    with pytest.raises(UsageError, match=words) as caught:
+        knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
+    assert str(path) in str(caught.value)
+    assert "parameter translation.table" in str(caught.value)
+
+
+def test_bad_plateaus_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tibia.csv"
+    path.write_text("x,y\n0.0,0.0\n0.01,0.0\n0.005,0.0\n0.02,0.0\n")
+    with pytest.raises(UsageError, match=r"parameter tibia\.profile: .*tibia\.csv: ") as caught:
+        knee_contact_ros.load_model({"tibia.geometry": "profile", "tibia.profile": str(path)})
+    assert "\n" not in str(caught.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,23 @@ def test_a_joint_without_position_is_refused() -> None:
     message.position = np.array([])
     with pytest.raises(RefusedSampleError, match="no position"):
         angle_sample(message, Knee())
+
+
+def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
+    knee = Knee(height_joint_name="knee_ty")
+    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee, led=True).height == 0.034
+    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee).height is None
+
+
+@pytest.mark.parametrize(
+    ("positions", "reason", "words"),
+    [
+        ({"knee": 0.2}, "joint_missing", "no joint 'knee_height'; it has knee"),
+        ({"knee": 0.2, "knee_height": math.nan}, "not_finite", "'knee_height' is nan"),
+        ({"knee": 0.2, "knee_height": 34.0}, "out_of_range", "34 m, beyond 10"),
+    ],
+)
+def test_heights_that_cannot_be_used_are_refused(positions: dict[str, float], reason: str, words: str) -> None:
+    with pytest.raises(RefusedSampleError, match=words) as caught:
+        angle_sample(joint_state(**positions), Knee(), led=True)
+    assert caught.value.reason == reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,17 +28,20 @@ def silent(_done: int, _total: int) -> None:
     """No progress bar."""
 
 
-def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee") -> Path:
-    """A bag of (stamp [ns], angle [rad], axial force [N])."""
+def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None) -> Path:
+    """A bag of (stamp [ns], angle [rad], axial force [N]) and, as a second joint, femoral heights [m]."""
     joint_state = message_class("sensor_msgs/msg/JointState")
     zero = TYPES.Vector3(x=0.0, y=0.0, z=0.0)
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
-        for stamp, angle, force in rows:
+        for i, (stamp, angle, force) in enumerate(rows):
             head = header(TYPES, stamp, "tibia_r")
             none = np.array([])
-            state = joint_state(header=head, name=[joint], position=np.array([angle]), velocity=none, effort=none)
+            names, positions = [joint], [angle]
+            if heights is not None:
+                names, positions = [*names, "knee_height"], [*positions, heights[i]]
+            state = joint_state(header=head, name=names, position=np.array(positions), velocity=none, effort=none)
             wrench = TYPES.Wrench(force=TYPES.Vector3(x=0.0, y=-force, z=0.0), torque=zero)
             bag.write("/joint_states", stamp, state)
             bag.write("/joint_reaction_force", stamp, TYPES.WrenchStamped(header=head, wrench=wrench))
@@ -106,6 +110,35 @@ def test_an_output_is_replaced_only_when_asked(config: Path, right_bag: Path, tm
     assert output.read_text() == "precious"
     assert solve(right_bag, parameters, output, silent, overwrite=True).ticks == 387
     assert read_summary(output, parameters.body_weight).ticks == 387
+
+
+def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1 + 0.01 * i, 800.0) for i in range(20)]
+    heights = 0.034 - 6e-4 - 1e-4 * np.sin(np.arange(20.0))
+    bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
+    parameters = load_parameters({"drive": "displacement", "contact.law": "two_layer_elastic"})
+    assert solve(bag, parameters, tmp_path / "out.mcap", silent).ticks == 20
+    answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    assert [answer.femoral_height for answer in answers] == heights.tolist()
+    law = knee_contact_ros.load_model(parameters).regions.law
+    expected = [law.static_force(0.034 - height) for height in heights]
+    assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
+    assert {answer.load for answer in answers} == {400.0}
+    with pytest.raises(UsageError, match="no joint 'knee_height'; it has knee"):
+        solve(make_bag(tmp_path / "without.mcap", rows), parameters, tmp_path / "o" / "out.mcap", silent)
+
+
+def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    paths = [config / "healthy.yaml", config / "mri_knee.yaml"]
+    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap", silent)
+    messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
+    contacts, wrenches = ([m.message for m in messages if m.topic == topic] for topic in list(OUTPUTS)[-2:])
+    for contact, wrench in zip(contacts, wrenches, strict=True):
+        force, point = wrench.wrench.force, contact.contact_point
+        assert np.hypot(force.x, force.y) == pytest.approx(contact.contact_force, rel=1e-14)
+        assert wrench.wrench.torque.z == pytest.approx(point.x * force.y - point.y * force.x, abs=1e-12)
+    assert max(abs(wrench.wrench.force.x) for wrench in wrenches) > 100.0
+    assert max(abs(contact.contact_point.y) for contact in contacts) > 1e-3
 
 
 def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Path) -> None:

@@ -48,6 +48,15 @@ def test_a_load_between_two_angles_gets_the_value_between() -> None:
     assert pair.angle == pytest.approx(1.2, abs=1e-15)
 
 
+def test_heights_are_interpolated_as_the_angles_are() -> None:
+    synchroniser = Synchroniser(Pairing())
+    low, high = (angle(stamp, 1.0)._replace(height=height) for stamp, height in ((10 * MS, 0.03), (20 * MS, 0.04)))
+    (between,) = feed(synchroniser, [low, load(13 * MS), high])
+    assert between.height == pytest.approx(0.033, abs=1e-17)
+    (without,) = feed(Synchroniser(Pairing()), [angle(10 * MS), load(10 * MS)])
+    assert without.height is None
+
+
 @given(st.integers(0, 10**9))
 def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     angles = [angle(i * 10 * MS) for i in range(8)]

@@ -13,11 +13,11 @@ from typing import NamedTuple
 from knee_contact_ros.core.error_estimate import HORIZON, SAFETY, carry, decay_rate, depth_error
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
-from knee_contact_ros.core.integrators.esdirk4 import ORDER, esdirk4_step
+from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, esdirk4_step
 from knee_contact_ros.core.integrators.free_flight import free_flight_step
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Region, Regions
-from knee_contact_ros.core.statics import static_depth
+from knee_contact_ros.core.regions import Region, Regions, depth_ahead
+from knee_contact_ros.core.statics import static_contact
 
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
@@ -41,8 +41,6 @@ class FemurDynamics(NamedTuple):
     regions: Regions
     mass: float
     """[kg]"""
-    cosine: float
-    """Of the plateau's slope: part of a height that counts along the plateau's normal"""
     tolerance: float
     """Wanted error of the depth [m]"""
     budget: int
@@ -56,6 +54,10 @@ class Progress(NamedTuple):
     error: StateError
     try_step: float
     """Duration [s] that the next step should try"""
+    impact_speed: float | None
+    """Rate [m/s] at which the present contact began; None while apart"""
+    impact_error: float = 0.0
+    """Its error [m/s]"""
 
 
 class Advance(NamedTuple):
@@ -86,9 +88,11 @@ class Tick:
         self.scene = scene
         self.interval = interval
         self.s = 0.0
-        self.state, self.error, self.try_step = start
+        self.state, self.error, self.try_step, self.impact_speed, self.impact_error = start
+        self.regions = scene.regions.after_impact(start.impact_speed or 0.0)
         self.evaluations = 0
         self.events = 0
+        self.error_at_events = 0.0
 
     def advance(self) -> Advance:
         """Carry the femur over the interval, or answer with the static solution at its end if that takes too much."""
@@ -99,65 +103,86 @@ class Tick:
 
     def steps(self) -> Region:
         """Step to the end of the interval; return the region there."""
-        regions = self.scene.regions
         depth, rate = self.contact()
-        region = regions.at(depth, rate, self.interval.load(0.0))
+        if self.impact_speed is None and depth_ahead(depth, rate) >= 0.0:
+            self.touched(rate)
+        region = self.regions.at(depth, rate, self.interval.load(0.0))
         self.evaluations += region.layer >= 0
         while self.s < self.interval.duration:
             step, h, boundary = self.next_step(region)
             self.accept(step, h)
             if boundary:
-                following = regions.beyond(region, boundary, step.stages[-1], self.interval.load(self.s))
+                if region.layer < 0:
+                    self.touched(step.stages[-1].rate)
+                following = self.regions.beyond(region, boundary, step.stages[-1], self.interval.load(self.s))
                 self.evaluations += boundary != "force" and following.layer >= 0
+                self.error_at_events = max(self.error_at_events, abs(self.error.height))
                 self.error = self.shifted_error(region, following, step.stages[-1])
                 region = following
                 self.events += 1
         return region
+
+    def touched(self, speed: float) -> None:
+        """Remember how fast the contact that begins now approaches [m/s]."""
+        self.impact_speed, self.impact_error = speed, self.error.velocity
+        self.regions = self.scene.regions.after_impact(speed)
 
     def result(self, region: Region) -> Advance:
         """The contact at the end of the interval."""
         depth, rate = self.contact()
         force, stiffness, damping = self.force(region, depth, rate)
         # In flight a velocity error does nothing to the height until later; in contact the two turn into each other.
-        error = depth_error(self.error, stiffness, damping, self.scene.mass) if region.pressing else self.error.height
+        error = abs(self.error.height)
+        if region.pressing:
+            error = depth_error(self.error, stiffness, damping, self.scene.mass)
+            error += self.impact_doubt(region, depth, rate, force) / max(stiffness, sys.float_info.min)
+        impact_speed = None if region.layer < 0 else self.impact_speed
         return Advance(
-            progress=Progress(self.state, self.error, self.try_step),
+            progress=Progress(self.state, self.error, self.try_step, impact_speed, self.impact_error),
             depth=depth,
             rate=rate,
             force=force if self.scene.regions.allow_tension else max(force, 0.0),
-            error_estimate=SAFETY * abs(error),
+            # A bounce turns the height's error round: where that is underway, its signed estimate says little.
+            error_estimate=SAFETY * max(error, self.error_at_events),
             evaluations=self.evaluations,
             dynamic=True,
         )
+
+    def impact_doubt(self, region: Region, depth: float, rate: float, force: float) -> float:
+        """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
+        if self.regions.law.at_impact is None or not self.impact_speed or not self.impact_error:
+            return 0.0
+        other = self.scene.regions.after_impact(self.impact_speed + self.impact_error).formula(region)
+        self.evaluations += 1
+        return abs(other(depth, rate)[0] - force) if other else 0.0
 
     def settled(self) -> Advance:
         """The static contact at the end of the interval, in doubt by all the motion that was going on."""
         depth, rate = self.contact()
         left, self.s = self.interval.duration - self.s, self.interval.duration
-        cosine, law = self.scene.cosine, self.scene.regions.law
-        static = static_depth(law, self.interval.load(self.s) / cosine)
-        surface, surface_rate = self.interval.surface(self.s)
+        touch = self.interval.touch(self.s)
+        static = static_contact(self.scene.regions.law, touch, self.interval.load(self.s))
+        surface_rate, cosine = touch(static.height)[1:]
         doubt = max(abs(depth), static.depth) + abs(rate) * min(left, HORIZON)
-        state = FemurState((surface - static.depth) / cosine, surface_rate / cosine)
+        state = FemurState(static.height, surface_rate / cosine)
         return Advance(
-            progress=Progress(state, StateError(doubt, 0.0), math.inf),
+            progress=Progress(state, StateError(doubt, 0.0), math.inf, 0.0),
             depth=static.depth,
             rate=0.0,
-            force=law.static_force(static.depth),
+            force=static.force,
             error_estimate=doubt,
-            evaluations=self.evaluations + static.evaluations + (static.depth > 0.0),
+            evaluations=self.evaluations + static.evaluations,
             dynamic=False,
         )
 
     def contact(self) -> tuple[float, float]:
         """Signed depth [m] and rate [m/s] at the present state."""
-        surface, surface_rate = self.interval.surface(self.s)
-        cosine = self.scene.cosine
-        return surface - cosine * self.state.height, surface_rate - cosine * self.state.velocity
+        depth, rate, cosine = self.interval.touch(self.s)(self.state.height)
+        return depth, rate - cosine * self.state.velocity
 
     def force(self, region: Region, depth: float, rate: float) -> tuple[float, float, float]:
         """Force that the contact exerts [N] and its slopes."""
-        formula = self.scene.regions.formula(region)
+        formula = self.regions.formula(region)
         if formula is None or not region.pressing:
             return 0.0, 0.0, 0.0
         self.evaluations += 1
@@ -215,17 +240,16 @@ class Tick:
         """
         if self.evaluations >= (self.scene.budget or MAX_EVALUATIONS) or self.events >= MAX_EVENTS:
             raise OutOfBudgetError
-        scene, formula = self.scene, self.scene.regions.formula(region)
+        scene, formula = self.scene, self.regions.formula(region)
         if formula is None or not region.pressing:
-            arguments = (scene.mass, scene.cosine, self.s, self.state, h)
-            step = free_flight_step(self.interval, formula, *arguments)
+            step = free_flight_step(self.interval, formula, scene.mass, self.s, self.state, h)
         else:
             law, resolution = formula, NEWTON_SHARE * scene.tolerance
 
             def single(s: float, state: FemurState, h: float) -> Step:
-                return esdirk4_step(self.interval, law, scene.mass, scene.cosine, s, state, h, resolution)
+                return esdirk4_step(self.interval, law, scene.mass, s, state, h, resolution)
 
-            step = doubled_step(single, ORDER, self.s, self.state, h)
+            step = doubled_step(single, ORDER, STAGE_ORDER, scene.mass, self.s, self.state, h)
         self.evaluations += step.evaluations
         return step
 
@@ -246,7 +270,7 @@ class Tick:
         """
         load = self.interval.load(self.s)
         for stage in step.stages:
-            for margin in self.scene.regions.margins(region, stage, load):
+            for margin in self.regions.margins(region, stage, load):
                 if margin.value < -margin.rounding and not (stage.fraction == 1.0 and margin.boundary == boundary):
                     return margin.boundary, stage.fraction
         return None
@@ -286,23 +310,23 @@ class Tick:
 
     def margin(self, region: Region, boundary: str, stage: Stage) -> tuple[float, float]:
         """Signed distance of a stage to one boundary, >= 0 inside, and what counts as zero."""
-        margins = self.scene.regions.margins(region, stage, self.interval.load(self.s))
+        margins = self.regions.margins(region, stage, self.interval.load(self.s))
         return next((margin.value, margin.rounding) for margin in margins if margin.boundary == boundary)
 
     def present_stage(self, region: Region) -> Stage:
         """The present state in the form of a step's end."""
         depth, rate = self.contact()
-        formula = self.scene.regions.formula(region)
+        formula = self.regions.formula(region)
         self.evaluations += formula is not None
         return Stage(1.0, depth, rate, formula(depth, rate)[0] if formula else 0.0)
 
     def shifted_error(self, region: Region, following: Region, end: Stage) -> StateError:
-        """Error behind a boundary: meeting it too early or too late, the femur feels the force's jump for that time."""
+        """Error behind a boundary: a femur that is too high meets it late, and misses the force's jump for that time.
+
+        (The saltation matrix of the event.)
+        """
         jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
-        late = self.interval.duration
-        if abs(self.error.height) < late * abs(end.rate):
-            late = abs(self.error.height / end.rate)
-        return StateError(
-            self.error.height,
-            self.error.velocity + math.copysign(late * jump / self.scene.mass, self.error.velocity),
-        )
+        late = math.copysign(self.interval.duration, self.error.height * end.rate)
+        if abs(self.error.height) < abs(late * end.rate):
+            late = self.error.height / end.rate
+        return StateError(self.error.height, self.error.velocity - late * jump / self.scene.mass)

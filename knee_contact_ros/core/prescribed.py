@@ -1,21 +1,23 @@
-"""What is prescribed between two ticks: load and flexion angle, both linear in time."""
+"""What is prescribed between two ticks: load and flexion angle, linear in time, and the translation with flexion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from knee_contact_ros.core.geometries.base import FemoralGeometry
+from knee_contact_ros.core.contact_pairs.base import ContactPair, Touch
+from knee_contact_ros.core.mechanisms.base import Mechanism
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Load and femoral surface from one tick to the next, as functions of the time s [s] since the first of the two."""
+    """Load and pose from one tick to the next, as functions of the time s [s] since the first of the two."""
 
-    geometry: FemoralGeometry
+    pair: ContactPair
+    mechanism: Mechanism
     duration: float
     """[s]"""
     angle: float
-    """Flexion angle relative to the plateau at s = 0 [rad]"""
+    """Flexion angle at s = 0 [rad]"""
     angle_rate: float
     """[rad/s]"""
     start_load: float
@@ -23,10 +25,11 @@ class Interval:
     load_rate: float
     """[N/s]"""
 
-    def surface(self, s: float) -> tuple[float, float]:
-        """Support h [m] of the femur at s and its time derivative [m/s]."""
-        height, slope = self.geometry.support(self.angle + self.angle_rate * s)
-        return height, slope * self.angle_rate
+    def touch(self, s: float) -> Touch:
+        """The contact at s, as a function of the femoral height."""
+        angle = self.angle + self.angle_rate * s
+        x, slope = self.mechanism.translation(angle)
+        return self.pair.touch(angle, self.angle_rate, x, slope * self.angle_rate)
 
     def load(self, s: float) -> float:
         """Compressive load [N] at s."""

@@ -43,13 +43,17 @@ class Regions(NamedTuple):
     law: ContactLaw
     allow_tension: bool
 
+    def after_impact(self, speed: float) -> Regions:
+        """The regions of a contact that began at a speed of approach [m/s]."""
+        return self if self.law.at_impact is None else self._replace(law=self.law.after_impact(speed))
+
     def formula(self, region: Region) -> LayerForce | None:
         """Formula of the region's layer; None when apart."""
         return self.law.layers[region.layer].force if region.layer >= 0 else None
 
     def at(self, depth: float, rate: float, load: float) -> Region:
         """Region of a contact; on a layer's end, the side it moves to."""
-        ahead = depth + (DEPTH_ROUNDING if rate >= 0.0 else -DEPTH_ROUNDING)
+        ahead = depth_ahead(depth, rate)
         layer = sum(1 for layer in self.law.layers if layer.begin <= ahead) - 1
         return self.in_layer(layer, depth, rate, load)
 
@@ -78,6 +82,11 @@ class Regions(NamedTuple):
         if region.layer + 1 < len(layers):
             margins.append(Margin("below", layers[region.layer + 1].begin - stage.depth, DEPTH_ROUNDING))
         return tuple(margins)
+
+
+def depth_ahead(depth: float, rate: float) -> float:
+    """The depth [m] that a contact on a layer's end is about to have: it decides on which side of it."""
+    return depth + (DEPTH_ROUNDING if rate >= 0.0 else -DEPTH_ROUNDING)
 
 
 def _force_rounding(load: float) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.parameters import Knee, Load
 
@@ -22,7 +22,7 @@ class RefusedSampleError(Exception):
 
 
 class AngleSample(NamedTuple):
-    """A flexion angle at a stamp."""
+    """A flexion angle at a stamp, and with the displacement drive the femoral height."""
 
     stamp: int
     """[ns]"""
@@ -30,6 +30,8 @@ class AngleSample(NamedTuple):
     """[rad] positive in flexion"""
     message: Any
     """The message it came in"""
+    height: float | None = None
+    """[m] of the femoral reference point; None with the force drive"""
 
 
 class LoadSample(NamedTuple):
@@ -45,28 +47,35 @@ class LoadSample(NamedTuple):
     """The message it came in"""
 
 
-def angle_sample(message: Any, knee: Knee) -> AngleSample:
-    """Flexion angle from a JointState: sign x position + offset.
+def angle_sample(message: Any, knee: Knee, led: bool = False) -> AngleSample:
+    """Flexion angle from a JointState: sign x position + offset. With `led`, also the femoral height: a second joint.
 
     Raises:
-        RefusedSampleError: the joint is missing, has no position, or the angle is not finite or beyond all knees.
+        RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees.
     """
-    names = list(message.name)
-    if knee.joint_name not in names:
-        raise RefusedSampleError(
-            "joint_missing", f"joint_states has no joint {knee.joint_name!r}; it has {', '.join(names)}"
-        )
-    index = names.index(knee.joint_name)
-    if index >= len(message.position):
-        raise RefusedSampleError("joint_missing", f"joint_states gives no position for joint {knee.joint_name!r}")
-    position = float(message.position[index])
-    if not math.isfinite(position):
-        raise RefusedSampleError("not_finite", f"joint_states: position of joint {knee.joint_name!r} is {position}")
-    angle = knee.flexion_sign * position + knee.flexion_offset
+    angle = knee.flexion_sign * _position(message, knee.joint_name) + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(stamp_to_ns(message.header.stamp), angle, message)
+    height = _position(message, knee.height_joint_name) if led else None
+    if height is not None and abs(height) > LARGEST_HEIGHT:
+        text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return AngleSample(stamp_to_ns(message.header.stamp), angle, message, height)
+
+
+def _position(message: Any, joint: str) -> float:
+    """Position of a joint in a JointState [rad or m]; raises RefusedSampleError if it has none that is finite."""
+    names = list(message.name)
+    if joint not in names:
+        raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {', '.join(names)}")
+    index = names.index(joint)
+    if index >= len(message.position):
+        raise RefusedSampleError("joint_missing", f"joint_states gives no position for joint {joint!r}")
+    position = float(message.position[index])
+    if not math.isfinite(position):
+        raise RefusedSampleError("not_finite", f"joint_states: position of joint {joint!r} is {position}")
+    return position
 
 
 def load_sample(message: Any, load: Load) -> LoadSample:

@@ -8,11 +8,13 @@ import math
 import numpy as np
 import pytest
 
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators import esdirk4
 from knee_contact_ros.core.integrators.base import FemurState, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.free_flight import free_flight_step
+from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from tests.scenes import RADIUS, law
 
@@ -68,15 +70,15 @@ def oscillator(depth: float, rate: float, t: float) -> tuple[float, float]:
 
 def integrate(steps: int, duration: float) -> tuple[float, Step]:
     """Error of the depth after so many doubled steps, and the last step."""
-    interval = Interval(Circle(RADIUS), duration, 0.0, 0.0, 0.0, 0.0)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, 0.0, 0.0)
     state = FemurState(RADIUS - 1e-3, -0.5)
     h = duration / steps
 
     def single(s: float, state: FemurState, h: float) -> Step:
-        return esdirk4.esdirk4_step(interval, spring, MASS, 1.0, s, state, h, 1e-18)
+        return esdirk4.esdirk4_step(interval, spring, MASS, s, state, h, 1e-18)
 
     for i in range(steps):
-        step = doubled_step(single, esdirk4.ORDER, i * h, state, h)
+        step = doubled_step(single, esdirk4.ORDER, esdirk4.STAGE_ORDER, MASS, i * h, state, h)
         state = step.state
     return abs(RADIUS - state.height - oscillator(1e-3, 0.5, duration)[0]), step
 
@@ -94,8 +96,8 @@ def test_the_error_estimate_is_that_of_the_step() -> None:
 
 def test_free_flight_is_exact() -> None:
     load, load_rate, height, velocity, h = 300.0, -2e4, RADIUS + 1e-3, 0.4, 0.01
-    interval = Interval(Circle(RADIUS), h, 0.0, 0.0, load, load_rate)
-    step = free_flight_step(interval, None, MASS, 1.0, 0.0, FemurState(height, velocity), h)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, load, load_rate)
+    step = free_flight_step(interval, None, MASS, 0.0, FemurState(height, velocity), h)
     assert step.state.height == pytest.approx(
         height + velocity * h - (load * h**2 / 2 + load_rate * h**3 / 6) / MASS, abs=1e-16
     )
@@ -105,7 +107,7 @@ def test_free_flight_is_exact() -> None:
 
 def test_a_stiff_stage_is_solved() -> None:
     stiff = law("kelvin_voigt", stiffness=1e13, damping=1e7).layers[0].force
-    interval = Interval(Circle(RADIUS), 0.1, 0.0, 0.0, 2e4, 0.0)
-    step = esdirk4.esdirk4_step(interval, stiff, 1e-4, 1.0, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), 0.1, 0.0, 0.0, 2e4, 0.0)
+    step = esdirk4.esdirk4_step(interval, stiff, 1e-4, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12)
     assert step.solved
     assert all(math.isfinite(value) for value in (*step.state, step.stages[-1].force))

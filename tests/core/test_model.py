@@ -184,7 +184,7 @@ def test_a_budget_is_kept_and_missing_it_is_said() -> None:
         ([0.0, math.nan], [0.0, 0.0], [1.0, 1.0], "finite"),
         ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "finite"),
         ([0.0, 1.0], [0.0, 1e300], [1.0, 1.0], "must not exceed 10 rad"),
-        ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad and 1e\\+06 N"),
+        ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad, 1e\\+06 N and 10 m"),
         ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], "increase"),
         ([1.0, 0.5], [0.0, 0.0], [1.0, 1.0], "increase"),
     ],
@@ -253,11 +253,17 @@ def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObj
         return 10.0 ** data.draw(st.floats(low, high))
 
     name = data.draw(st.sampled_from(sorted(LAW_ARGUMENTS)))
-    changes = {"stiffness": power_of_ten(3, 13), "exponent": data.draw(st.floats(1.0, 3.0))}
-    if "damping" in LAW_ARGUMENTS[name]:
-        changes["damping"] = data.draw(st.sampled_from([0.0, 1.0])) * power_of_ten(0, 7)
-    if "layer_depth" in LAW_ARGUMENTS[name]:
-        changes |= {"layer_depth": power_of_ten(-6, -2.3), "stiffness_2": power_of_ten(3, 13)}
+    ranges = {
+        "stiffness": lambda: power_of_ten(3, 13),
+        "stiffness_2": lambda: power_of_ten(3, 13),
+        "exponent": lambda: data.draw(st.floats(1.0, 3.0)),
+        "damping": lambda: data.draw(st.sampled_from([0.0, 1.0])) * power_of_ten(0, 7),
+        "layer_depth": lambda: power_of_ten(-6, -2.3),
+        "restitution": lambda: data.draw(st.floats(0.01, 1.0)),
+        "least_impact_speed": lambda: power_of_ten(-6, 0),
+        "youngs_modulus": lambda: power_of_ten(3, 11),
+    }
+    changes = {argument: ranges[argument]() for argument in LAW_ARGUMENTS[name] if argument in ranges}
     ticks = 8
     time = np.arange(ticks) * power_of_ten(-5, -1)
     load = np.array(data.draw(st.lists(st.floats(-5e3, 2e4), min_size=ticks, max_size=ticks)))

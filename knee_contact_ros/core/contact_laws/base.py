@@ -13,7 +13,7 @@ LayerForce = Callable[[float, float], tuple[float, float, float]]
 """(penetration depth [m], penetration rate [m/s]) to (force [N], its slopes over depth [N/m] and over rate [N s/m]).
 
 The formula of a layer must go on smoothly a little beyond the layer's ends, for the integrator looks there to find the
-crossing. Both slopes must be >= 0: this makes every implicit step solvable (`integrators/esdirk43.py`).
+crossing. Both slopes must be >= 0: this makes every implicit step solvable (`integrators/esdirk4.py`).
 """
 
 
@@ -30,6 +30,12 @@ class ContactLaw(NamedTuple):
 
     layers: tuple[Layer, ...]
     """In the order of depth."""
+    at_impact: Callable[[float], tuple[Layer, ...]] | None = None
+    """For laws whose damping depends on how the contact began: speed of first touch [m/s] to the layers."""
+
+    def after_impact(self, speed: float) -> ContactLaw:
+        """The law for a contact that began at a speed of approach [m/s]; most laws do not care."""
+        return self if self.at_impact is None else self._replace(layers=self.at_impact(speed))
 
     def static_force(self, depth: float) -> float:
         """Force [N] at rest at a depth [m]; 0 when apart."""

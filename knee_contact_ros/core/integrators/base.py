@@ -43,9 +43,9 @@ class Step(NamedTuple):
     """Estimated local error; 0 where the step is exact or its error is estimated elsewhere"""
     stages: tuple[Stage, ...]
     stiffness: float
-    """Slope of the force over depth at the end [N/m]"""
+    """Slope of the force over depth [N/m], typical of the step: it carries errors over it"""
     damping: float
-    """Slope of the force over rate at the end [N s/m]"""
+    """Slope of the force over rate [N s/m], likewise"""
     evaluations: int
     solved: bool
     """False if a stage's equation was not solved; the step must then be repeated with a smaller duration."""

@@ -1,0 +1,39 @@
+"""Damping that remembers the impact: F = K δⁿ (1 + (χ/K) δ̇) with χ/K = D/v₀, v₀ being the speed of first touch.
+
+The laws that use it differ in the loss number D(e) alone, e being the coefficient of restitution that is asked for. The
+force starts at 0 at first touch. What a free impact delivers depends on D alone, and not on n, K, the mass or v₀: it is
+the root e' of (1 + e') D = ln((1 + D) / (1 - e' D)).
+
+`least_impact_speed` is a floor under v₀, and the v₀ of contacts that did not begin with an impact (the static start).
+Without it D/v₀ grows without bound for soft touches: such a knee would be all but rigid, for where the force ends its
+surfaces part at v₀/D, and no faster. Below the floor an impact loses less than e asks for.
+"""
+
+from __future__ import annotations
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+def impact_damped(*, stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
+    """A law F = K δⁿ (1 + D δ̇/v₀), compression > 0.
+
+    Args:
+        stiffness: K [N/mⁿ].
+        exponent: n >= 1.
+        loss: D >= 0.
+        least_impact_speed: the smallest v₀ [m/s], > 0.
+    """
+
+    def at_impact(speed: float) -> tuple[Layer, ...]:
+        loss_over_speed = loss / max(speed, least_impact_speed)
+
+        def force(depth: float, rate: float) -> tuple[float, float, float]:
+            elastic, slope = power_law(stiffness, exponent, depth)
+            factor = 1.0 + loss_over_speed * rate
+            # Where the factor is negative the formula pulls, and its true slope is negative: Newton's method needs
+            # one >= 0, and the integrator releases the contact at that boundary.
+            return elastic * factor, slope * max(factor, 0.0), elastic * loss_over_speed
+
+        return (Layer(0.0, force),)
+
+    return ContactLaw(at_impact(least_impact_speed), at_impact)

@@ -1,0 +1,51 @@
+"""Curves that parameters name: CSV files with two columns, comments after # and one line of column names or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.resources import find_file
+
+Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def read_profile(parameter: str, name: str) -> tuple[Path, Columns]:
+    """Read the profile that a parameter names: columns x, y [m].
+
+    Raises:
+        UsageError: no such file, not two columns of numbers, or not in m.
+    """
+    path, points = _read(parameter, name, ("x", "y"))
+    if points.size and np.abs(points).max() > 1.0:
+        raise UsageError(f"parameter {parameter}: {path} reaches {np.abs(points).max():g}; x and y must be in m")
+    return path, (points[:, 0], points[:, 1])
+
+
+def read_translation(parameter: str, name: str) -> tuple[Path, Columns]:
+    """Read the table that a parameter names: columns flexion_angle [rad], x [m].
+
+    Raises:
+        UsageError: no such file, or not two columns of numbers.
+    """
+    path, points = _read(parameter, name, ("flexion_angle", "x"))
+    return path, (points[:, 0], points[:, 1])
+
+
+def _read(parameter: str, name: str, columns: tuple[str, str]) -> tuple[Path, NDArray[np.float64]]:
+    path = find_file(name)
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"parameter {parameter}: cannot read {path}: {error}") from None
+    names = tuple(entry.strip() for entry in lines[0].split(",")[:2]) if lines else ()
+    rows = lines[1:] if names == columns else lines
+    try:
+        points = np.array([[float(value) for value in row.split(",")[:2]] for row in rows]).reshape(-1, 2)
+    except ValueError:
+        wanted = ", ".join(columns)
+        raise UsageError(f"parameter {parameter}: {path} must hold two columns {wanted} of numbers") from None
+    return path, points
