@@ -5,11 +5,12 @@ BIN := $(VENV)/bin
 BUILD_FILES := pyproject.toml setup.py CMakeLists.txt package.xml $(wildcard cmake/*.cmake) $(wildcard msg/*.msg)
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 
-.PHONY: help demo test lint clean
+.PHONY: help demo test lint studies clean
 help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
 	@echo "make lint   formatter, linters and type checker"
+	@echo "make studies  measure accuracy, convergence and stability again, and the reproduction of the paper (10 minutes)"
 	@echo "make clean  remove what was built and the local environment"
 
 demo: $(VENV)/.installed
@@ -23,6 +24,12 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+studies: $(VENV)/.installed-dev
+	$(BIN)/python -m studies.accuracy
+	$(BIN)/python -m studies.convergence
+	$(BIN)/python -m studies.stability
+	$(BIN)/python -m studies.reproduction
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
