@@ -24,6 +24,7 @@ from knee_contact_ros.core.types import Status
 from studies import reference
 from studies import reference_femur as femora
 from studies import reference_laws as laws
+from studies.ellipse import Ellipse
 from studies.gait import gait
 from studies.report import Section, machine, save
 
@@ -49,20 +50,6 @@ Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time [s], flexion angle [rad], load [N]."""
 
 
-class Ellipse:
-    """A femur with a closed-form support, so that no spline's error is measured."""
-
-    def support(self, angle: float) -> tuple[float, float]:
-        """See `FemoralGeometry`."""
-        h, slope, _ = femora.ellipse(A, B)(angle)
-        return h, slope
-
-    def outline(self) -> NDArray[np.float64]:
-        """See `FemoralGeometry`."""
-        turn = np.linspace(0.0, math.tau, 181)
-        return np.stack([A * np.cos(turn), B * np.sin(turn)], axis=1)
-
-
 class Forwards:
     """A mechanism in closed form."""
 
@@ -80,8 +67,10 @@ class Knee(NamedTuple):
 
 
 CIRCLE = Knee(OnPlane(Circle(A)), Hinge(), femora.ByDepth(femora.circle))
-ELLIPSE = Knee(OnPlane(Ellipse()), Hinge(), femora.ByDepth(femora.ellipse(A, B)))
-SLOPED = Knee(OnPlane(Ellipse(), SLOPE), Forwards(), femora.ByHeight(femora.ellipse_on_slope(A, B, SLOPE, TRANSLATION)))
+ELLIPSE = Knee(OnPlane(Ellipse(A, B)), Hinge(), femora.ByDepth(femora.ellipse(A, B)))
+SLOPED = Knee(
+    OnPlane(Ellipse(A, B), SLOPE), Forwards(), femora.ByHeight(femora.ellipse_on_slope(A, B, SLOPE, TRANSLATION))
+)
 CONCAVE = Knee(
     CurveContact(Circle(A), TibialCircle(TIBIAL_RADIUS)),
     Forwards(),
@@ -135,7 +124,7 @@ def studies() -> list[Study]:
                 laws.impact_damped(K1, EXPONENT, loss, 0.1)) for name, loss in impacts.items()),
         Study("stiff: K 1e10, C 1e6, 0.1 kg", right, CONTACT_LAWS["kelvin_voigt"](stiffness=1e10, exponent=1.5,
               damping=1e6), laws.kelvin_voigt(1e10, 1.5, 1e6), mass=0.1, stiff=True),
-        Study("stiff: K 1e12, C 2e3, 0.1 kg, lift-off and landing", tuple(column[60:200] for column in lift_off()),
+        Study("stiff: K 1e12, C 2e3, 0.1 kg, lift-off and landing", cut(lift_off(), 60, 200),
               CONTACT_LAWS["kelvin_voigt"](stiffness=1e12, exponent=1.5, damping=2e3),
               laws.kelvin_voigt(1e12, 1.5, 2e3), mass=0.1),
         Study("stiff and overdamped: C 1e7, 1 g", right, CONTACT_LAWS["kelvin_voigt"](stiffness=K1, exponent=1.5,
@@ -147,6 +136,12 @@ def lift_off() -> Series:
     """A knee that is let go of once in a quarter of a second, and lands; it bends and stretches meanwhile."""
     time = np.arange(501, dtype=np.float64) * 1e-3
     return time, 0.4 + 0.4 * np.sin(9.0 * time), 300.0 + 350.0 * np.cos(math.tau * time / 0.25)
+
+
+def cut(series: Series, first: int, last: int) -> Series:
+    """A part of a series."""
+    time, angle, load = series
+    return time[first:last], angle[first:last], load[first:last]
 
 
 def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:

@@ -10,13 +10,22 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import HORIZON, SAFETY, carry, decay_rate, depth_error
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
+from knee_contact_ros.core.error_estimate import (
+    SAFETY,
+    behind_jump,
+    carry,
+    decay_rate,
+    depth_error,
+    lost_swing,
+    settled_doubt,
+)
+from knee_contact_ros.core.events import end_on_boundary, first_crossing
+from knee_contact_ros.core.integrators.base import FemurState, Stage, StateError, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, esdirk4_step
 from knee_contact_ros.core.integrators.free_flight import free_flight_step
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Region, Regions, depth_ahead
+from knee_contact_ros.core.regions import Margin, Region, Regions, depth_ahead
 from knee_contact_ros.core.statics import static_contact
 
 LOCAL_SHARE = 0.1
@@ -31,8 +40,6 @@ MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
 MAX_EVENTS = 1_000
 """The same for the boundaries that a tick crosses."""
-MAX_LOCATE = 60
-"""Tries to end a step on a boundary."""
 
 
 class FemurDynamics(NamedTuple):
@@ -87,7 +94,7 @@ class Tick:
     def __init__(self, scene: FemurDynamics, interval: Interval, start: Progress) -> None:
         self.scene = scene
         self.interval = interval
-        self.s = 0.0
+        self.s = self.until = 0.0
         self.state, self.error, self.try_step, self.impact_speed, self.impact_error = start
         self.regions = scene.regions.after_impact(start.impact_speed or 0.0)
         self.evaluations = 0
@@ -103,24 +110,40 @@ class Tick:
 
     def steps(self) -> Region:
         """Step to the end of the interval; return the region there."""
+        for begin, until in self.interval.stretches():
+            self.until = until
+            region = self.begin(begin)
+            while self.s < self.until:
+                region = self.step(region)
+        return region
+
+    def begin(self, s: float) -> Region:
+        """Go on at s [s] with the angle's new rate or the surface's new bump; return the region there."""
+        self.state = FemurState(self.state.height + self.state.velocity * (s - self.s), self.state.velocity)
+        self.s = s
         depth, rate = self.contact()
         if self.impact_speed is None and depth_ahead(depth, rate) >= 0.0:
             self.touched(rate)
-        region = self.regions.at(depth, rate, self.interval.load(0.0))
+        region = self.regions.at(depth, rate, self.interval.load(s))
         self.evaluations += region.layer >= 0
-        while self.s < self.interval.duration:
-            step, h, boundary = self.next_step(region)
-            self.accept(step, h)
-            if boundary:
-                if region.layer < 0:
-                    self.touched(step.stages[-1].rate)
-                following = self.regions.beyond(region, boundary, step.stages[-1], self.interval.load(self.s))
-                self.evaluations += boundary != "force" and following.layer >= 0
-                self.error_at_events = max(self.error_at_events, abs(self.error.height))
-                self.error = self.shifted_error(region, following, step.stages[-1])
-                region = following
-                self.events += 1
         return region
+
+    def step(self, region: Region) -> Region:
+        """Take a step; return the region behind it."""
+        step, h, boundary = self.next_step(region)
+        self.accept(step, h)
+        if not boundary:
+            return region
+        end = step.stages[-1]
+        if region.layer < 0:
+            self.touched(end.rate)
+        following = self.regions.beyond(region, boundary, end, self.interval.load(self.s))
+        self.evaluations += boundary != "force" and following.layer >= 0
+        self.events += 1
+        self.error_at_events = max(self.error_at_events, abs(self.error.height))
+        jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
+        self.error = behind_jump(self.error, end.rate, jump, self.scene.mass, self.interval.duration)
+        return following
 
     def touched(self, speed: float) -> None:
         """Remember how fast the contact that begins now approaches [m/s]."""
@@ -160,17 +183,18 @@ class Tick:
         """The static contact at the end of the interval, in doubt by all the motion that was going on."""
         depth, rate = self.contact()
         left, self.s = self.interval.duration - self.s, self.interval.duration
-        touch = self.interval.touch(self.s)
-        static = static_contact(self.scene.regions.law, touch, self.interval.load(self.s))
+        touch, load = self.interval.touch(self.s), self.interval.load(self.s)
+        static = static_contact(self.scene.regions.law, touch, load)
         surface_rate, cosine = touch(static.height)[1:]
-        doubt = max(abs(depth), static.depth) + abs(rate) * min(left, HORIZON)
+        loads = (load, load - self.interval.load_rate * left)
+        doubt = settled_doubt(max(abs(depth), static.depth), rate, loads, self.scene.mass, left)
         state = FemurState(static.height, surface_rate / cosine)
         return Advance(
-            progress=Progress(state, StateError(doubt, 0.0), math.inf, 0.0),
+            progress=Progress(state, doubt, math.inf, 0.0),
             depth=static.depth,
             rate=0.0,
             force=static.force,
-            error_estimate=doubt,
+            error_estimate=doubt.height,
             evaluations=self.evaluations + static.evaluations,
             dynamic=False,
         )
@@ -195,15 +219,22 @@ class Tick:
 
         Returns the step, its duration [s] and the boundary's name, empty if it meets none.
         """
+        load = self.interval.load(self.s)
+
+        def margins(stage: Stage) -> tuple[Margin, ...]:
+            return self.regions.margins(region, stage, load)
+
         step, h = self.controlled_step(region)
         boundary = ""
-        while h > 0.0 and (crossing := self.first_crossing(region, step, boundary)):
-            step, h, boundary = self.step_to_boundary(region, crossing[0], h * crossing[1])
+        while h > 0.0 and (crossing := first_crossing(margins, step, boundary)):
+            step, h, boundary = end_on_boundary(
+                lambda h: self.attempt(region, h), margins, self.state, step.begin, crossing[0], h * crossing[1]
+            )
         return step, h, boundary
 
     def controlled_step(self, region: Region) -> tuple[Step, float]:
         """A step whose estimated error fits the tolerance, and its duration [s]."""
-        remaining = self.interval.duration - self.s
+        remaining = self.until - self.s
         if not region.pressing:
             return self.attempt(region, remaining), remaining
         h = min(self.try_step, remaining)
@@ -230,7 +261,10 @@ class Tick:
         )
         contact = (step.stiffness, step.damping, mass)
         forgotten = min(1.0, h * max(decay_rate(*contact), 1.0 / MEMORY))
-        return depth_error(above_rounding, *contact) / (LOCAL_SHARE * self.scene.tolerance * forgotten)
+        error = depth_error(above_rounding, *contact) / forgotten + depth_error(
+            StateError(0.0, self.lost(step, h)), *contact
+        )
+        return error / (LOCAL_SHARE * self.scene.tolerance)
 
     def attempt(self, region: Region, h: float) -> Step:
         """One step of `h` [s] by the region's formula, wherever it leads.
@@ -249,84 +283,24 @@ class Tick:
             def single(s: float, state: FemurState, h: float) -> Step:
                 return esdirk4_step(self.interval, law, scene.mass, s, state, h, resolution)
 
-            step = doubled_step(single, ORDER, STAGE_ORDER, scene.mass, self.s, self.state, h)
+            # A spline's third derivative jumps at its points: a step over several of them has lost its order.
+            rough = abs(self.interval.angle_rate) * h > self.interval.pair.femur.grain
+            order = STAGE_ORDER if rough else ORDER
+            step = doubled_step(single, order, STAGE_ORDER, scene.mass, self.s, self.state, h)
         self.evaluations += step.evaluations
         return step
 
     def accept(self, step: Step, h: float) -> None:
         """Go to the end of a step."""
-        remaining = self.interval.duration - self.s
-        self.s = self.interval.duration if h == remaining else self.s + h
-        self.state = step.state
         carried = carry(self.error, step.stiffness, step.damping, self.scene.mass, h)
-        self.error = StateError(carried.height + step.error.height, carried.velocity + step.error.velocity)
+        velocity = carried.velocity + step.error.velocity
+        self.error = StateError(
+            carried.height + step.error.height, velocity + math.copysign(self.lost(step, h), velocity)
+        )
+        self.s = self.until if h == self.until - self.s else self.s + h
+        self.state = step.state
 
-    # Events
-
-    def first_crossing(self, region: Region, step: Step, boundary: str) -> tuple[str, float] | None:
-        """The boundary that a step crosses first and the part of the step by which it has; None if it stays inside.
-
-        `boundary` is the one on which the step is known to end.
-        """
-        load = self.interval.load(self.s)
-        for stage in step.stages:
-            for margin in self.regions.margins(region, stage, load):
-                if margin.value < -margin.rounding and not (stage.fraction == 1.0 and margin.boundary == boundary):
-                    return margin.boundary, stage.fraction
-        return None
-
-    def step_to_boundary(self, region: Region, boundary: str, high: float) -> tuple[Step, float, str]:
-        """Shorten a step that crosses a boundary before `high` [s] until it ends on it (Illinois' method).
-
-        Returns the step, its duration and the boundary, or a shorter step and no boundary where the crossing that a
-        stage has shown is not there at that step's end.
-        """
-        step = self.attempt(region, high)
-        beyond, rounding = self.margin(region, boundary, step.stages[-1])
-        if beyond >= 0.0:
-            return step, high, ""
-        low, inside = 0.0, self.margin(region, boundary, self.present_stage(region))[0]
-        if inside <= rounding:
-            # The step begins on this boundary: unless a far smaller one leads inside first, it goes straight across.
-            for shorter in (0.1 * high, 0.01 * high, 0.001 * high):
-                within = self.attempt(region, shorter)
-                if self.margin(region, boundary, within.stages[-1])[0] > rounding:
-                    return within, shorter, ""
-            return Step(self.state, NO_ERROR, (self.present_stage(region),), 0.0, 0.0, 0, True), 0.0, boundary
-        h = high
-        for _ in range(MAX_LOCATE):
-            h = low + (high - low) * inside / (inside - beyond)
-            if not low < h < high:
-                break
-            step = self.attempt(region, h)
-            value, _ = self.margin(region, boundary, step.stages[-1])
-            if abs(value) <= 0.01 * rounding:
-                break
-            if value < 0.0:
-                high, beyond, inside = h, value, 0.5 * inside
-            else:
-                low, inside, beyond = h, value, 0.5 * beyond
-        return step, h, boundary
-
-    def margin(self, region: Region, boundary: str, stage: Stage) -> tuple[float, float]:
-        """Signed distance of a stage to one boundary, >= 0 inside, and what counts as zero."""
-        margins = self.regions.margins(region, stage, self.interval.load(self.s))
-        return next((margin.value, margin.rounding) for margin in margins if margin.boundary == boundary)
-
-    def present_stage(self, region: Region) -> Stage:
-        """The present state in the form of a step's end."""
-        depth, rate = self.contact()
-        formula = self.regions.formula(region)
-        self.evaluations += formula is not None
-        return Stage(1.0, depth, rate, formula(depth, rate)[0] if formula else 0.0)
-
-    def shifted_error(self, region: Region, following: Region, end: Stage) -> StateError:
-        """Error behind a boundary: a femur that is too high meets it late, and misses the force's jump for that time.
-
-        (The saltation matrix of the event.)
-        """
-        jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
-        late = math.copysign(self.interval.duration, self.error.height * end.rate)
-        if abs(self.error.height) < abs(late * end.rate):
-            late = self.error.height / end.rate
-        return StateError(self.error.height, self.error.velocity - late * jump / self.scene.mass)
+    def lost(self, step: Step, h: float) -> float:
+        """Speed [m/s] of the oscillation that a step has lost."""
+        interval = self.interval
+        return lost_swing(step, interval.load(self.s), interval.load_rate, self.scene.mass, h)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.core.integrators.base import StateError
+from knee_contact_ros.core.integrators.base import Stage, StateError, Step
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
-SAFETY = 5.0
+SAFETY = 8.0
 """Published estimate over the carried one: room for what the linearisation and Richardson's estimate leave out."""
+
+FAST_SWING = 5.0
+"""Radians of the contact's oscillation in a step from which on the method damps it away."""
 
 
 def carry(error: StateError, stiffness: float, damping: float, mass: float, h: float) -> StateError:
@@ -39,7 +42,55 @@ def decay_rate(stiffness: float, damping: float, mass: float) -> float:
     return half_rate if discriminant <= 0.0 else stiffness / mass / (half_rate + math.sqrt(discriminant))
 
 
+def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float) -> float:
+    """Speed [m/s] of the oscillation that a step of `h` [s] has damped away though the contact does not.
+
+    Where the contact swings several radians within the step, an L-stable method damps the swing at once, in the whole
+    step as in its halves, so that doubling sees nothing. What swings is the contact's departure from carrying the load
+    quasi-statically; between its beginning and its end the contact's own damping accounts for a part of the loss.
+    `load` [N] is that at the beginning.
+    """
+    half_rate, square = 0.5 * step.damping / mass, step.stiffness / mass
+    if square * h * h < FAST_SWING * FAST_SWING or half_rate * half_rate >= square:
+        return 0.0
+    begin, end = step.begin, step.stages[-1]
+
+    def swing(stage: Stage, load: float) -> float:
+        excess = (stage.force - load) / math.sqrt(stage.stiffness * mass)
+        return math.hypot(stage.rate - load_rate / stage.stiffness, excess)
+
+    if min(begin.stiffness, end.stiffness) < 0.25 * step.stiffness:  # as at first touch: all of the work may swing
+        return math.sqrt(2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass)
+    before, after = swing(begin, load), swing(end, load + load_rate * h)
+    return max(0.0, before * math.exp(-half_rate * h) - after)
+
+
+def behind_jump(error: StateError, rate: float, jump: float, mass: float, longest: float) -> StateError:
+    """Error behind a boundary met at a `rate` [m/s] of the depth, where the force jumps [N].
+
+    A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but
+    not for longer than `longest` [s].
+    """
+    late = math.copysign(longest, error.height * rate)
+    if abs(error.height) < abs(late * rate):
+        late = error.height / rate
+    return StateError(error.height, error.velocity - late * jump / mass)
+
+
 def depth_error(error: StateError, stiffness: float, damping: float, mass: float) -> float:
     """Error of the depth [m] that an error of the state amounts to: the height's, and what the velocity's becomes."""
     holding = max(math.sqrt(stiffness / mass), damping / mass, 1.0 / HORIZON)
     return math.hypot(error.height, error.velocity / holding)
+
+
+def settled_doubt(reach: float, rate: float, loads: tuple[float, float], mass: float, left: float) -> StateError:
+    """Error of the static answer given `left` [s] before a tick's end, by all that may have gone on until then.
+
+    `reach` [m] is how far the contact was from its rest, `rate` [m/s] its speed; `loads` [N] those of both times. In
+    contact the energy of the load over that distance bounds the speed; a load that pulls moves the femur freely.
+    """
+    pull = max(0.0, -min(loads)) / mass
+    speed = abs(rate) + math.sqrt(2.0 * max(map(abs, loads)) * reach / mass)
+    if pull == 0.0:
+        return StateError(reach + speed * min(left, HORIZON), speed)
+    return StateError(reach + left * (speed + 0.5 * pull * left), speed + pull * left)

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from knee_contact_ros.core.contact_pairs.base import ContactPair, Touch
 from knee_contact_ros.core.mechanisms.base import Mechanism
 
+KINK_WIDTH = 2e-12
+"""Of the flexion angle [rad], to both sides: more than a kink's place is rounded by"""
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -34,3 +37,19 @@ class Interval:
     def load(self, s: float) -> float:
         """Compressive load [N] at s."""
         return self.start_load + self.load_rate * s
+
+    def stretches(self) -> list[tuple[float, float]]:
+        """The parts of the interval on which the surface's rate does not jump: begin and end of each [s].
+
+        At a kink of the femoral profile one part ends shortly before it and the next begins shortly behind, so that
+        rounding cannot put either on the wrong side.
+        """
+        end_angle = self.angle + self.angle_rate * self.duration
+        begin, parts = 0.0, []
+        for kink in self.pair.kinks(self.angle, end_angle):
+            aside = KINK_WIDTH / abs(self.angle_rate)
+            s = (kink - self.angle) / self.angle_rate
+            if begin < s - aside and s + aside < self.duration:
+                parts.append((begin, s - aside))
+                begin = s + aside
+        return [*parts, (begin, self.duration)]

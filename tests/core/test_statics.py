@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
-from knee_contact_ros.core.statics import static_depth
-from tests.scenes import BODY_WEIGHT, law
+from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
+from knee_contact_ros.core.geometries import Circle
+from knee_contact_ros.core.statics import height_at, static_contact, static_depth
+from tests.core.test_geometries import ellipse
+from tests.scenes import BODY_WEIGHT, RADIUS, law
 
 FIRST_PEAK, SECOND_PEAK = 1.81 * BODY_WEIGHT, 2.19 * BODY_WEIGHT
 
@@ -50,3 +54,35 @@ def test_without_load_the_surfaces_just_touch(name: str, force: float) -> None:
 def test_a_force_out_of_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="no static depth"):
         static_depth(law("hertz", stiffness=1e-20), 1e6)
+
+
+HILL = np.linspace(-0.03, 0.03, 31)
+PAIRS = {
+    "plane": OnPlane(Circle(RADIUS)),
+    "slope": OnPlane(ellipse(80), 0.2),
+    "circle": in_circle(Circle(RADIUS), 0.095),
+    "ellipse in a circle": in_circle(ellipse(80), 0.095),
+    "on a hill": on_profile(ellipse(80), HILL, -4.0 * HILL**2),
+}
+
+
+@pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_at_rest_the_normal_force_carries_the_load(pair: ContactPair, name: str) -> None:
+    touch = pair.touch(0.4, 3.0, 0.006, 0.1)
+    contact = static_contact(law(name), touch, 900.0)
+    depth, _, cosine = touch(contact.height)
+    assert depth == pytest.approx(contact.depth, abs=1e-15)  # a few roundings of a height of 34 mm
+    # That rounding times the steepest slope (1e8 N/m in bone) is 1e-7 N
+    assert cosine * law(name).static_force(depth) == pytest.approx(900.0, abs=1e-6)
+    assert contact.force == pytest.approx(900.0 / cosine, rel=1e-12)
+    free = static_contact(law(name), touch, -50.0)
+    assert (free.depth, free.force, free.evaluations) == (0.0, 0.0, 0)
+    assert touch(free.height)[0] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
+@pytest.mark.parametrize("start", [0.02, 0.1, 3.0])
+def test_a_height_is_found_from_anywhere_above(pair: ContactPair, start: float) -> None:
+    touch = pair.touch(-0.2, 0.0, -0.004, 0.0)
+    assert touch(height_at(touch, 4e-4, start))[0] == pytest.approx(4e-4, abs=1e-15)

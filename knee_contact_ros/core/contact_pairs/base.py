@@ -59,6 +59,10 @@ class ContactPair(Protocol):
         """The contact at a moment, as a function of the height; rates in rad/s and m/s."""
         ...
 
+    def kinks(self, start: float, end: float) -> list[float]:
+        """Flexion angles [rad] between two, in their order, at which the rate of `touch` is known to jump."""
+        ...
+
     def outline(self, reach: float) -> NDArray[np.float64]:
         """Points along the tibial surface, shape (n, 2) [m] in the tibia frame, to `reach` [m] on both sides."""
         ...

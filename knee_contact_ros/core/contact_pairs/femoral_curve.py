@@ -96,7 +96,7 @@ class FemoralCurve:
         bends = [(2.0 * axis[2], 2.0 * axis[2] + 6.0 * u * axis[3]) for axis in (x, y)]
         self.bends = np.hypot(*np.array(bends)).max(axis=0)
         self.arcs = [
-            Arc(*segment, speed, bend)
+            Arc(*segment[:3], speed, bend)
             for segment, speed, bend in zip(segments, self.speeds.tolist(), self.bends.tolist(), strict=True)
         ]
 

@@ -58,6 +58,11 @@ class CurveContact:
 
         return touch
 
+    def kinks(self, start: float, end: float) -> list[float]:
+        """See `ContactPair`: where they lie depends on height and translation, so none is known beforehand."""
+        del start, end
+        return []
+
     def outline(self, reach: float) -> NDArray[np.float64]:
         """See `ContactPair`."""
         return self.tibia.outline(reach)

@@ -46,6 +46,16 @@ class OnPlane:
 
         return touch
 
+    def kinks(self, start: float, end: float) -> list[float]:
+        """See `ContactPair`: those of the femur's support, whole turns apart."""
+        if not self.femur.kinks:
+            return []
+        low, high = sorted((start - self.slope, end - self.slope))
+        turns = range(math.floor(low / math.tau), math.floor(high / math.tau) + 1)
+        angles = [kink + turn * math.tau for turn in turns for kink in self.femur.kinks]
+        found = [angle + self.slope for angle in angles if low < angle < high]
+        return found if start < end else found[::-1]
+
     def outline(self, reach: float) -> NDArray[np.float64]:
         """See `ContactPair`."""
         along = np.array([[self._cosine, self._sine]])

@@ -16,6 +16,16 @@ from numpy.typing import NDArray
 class FemoralGeometry(Protocol):
     """A femoral surface in the sagittal plane, about its reference point."""
 
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps: the lowest point leaps over a dent."""
+        ...
+
+    @property
+    def grain(self) -> float:
+        """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
+        ...
+
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
         ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ class Circle:
 
     radius: float
     """[m]"""
+    kinks: ClassVar[tuple[float, ...]] = ()
+    grain: ClassVar[float] = math.inf
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return the radius and 0, whatever the angle [rad]."""

@@ -9,21 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.geometries.kinks import Segment, find_kinks
+
 CELLS = 2048
 """Cells of the table of candidate segments over the full turn."""
-
-
-class Segment(NamedTuple):
-    """Coefficients of one cubic segment, x(u) = x0 + u (x1 + u (x2 + u x3)), u from 0 to `length` [m]."""
-
-    length: float
-    x: tuple[float, float, float, float]
-    y: tuple[float, float, float, float]
 
 
 class Profile:
@@ -50,19 +43,31 @@ class Profile:
         spline = CubicSpline(np.concatenate([[0.0], np.cumsum(chords)]), points, axis=1)
         coefficients = spline.c[::-1]  # ascending powers; shape (4, segments, 2)
         self.segments = tuple(
-            Segment(chord, (x0, x1, x2, x3), (y0, y1, y2, y3))
-            for chord, (x0, x1, x2, x3), (y0, y1, y2, y3) in zip(
-                chords.tolist(), coefficients[:, :, 0].T.tolist(), coefficients[:, :, 1].T.tolist(), strict=True
+            Segment(chord, (x0, x1, x2, x3), (y0, y1, y2, y3), start)
+            for chord, (x0, x1, x2, x3), (y0, y1, y2, y3), start in zip(
+                chords.tolist(),
+                coefficients[:, :, 0].T.tolist(),
+                coefficients[:, :, 1].T.tolist(),
+                spline.x[:-1].tolist(),
+                strict=True,
             )
         )
         self._cells = self._candidates()
+        self.kinks = find_kinks(self.segments, self.lowest)
+        directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
+        self.grain = float(np.abs(np.diff(directions)).mean())
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
         sine, cosine = math.sin(angle), math.cos(angle)
-        cell = int(angle % math.tau * (CELLS / math.tau)) % CELLS
-        depth, x, y = max(_lowest(segment, sine, cosine) for segment in self._cells[cell])
+        depth, x, y, _ = self.lowest(angle)
         return depth, sine * y - cosine * x
+
+    def lowest(self, angle: float) -> tuple[float, float, float, float]:
+        """Lowest point at an angle [rad]: its depth h, its x and y in the femur frame, its place on the curve [m]."""
+        sine, cosine = math.sin(angle), math.cos(angle)
+        cell = int(angle % math.tau * (CELLS / math.tau)) % CELLS
+        return max(_lowest(segment, sine, cosine) for segment in self._cells[cell])
 
     def outline(self, points_per_segment: int = 4) -> NDArray[np.float64]:
         """Points along the curve, shape (n, 2) [m], for drawing."""
@@ -116,8 +121,8 @@ class Profile:
         return centres, np.asarray(np.hypot(*np.moveaxis(points - centres[:, :, None], 1, 0)).max(axis=1))
 
 
-def _lowest(segment: Segment, sine: float, cosine: float) -> tuple[float, float, float]:
-    """Lowest point of a turned segment: its depth below the reference point, and its x, y in the femur frame."""
+def _lowest(segment: Segment, sine: float, cosine: float) -> tuple[float, float, float, float]:
+    """Lowest point of a turned segment: its depth below the reference point, its x, y, and its place on the curve."""
     c0, c1, c2, c3 = (-(sine * x + cosine * y) for x, y in zip(segment.x, segment.y, strict=True))
     best, where = c0, 0.0
     for u in (segment.length, *_stationary(c1, 2.0 * c2, 3.0 * c3)):
@@ -131,6 +136,7 @@ def _lowest(segment: Segment, sine: float, cosine: float) -> tuple[float, float,
         best,
         x0 + where * (x1 + where * (x2 + where * x3)),
         y0 + where * (y1 + where * (y2 + where * y3)),
+        segment.start + where,
     )
 
 

@@ -33,6 +33,8 @@ class Stage(NamedTuple):
     """[m/s]"""
     force: float
     """[N] of the layer's formula, not clamped"""
+    stiffness: float = 0.0
+    """Slope of the force over depth there [N/m]; in steps under contact force only"""
 
 
 class Step(NamedTuple):
@@ -41,6 +43,8 @@ class Step(NamedTuple):
     state: FemurState
     error: StateError
     """Estimated local error; 0 where the step is exact or its error is estimated elsewhere"""
+    begin: Stage
+    """The contact at its beginning"""
     stages: tuple[Stage, ...]
     stiffness: float
     """Slope of the force over depth [N/m], typical of the step: it carries errors over it"""

@@ -39,6 +39,7 @@ def doubled_step(
             (second.state.height - whole.state.height) / gain,
             (second.state.velocity - whole.state.velocity) / gain,
         ),
+        begin=first.begin,
         stiffness=first.stiffness,
         damping=first.damping,
         stages=tuple(sorted(stages, key=lambda stage: stage.fraction)),

@@ -30,6 +30,10 @@ A = (
 )
 """Below the diagonal; the diagonal is GAMMA. The last row is the weights."""
 MAX_NEWTON = 30
+DEPTH_SHARE = 1e-3
+"""Share of the depth at which Newton's method has arrived at most: the force, too, must be met"""
+LEAST_CORRECTION = 1e-16
+"""[m] that rounding of a height allows"""
 
 
 def esdirk4_step(
@@ -42,7 +46,9 @@ def esdirk4_step(
     """
     height, velocity = state
     depth, rate, cosine = interval.touch(s)(height)
-    force, stiffness, damping = law(depth, rate - cosine * velocity)
+    rate -= cosine * velocity
+    force, stiffness, damping = law(depth, rate)
+    begin = Stage(0.0, depth, rate, force, stiffness)
     acceleration = (cosine * force - interval.load(s)) / mass
     velocities, accelerations = [velocity], [acceleration]
     stages = []
@@ -64,7 +70,7 @@ def esdirk4_step(
             feedback = diagonal * cosine * force_slope / mass
             correction = (unknown - known_velocity - diagonal * acceleration) / (1.0 + feedback)
             unknown -= correction
-            if abs(correction) * diagonal <= depth_resolution:
+            if abs(correction) * diagonal <= max(min(depth_resolution, DEPTH_SHARE * depth), LEAST_CORRECTION):
                 # All else follows the last correction along the tangent, at no further evaluation.
                 acceleration += feedback / diagonal * correction
                 force += force_slope * correction
@@ -75,11 +81,12 @@ def esdirk4_step(
             solved = False
         velocities.append(unknown)
         accelerations.append(acceleration)
-        stages.append(Stage(c, depth, rate, force))
+        stages.append(Stage(c, depth, rate, force, stiffness))
 
     return Step(
         state=FemurState(known_height + diagonal * unknown, unknown),
         error=NO_ERROR,
+        begin=begin,
         stages=tuple(stages),
         stiffness=cosine * cosine * stiffness,
         damping=cosine * cosine * damping,

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable
 
 from knee_contact_ros.core.contact_laws.base import LayerForce
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, Step
+from knee_contact_ros.core.integrators.base import FemurState, Stage, StateError, Step
 from knee_contact_ros.core.prescribed import Interval
 
 FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -14,6 +14,9 @@ MAX_PEAK = 12
 """Tries to find the highest point between two stages."""
 PEAK_RATE = 1e-9
 """Rate [m/s] at which it is found."""
+
+LAUNCH_ROUNDING = 2e-12
+"""Part of the way flown that the rounding of the event before it may amount to."""
 
 
 def free_flight_step(
@@ -38,9 +41,11 @@ def free_flight_step(
         if before.rate > 0.0 > after.rate:
             peaks += _towards_peak(stage, before, after)
     visited = [*stages[1:], *peaks]
+    end = flight(interval, mass, s, state, h)
     return Step(
-        state=flight(interval, mass, s, state, h),
-        error=NO_ERROR,
+        state=end,
+        error=StateError(LAUNCH_ROUNDING * abs(end.height - state.height), 0.0),
+        begin=stages[0],
         stages=tuple(sorted(visited, key=lambda stage: stage.fraction)),
         stiffness=0.0,
         damping=0.0,

@@ -1,0 +1,95 @@
+"""Where the lowest point of a turning profile leaps over a dent, from one bump to the next: kinks of its support.
+
+While the lowest point glides along a bump, the curve bends the same way all along the glide. Between two angles whose
+lowest points are parted by a place that bends the other way, it has leapt; bisection finds the angle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+CELLS = 2048
+"""Angles at which the lowest point is looked at first"""
+RESOLUTION = 1e-13
+"""Of a kink's angle [rad]"""
+LEAP = 1e-7
+"""Shorter leaps of the lowest point [m] are none"""
+
+
+class Segment(NamedTuple):
+    """Coefficients of one cubic segment, x(u) = x0 + u (x1 + u (x2 + u x3)), u from 0 to `length` [m]."""
+
+    length: float
+    x: tuple[float, float, float, float]
+    y: tuple[float, float, float, float]
+    start: float
+    """Of the segment on the whole curve, as a sum of chords [m]"""
+
+
+Lowest = Callable[[float], tuple[float, float, float, float]]
+"""Angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
+
+
+def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]:
+    """Angles in [0, 2π) [rad] at which the lowest point of a curve leaps."""
+    edges = [math.tau * i / CELLS for i in range(CELLS + 1)]
+    places = [lowest(angle)[3] for angle in edges]
+    forwards = sum(math.copysign(1.0, b - a) for a, b in pairwise(places) if a != b) > 0.0
+    glides = _Glides(segments, forwards)
+    found = []
+    for (a, b), (from_place, to_place) in zip(pairwise(edges), pairwise(places), strict=True):
+        found += _leaps(glides, lowest, (a, from_place), (b, to_place))
+    return tuple(angle for angle in found if angle < math.tau)
+
+
+class _Glides:
+    """Tells whether the curve bends the same way from one place to another."""
+
+    def __init__(self, segments: Sequence[Segment], forwards: bool) -> None:
+        self.forwards = forwards
+        self.length = segments[-1].start + segments[-1].length
+        self.bends = [(segment.start, segment.length, _bend(segment)) for segment in segments]
+
+    def possible(self, a: float, b: float) -> bool:
+        """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
+        if a == b:
+            return True
+        if (b > a) != self.forwards:
+            return False
+        # The direction that is down turns clockwise in the femur as the angle grows: so the curve bends to the right.
+        sign, (low, high) = (-1.0 if self.forwards else 1.0), sorted((a, b))
+        for start, length, bend in self.bends:
+            begin, end = max(low - start, 0.0), min(high - start, length)
+            if begin < end and sign * _least(bend, begin, end, sign) < 0.0:
+                return False
+        return True
+
+
+def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[float, float]) -> list[float]:
+    """Angles between a and b, each with its place on the curve, at which the lowest point leaps."""
+    if glides.possible(a[1], b[1]):
+        return []
+    middle = 0.5 * (a[0] + b[0])
+    if b[0] - a[0] <= RESOLUTION or not a[0] < middle < b[0]:
+        (_, ax, ay, _), (_, bx, by, _) = lowest(a[0]), lowest(b[0])
+        return [middle] if math.hypot(bx - ax, by - ay) > LEAP else []
+    between = (middle, lowest(middle)[3])
+    return _leaps(glides, lowest, a, between) + _leaps(glides, lowest, between, b)
+
+
+def _bend(segment: Segment) -> tuple[float, float, float]:
+    """Coefficients of p' x p'' along a segment: a quadratic, for the cubic's highest terms cancel."""
+    (_, x1, x2, x3), (_, y1, y2, y3) = segment.x, segment.y
+    return 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)
+
+
+def _least(bend: tuple[float, float, float], begin: float, end: float, sign: float) -> float:
+    """The value of `bend` on an interval that is the least in the sense of `sign`."""
+    c0, c1, c2 = bend
+    places = [begin, end]
+    if c2 != 0.0 and begin < -0.5 * c1 / c2 < end:
+        places.append(-0.5 * c1 / c2)
+    return min((c0 + u * (c1 + u * c2) for u in places), key=lambda value: sign * value)

@@ -1,0 +1,160 @@
+"""What must hold in any scene: finite, no pull, misses said, errors within the tolerance, no energy made."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.contact_laws import ContactLaw
+from knee_contact_ros.core.types import Fidelity, Status
+from studies.stability_scenes import Scene, law_of, run
+
+FINER = 300.0
+"""The tolerance asked for over that of the run it is measured against"""
+FINE_BUDGET = 25_000
+"""Contact law evaluations that a tick of the finer run may cost"""
+TRUSTED = 0.1
+"""Share of the tolerance that the finer run's own estimate may reach where it is compared with"""
+ROUNDING = 1e-11
+"""Share of the energies involved that is rounding: some 1e4 steps, each of some 1e-16"""
+FIELDS = ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate")
+
+
+class Outcome(NamedTuple):
+    """What came of one scene."""
+
+    ticks: int
+    flagged: int
+    settled: int
+    compared: int
+    """Ticks not flagged whose error is known"""
+    error: float
+    """Largest of it, in tolerances"""
+    energy: float
+    """Largest gain of energy in a tick, in what is allowed; < 0 if energy was lost in every tick"""
+    failures: tuple[str, ...]
+
+
+def judge(scene: Scene) -> Outcome:
+    """Run a scene and check all of it."""
+    try:
+        series = run(scene)
+        finer = run(scene, scene.tolerance / FINER, FINE_BUDGET)
+    except Exception as raised:  # any exception is the failure that is looked for
+        return Outcome(len(scene.time), 0, 0, 0, 0.0, -math.inf, (f"{type(raised).__name__}: {raised}",))
+    failures = promises(series, scene.tolerance)
+    said = series.status & Status.NOT_CONVERGED != 0
+    settled = series.fidelity == Fidelity.QUASI_STATIC
+    known = trusted(finer, scene.tolerance) & ~said
+    error = np.abs(signed_depth(series) - signed_depth(finer))[known] / scene.tolerance
+    gains = energy_gains(scene, series)
+    if error.size and error.max() > 1.0:
+        failures.append(f"error of {error.max():.3g} tolerances, not flagged")
+    if gains.size and gains.max() > 1.0:
+        failures.append(f"energy made: {gains.max():.3g} times what is allowed")
+    return Outcome(
+        len(series), int(said.sum()), int(settled.sum()), int(known.sum()), float(error.max(initial=0.0)),
+        float(gains.max(initial=-math.inf)), tuple(failures),
+    )  # fmt: skip
+
+
+def promises(series: np.recarray[Any, Any], tolerance: float) -> list[str]:
+    """Broken promises of a series of answers that can be seen without knowing the exact ones."""
+    said = series.status & Status.NOT_CONVERGED != 0
+    missed = (series.error_estimate > tolerance) | (series.fidelity == Fidelity.QUASI_STATIC)
+    found = [f"{field} not finite" for field in FIELDS if not np.isfinite(series[field]).all()]
+    found += (
+        ["contact_point not finite"] if not all(np.isfinite(series.contact_point[axis]).all() for axis in "xyz") else []
+    )
+    found += ["pulls"] if (series.contact_force < 0.0).any() else []
+    found += ["depth and gap at once"] if (series.penetration_depth * series.gap != 0.0).any() else []
+    found += ["a miss is not said"] if (missed & ~said).any() else []
+    return found
+
+
+def signed_depth(series: np.recarray[Any, Any]) -> NDArray[np.float64]:
+    """Penetration depth, or less the gap [m]."""
+    return np.asarray(series.penetration_depth - series.gap)
+
+
+def trusted(finer: np.recarray[Any, Any], tolerance: float) -> NDArray[np.bool_]:
+    """Ticks at which the finer run may stand for the exact solution: up to where it ran out of budget."""
+    dynamic = np.logical_and.accumulate(finer.fidelity == Fidelity.DYNAMIC)
+    return np.asarray(dynamic & (finer.error_estimate <= TRUSTED * tolerance))
+
+
+class Energy:
+    """Energy of a circular femur under a constant load; turning it does no work."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.law: ContactLaw = law_of(scene)
+        self.mass = scene.mass
+        self.exponent = scene.arguments.get("exponent", 2.0)
+        self.damping = scene.arguments.get("damping", 0.0)
+
+    def elastic(self, depth: float) -> float:
+        """Integral [J] of the static force K δⁿ of every layer up to a depth [m], in closed form."""
+        total = 0.0
+        ends = [*(layer.begin for layer in self.law.layers[1:]), math.inf]
+        for layer, end in zip(self.law.layers, ends, strict=True):
+            inside = min(depth, end) - layer.begin
+            if inside > 0.0:
+                base = layer.force(layer.begin, 0.0)[0]
+                top = layer.force(layer.begin + inside, 0.0)[0]
+                total += inside * (base + (top - base) / (self.exponent + 1.0))
+        return total
+
+    def reach(self, start: float, load: float) -> float:
+        """Depth [m] to which an energy [J] and a load [N] can press the femur, from above within a factor of 2."""
+        depth = 1e-9
+        while self.elastic(depth) < start + max(load, 0.0) * depth:
+            depth *= 2.0
+        return depth
+
+    def allowed(self, energy: float, error: float, depth: float) -> float:
+        """Change of energy [J] that an error of the depth [m] amounts to.
+
+        A mass m that swings with an energy E on a stiffness k has a speed of at most v = √(2E/m). An error e of the
+        depth is one of e√(k/m), or of e c/m where the dashpot c holds it back, in the speed (`core.error_estimate`).
+        """
+        slopes = [layer.force(depth, 0.0)[1] for layer in self.law.layers if layer.begin < depth]
+        stiffness, damping = max(slopes), max(layer.force(depth, 0.0)[2] for layer in self.law.layers)
+        off = error * max(math.sqrt(stiffness / self.mass), damping / self.mass, 10.0)
+        return self.mass * off * (math.sqrt(2.0 * energy / self.mass) + 0.5 * off)
+
+
+def energy_gains(scene: Scene, series: np.recarray[Any, Any]) -> NDArray[np.float64]:
+    """Gain of energy in every tick under constant load over what the tolerance and rounding allow; <= 1 if all is well.
+
+    The balance is that of kinetic energy, elastic energy and the load's potential L y. The error that is allowed for is
+    the tolerance, or the published estimate where that is the larger one. Ticks answered with the static solution
+    have no balance.
+    """
+    if scene.femur != "circle":
+        return np.array([])
+    energy, gains = Energy(scene), []
+    for i in range(1, len(series)):
+        load = scene.load[i]
+        if load != scene.load[i - 1] or series.fidelity[i] == Fidelity.QUASI_STATIC:
+            continue
+        parts = [
+            (
+                0.5 * scene.mass * row.penetration_rate**2,
+                energy.elastic(row.penetration_depth),
+                load * row.femoral_height,
+            )
+            for row in (series[i - 1], series[i])
+        ]
+        # What can turn into motion: all but the load's potential at the lowest point that can be reached.
+        moving = max(kinetic + elastic for kinetic, elastic, _ in parts) + abs(parts[0][2] - parts[1][2])
+        moving += abs(load) * max(series.gap[i - 1], series.gap[i])
+        reach = energy.reach(moving, load)
+        swing = moving + max(load, 0.0) * reach
+        error = max(scene.tolerance, series.error_estimate[i - 1], series.error_estimate[i])
+        rounding = ROUNDING * (swing + abs(parts[0][2]) + abs(parts[1][2]))
+        limit = energy.allowed(swing, error, reach) + rounding
+        gains.append((sum(parts[1]) - sum(parts[0])) / limit)
+    return np.array(gains)

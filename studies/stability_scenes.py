@@ -1,0 +1,164 @@
+"""Scenes at the extremes, for `studies.stability` and the property tests, and how the model runs them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
+from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
+from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.mechanisms.hinge import Hinge
+from knee_contact_ros.core.model import NANOSECOND, SERIES_DTYPE, KneeModel
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import Regions
+from studies.ellipse import Ellipse
+
+RADIUS = 0.034
+HALF_AXES = (0.034, 0.028)
+BUDGET = 5_000
+"""Contact law evaluations a tick may cost"""
+MRI = Path(__file__).parent.parent / "config" / "femur_medial.csv"
+
+
+class Scene(NamedTuple):
+    """A knee and what it goes through, in numbers and names alone, so that a failure can be printed and repeated."""
+
+    law: str
+    arguments: dict[str, float]
+    mass: float
+    tolerance: float
+    time: tuple[float, ...]
+    angle: tuple[float, ...]
+    load: tuple[float, ...]
+    femur: str = "circle"
+    thrown: float = 0.0
+    """Speed [m/s] at which the femur starts towards the plateau, see `start_gap`; 0: the static start"""
+
+    @property
+    def start_gap(self) -> float:
+        """Gap [m] of a thrown start: the impact falls into the first tick."""
+        return 1e-6 + 0.3 * self.thrown * (self.time[1] - self.time[0])
+
+
+def arguments_of(
+    law: str, stiffness: float, exponent: float, damping: float, layer: float = 1e-4, ratio: float = 40.0
+) -> dict[str, float]:
+    """A law's arguments from the numbers that are varied.
+
+    Damping [N s/m] turns into a restitution where a law asks for one: from 1 at 0 to 0.02 at 1e7. The elastic
+    foundation (exponent 2) gets the modulus that gives `stiffness`.
+    """
+    spring = {"stiffness": stiffness, "exponent": exponent}
+    layers = {"layer_depth": layer, "stiffness_2": stiffness * ratio}
+    if law == "elastic_foundation":
+        # K = π M R / t, and with these numbers M = 1.872 E and R = 53 mm
+        unit = CONTACT_LAWS[law](**_foundation(1.0)).static_force(1.0)
+        return _foundation(stiffness / unit)
+    if law.startswith("two_layer"):
+        viscous = {"damping": damping, "damp_first_layer": bool(exponent < 2.0)}
+        return spring | layers | (viscous if law == "two_layer_viscoelastic" else {})
+    if law == "kelvin_voigt":
+        return spring | {"damping": damping}
+    return spring if law == "hertz" else spring | {
+        "restitution": 1.0 - 0.14 * math.log10(1.0 + damping),
+        "least_impact_speed": 0.01,
+    }  # fmt: skip
+
+
+def _foundation(modulus: float) -> dict[str, float]:
+    return {
+        "youngs_modulus": modulus,
+        "poissons_ratio": 0.38,
+        "foundation_thickness": 4.4e-3,
+        "femoral_radius": 0.034,
+        "tibial_radius": 0.095,
+    }
+
+
+def _header(path: Path) -> int:
+    """Lines up to and with the column names."""
+    return path.read_text(encoding="utf-8").splitlines().index("x,y") + 1
+
+
+@lru_cache
+def femur(name: str) -> FemoralGeometry:
+    """The femoral surfaces by name; all but the circle are profiles of measured or made-up points."""
+    around = np.linspace(-math.pi - 0.9, 0.9, 160)
+    noise = np.random.default_rng(1).normal(0.0, 2e-4, (2, 160))
+    a, b = HALF_AXES
+    x, y = a * np.cos(around), b * np.sin(around)
+    few = np.linspace(-math.pi, 0.0, 4)
+    along = np.linspace(-0.03, 0.03, 40)
+    profiles: dict[str, Callable[[], Any]] = {
+        "mri": lambda: np.loadtxt(MRI, delimiter=",", skiprows=_header(MRI)).T,
+        "ellipse": lambda: (x, y),
+        "4 points": lambda: (a * np.cos(few), b * np.sin(few)),
+        "zigzag": lambda: (x, y + 5e-4 * (-1.0) ** np.arange(160)),
+        "nearly straight": lambda: (along, -0.03 + 1e-9 * (along / 0.03) ** 2),
+        "repeated points": lambda: (np.repeat(x, 3), np.repeat(y, 3)),
+        "raw": lambda: (x + noise[0], y + noise[1]),
+    }
+    closed_form: dict[str, FemoralGeometry] = {"circle": Circle(RADIUS), "closed ellipse": Ellipse(a, b)}
+    return closed_form.get(name) or Profile(*profiles[name]())
+
+
+DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
+
+
+def law_of(scene: Scene) -> ContactLaw:
+    """The scene's contact law."""
+    return CONTACT_LAWS[scene.law](**scene.arguments)
+
+
+def knee(scene: Scene, tolerance: float, budget: int, led: bool = False) -> KneeModel:
+    """The scene's model."""
+    law = law_of(scene)
+    return KneeModel(
+        pair=OnPlane(femur(scene.femur)),
+        mechanism=Hinge(),
+        regions=Regions(law, allow_tension=False),
+        mass=scene.mass,
+        cartilage_thickness=law.layers[1].begin if len(law.layers) > 1 else math.inf,
+        tolerance=tolerance,
+        budget=budget,
+        led=led,
+    )
+
+
+def run(scene: Scene, tolerance: float | None = None, budget: int = BUDGET) -> np.recarray[Any, Any]:
+    """The model's answers, one per tick."""
+    model = knee(scene, tolerance or scene.tolerance, budget)
+    if not scene.thrown:
+        return model.run(scene.time, scene.angle, scene.load)
+    touching = model.pair.touch(scene.angle[0], 0.0, 0.0, 0.0)(0.0)[0]
+    state = FemurState(touching + scene.start_gap, -scene.thrown)
+    start = Progress(state, NO_ERROR, math.inf, None)
+    now = Advance(start, -scene.start_gap, scene.thrown, 0.0, 0.0, 0, dynamic=True)
+    rows = [model.contact(scene.angle[0], scene.load[0], now)]
+    dynamics = FemurDynamics(model.regions, model.mass, model.tolerance, model.budget)
+    for i in range(1, len(scene.time)):
+        now = Tick(dynamics, _interval(model, scene, i), now.progress).advance()
+        rows.append(model.contact(scene.angle[i], scene.load[i], now))
+    return np.array(rows, dtype=SERIES_DTYPE).view(np.recarray)
+
+
+def _interval(model: KneeModel, scene: Scene, i: int) -> Interval:
+    stamps = [round(time / NANOSECOND) for time in scene.time[i - 1 : i + 1]]
+    duration = (stamps[1] - stamps[0]) * NANOSECOND
+    return Interval(
+        pair=model.pair,
+        mechanism=model.mechanism,
+        duration=duration,
+        angle=scene.angle[i - 1],
+        angle_rate=(scene.angle[i] - scene.angle[i - 1]) / duration,
+        start_load=scene.load[i - 1],
+        load_rate=(scene.load[i] - scene.load[i - 1]) / duration,
+    )
