@@ -75,7 +75,10 @@ def solve(scene: Scene) -> NDArray[np.float64]:
         before, turn = turn, (scene.angle[i] - scene.angle[i - 1]) / duration
         slope = (scene.load[i] - scene.load[i - 1]) / duration
         tick = _Tick(scene.angle[i - 1], turn, scene.load[i - 1], slope)
-        point = point._replace(s=0.0, state=_turned(scene, point, tick, before, first=i == 1))
+        state = _turned(scene, point, tick, before, first=i == 1)
+        contact = scene.femur.contact(state, tick.angle, turn)
+        mode = _mode_in(scene.layers, point.mode.layer, *contact, point.impact)  # the rate has jumped, and the force
+        point = _Point(0.0, state, mode, point.impact)
         events = 0
         while point.s < duration:
             point = _piece(scene, tick, duration, point)

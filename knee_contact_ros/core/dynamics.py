@@ -14,6 +14,7 @@ from knee_contact_ros.core.error_estimate import (
     SAFETY,
     behind_jump,
     carry,
+    carry_in_flight,
     decay_rate,
     depth_error,
     lost_swing,
@@ -292,7 +293,8 @@ class Tick:
 
     def accept(self, step: Step, h: float) -> None:
         """Go to the end of a step."""
-        carried = carry(self.error, step.stiffness, step.damping, self.scene.mass, h)
+        contact = (step.stiffness, step.damping)
+        carried = carry(self.error, *contact, self.scene.mass, h) if any(contact) else carry_in_flight(self.error, h)
         velocity = carried.velocity + step.error.velocity
         self.error = StateError(
             carried.height + step.error.height, velocity + math.copysign(self.lost(step, h), velocity)

@@ -35,6 +35,12 @@ def carry(error: StateError, stiffness: float, damping: float, mass: float, h: f
     )
 
 
+def carry_in_flight(error: StateError, h: float) -> StateError:
+    """Carry an error through a flight of `h` [s]; its parts must not cancel, for after a bounce their signs are weak."""
+    reached = error.height + h * error.velocity
+    return StateError(math.copysign(abs(error.height) + h * abs(error.velocity), reached), error.velocity)
+
+
 def decay_rate(stiffness: float, damping: float, mass: float) -> float:
     """Rate [1/s] at which the linearised contact forgets an error: real part of its slower eigenvalue."""
     half_rate = 0.5 * damping / mass
