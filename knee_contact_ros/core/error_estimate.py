@@ -36,7 +36,7 @@ def carry(error: StateError, stiffness: float, damping: float, mass: float, h: f
 
 
 def carry_in_flight(error: StateError, h: float) -> StateError:
-    """Carry an error through a flight of `h` [s]; its parts must not cancel, for after a bounce their signs are weak."""
+    """Carry an error through a flight of `h` [s]; its parts must not cancel: after a bounce signs are weak."""
     reached = error.height + h * error.velocity
     return StateError(math.copysign(abs(error.height) + h * abs(error.velocity), reached), error.velocity)
 
