@@ -132,7 +132,7 @@ class Tick:
     def step(self, region: Region) -> Region:
         """Take a step; return the region behind it."""
         step, h, boundary = self.next_step(region)
-        self.accept(step, h)
+        self.accept(region, step, h)
         if not boundary:
             return region
         end = step.stages[-1]
@@ -140,6 +140,8 @@ class Tick:
             self.touched(end.rate)
         following = self.regions.beyond(region, boundary, end, self.interval.load(self.s))
         self.evaluations += boundary != "force" and following.layer >= 0
+        if following.layer < 0:
+            self.impact_speed = None
         self.events += 1
         self.error_at_events = max(self.error_at_events, abs(self.error.height))
         jump = self.force(following, end.depth, end.rate)[0] - self.force(region, end.depth, end.rate)[0]
@@ -160,9 +162,8 @@ class Tick:
         if region.pressing:
             error = depth_error(self.error, stiffness, damping, self.scene.mass)
             error += self.impact_doubt(region, depth, rate, force) / max(stiffness, sys.float_info.min)
-        impact_speed = None if region.layer < 0 else self.impact_speed
         return Advance(
-            progress=Progress(self.state, self.error, self.try_step, impact_speed, self.impact_error),
+            progress=Progress(self.state, self.error, self.try_step, self.impact_speed, self.impact_error),
             depth=depth,
             rate=rate,
             force=force if self.scene.regions.allow_tension else max(force, 0.0),
@@ -174,11 +175,19 @@ class Tick:
 
     def impact_doubt(self, region: Region, depth: float, rate: float, force: float) -> float:
         """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
-        if self.regions.law.at_impact is None or not self.impact_speed or not self.impact_error:
+        if self.regions.law.at_impact is None or self.impact_speed is None or not self.impact_error:
             return 0.0
         other = self.scene.regions.after_impact(self.impact_speed + self.impact_error).formula(region)
         self.evaluations += 1
         return abs(other(depth, rate)[0] - force) if other else 0.0
+
+    def doubtful_push(self, region: Region, step: Step, h: float) -> float:
+        """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it."""
+        if h == 0.0 or not region.pressing:
+            return 0.0
+        end, mass = step.stages[-1], self.scene.mass
+        answered = max(math.sqrt(step.stiffness / mass), step.damping / mass, 1.0 / h)
+        return self.impact_doubt(region, end.depth, end.rate, end.force) / (mass * answered)
 
     def settled(self) -> Advance:
         """The static contact at the end of the interval, in doubt by all the motion that was going on."""
@@ -191,7 +200,8 @@ class Tick:
         doubt = settled_doubt(max(abs(depth), static.depth), rate, loads, self.scene.mass, left)
         state = FemurState(static.height, surface_rate / cosine)
         return Advance(
-            progress=Progress(state, doubt, math.inf, 0.0),
+            # How the contact began is lost with the motion: it may have begun as fast as all of this doubt.
+            progress=Progress(state, doubt, math.inf, 0.0, doubt.velocity),
             depth=static.depth,
             rate=0.0,
             force=static.force,
@@ -262,9 +272,8 @@ class Tick:
         )
         contact = (step.stiffness, step.damping, mass)
         forgotten = min(1.0, h * max(decay_rate(*contact), 1.0 / MEMORY))
-        error = depth_error(above_rounding, *contact) / forgotten + depth_error(
-            StateError(0.0, self.lost(step, h)), *contact
-        )
+        lost = StateError(0.0, self.lost(step, h))
+        error = depth_error(above_rounding, *contact) / forgotten + depth_error(lost, *contact)
         return error / (LOCAL_SHARE * self.scene.tolerance)
 
     def attempt(self, region: Region, h: float) -> Step:
@@ -291,14 +300,15 @@ class Tick:
         self.evaluations += step.evaluations
         return step
 
-    def accept(self, step: Step, h: float) -> None:
+    def accept(self, region: Region, step: Step, h: float) -> None:
         """Go to the end of a step."""
-        contact = (step.stiffness, step.damping)
-        carried = carry(self.error, *contact, self.scene.mass, h) if any(contact) else carry_in_flight(self.error, h)
+        if step.stiffness == step.damping == 0.0:
+            carried = carry_in_flight(self.error, h)
+        else:
+            carried = carry(self.error, step.stiffness, step.damping, self.scene.mass, h)
         velocity = carried.velocity + step.error.velocity
-        self.error = StateError(
-            carried.height + step.error.height, velocity + math.copysign(self.lost(step, h), velocity)
-        )
+        unsigned = self.lost(step, h) + self.doubtful_push(region, step, h)
+        self.error = StateError(carried.height + step.error.height, velocity + math.copysign(unsigned, velocity))
         self.s = self.until if h == self.until - self.s else self.s + h
         self.state = step.state
 
