@@ -73,6 +73,7 @@ def families(scenes: int, seed: int) -> dict[str, Iterable[Scene]]:
         "load steps -5 to +20 kN": made.load_steps(),
         "flexion jumps": made.flexion_jumps(),
         "degenerate profiles": made.degenerate(),
+        "curved tibiae, parallel mechanism": made.curved_tibiae(),
         "random, all ranges": made.random_scenes(seed, scenes),
     }
 

@@ -133,7 +133,7 @@ def energy_gains(scene: Scene, series: np.recarray[Any, Any]) -> NDArray[np.floa
     the tolerance, or the published estimate where that is the larger one. Ticks answered with the static solution
     have no balance.
     """
-    if scene.femur != "circle":
+    if scene.femur != "circle" or scene.tibia != "plane":
         return np.array([])
     energy, gains = Energy(scene), []
     for i in range(1, len(series)):

@@ -81,6 +81,15 @@ def degenerate() -> Iterator[Scene]:
             yield scene._replace(angle=slowly) if scene.time[1] == 1e-2 else scene
 
 
+def curved_tibiae() -> Iterator[Scene]:
+    """Two bodies: flexion jumps and load steps on a concave circle and on a measured plateau."""
+    surfaces = {("circle", "circle"): LAWS, ("circle", "mri"): LAWS, ("mri", "circle"): DAMPED}
+    for scene in flexion_jumps(("circle",)):
+        for (femur, tibia), laws in surfaces.items():
+            if scene.law in laws and scene.time[1] < 0.1:
+                yield scene._replace(femur=femur, tibia=tibia)
+
+
 def random_scene(uniform: Uniform, femurs: tuple[str, ...] = FEMURS, ticks: int = 8) -> Scene:
     """A scene from anywhere in the ranges: decades are equally likely, loads and angles are held or step."""
 

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
 from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
-from knee_contact_ros.core.mechanisms.hinge import Hinge
+from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism
 from knee_contact_ros.core.model import NANOSECOND, SERIES_DTYPE, KneeModel
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
@@ -25,7 +26,8 @@ RADIUS = 0.034
 HALF_AXES = (0.034, 0.028)
 BUDGET = 5_000
 """Contact law evaluations a tick may cost"""
-MRI = Path(__file__).parent.parent / "config" / "femur_medial.csv"
+CONFIG = Path(__file__).parent.parent / "config"
+MRI, PLATEAU = CONFIG / "femur_medial.csv", CONFIG / "tibia_medial.csv"
 
 
 class Scene(NamedTuple):
@@ -41,6 +43,8 @@ class Scene(NamedTuple):
     femur: str = "circle"
     thrown: float = 0.0
     """Speed [m/s] at which the femur starts towards the plateau, see `start_gap`; 0: the static start"""
+    tibia: str = "plane"
+    """On a curved one the femur is carried along by the parallel mechanism"""
 
     @property
     def start_gap(self) -> float:
@@ -83,9 +87,10 @@ def _foundation(modulus: float) -> dict[str, float]:
     }
 
 
-def _header(path: Path) -> int:
-    """Lines up to and with the column names."""
-    return path.read_text(encoding="utf-8").splitlines().index("x,y") + 1
+def _points(path: Path) -> NDArray[np.float64]:
+    """Columns x, y of a shipped profile, shape (2, n) [m]."""
+    header = path.read_text(encoding="utf-8").splitlines().index("x,y") + 1
+    return np.loadtxt(path, delimiter=",", skiprows=header).T
 
 
 @lru_cache
@@ -98,7 +103,7 @@ def femur(name: str) -> FemoralGeometry:
     few = np.linspace(-math.pi, 0.0, 4)
     along = np.linspace(-0.03, 0.03, 40)
     profiles: dict[str, Callable[[], Any]] = {
-        "mri": lambda: np.loadtxt(MRI, delimiter=",", skiprows=_header(MRI)).T,
+        "mri": lambda: _points(MRI),
         "ellipse": lambda: (x, y),
         "4 points": lambda: (a * np.cos(few), b * np.sin(few)),
         "zigzag": lambda: (x, y + 5e-4 * (-1.0) ** np.arange(160)),
@@ -113,6 +118,21 @@ def femur(name: str) -> FemoralGeometry:
 DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
 
 
+@lru_cache
+def pair(femoral: str, tibial: str) -> ContactPair:
+    """A femur over a plane, a concave circle or the measured plateau."""
+    surface = femur(femoral)
+    if tibial == "plane" or not isinstance(surface, (Circle, Profile)):
+        return OnPlane(surface)
+    return in_circle(surface, 0.095) if tibial == "circle" else on_profile(surface, *_points(PLATEAU))
+
+
+@lru_cache
+def parallel_mechanism() -> ParallelMechanism:
+    """The one with the published geometry."""
+    return ParallelMechanism()
+
+
 def law_of(scene: Scene) -> ContactLaw:
     """The scene's contact law."""
     return CONTACT_LAWS[scene.law](**scene.arguments)
@@ -122,8 +142,8 @@ def knee(scene: Scene, tolerance: float, budget: int, led: bool = False) -> Knee
     """The scene's model."""
     law = law_of(scene)
     return KneeModel(
-        pair=OnPlane(femur(scene.femur)),
-        mechanism=Hinge(),
+        pair=pair(scene.femur, scene.tibia),
+        mechanism=Hinge() if scene.tibia == "plane" else parallel_mechanism(),
         regions=Regions(law, allow_tension=False),
         mass=scene.mass,
         cartilage_thickness=law.layers[1].begin if len(law.layers) > 1 else math.inf,

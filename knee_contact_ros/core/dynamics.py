@@ -295,8 +295,8 @@ class Tick:
 
             # A spline's third derivative jumps at its points: a step over several of them has lost its order.
             rough = abs(self.interval.angle_rate) * h > self.interval.pair.femur.grain
-            order = STAGE_ORDER if rough else ORDER
-            step = doubled_step(single, order, STAGE_ORDER, scene.mass, self.s, self.state, h)
+            orders = (1, 1) if rough else (ORDER, STAGE_ORDER)
+            step = doubled_step(single, *orders, scene.mass, self.s, self.state, h)
         self.evaluations += step.evaluations
         return step
 
