@@ -38,7 +38,7 @@ def load_model(source: Parameters | Mapping[str, Any] | str | Path | Sequence[st
         cartilage_thickness=law.law.layers[1].begin if len(law.law.layers) > 1 else math.inf,
         tolerance=parameters.fidelity.tolerance,
         budget=parameters.fidelity.budget,
-        led=parameters.drive == "displacement",
+        height_prescribed=parameters.drive == "displacement",
     )
 
 

@@ -57,7 +57,7 @@ class Pipeline:
     def joint_state(self, message: Any) -> Iterator[Answer]:
         """Take a JointState; give the answers that it makes possible."""
         try:
-            sample = angle_sample(message, self.parameters.knee, self.model.led)
+            sample = angle_sample(message, self.parameters.knee, self.model.height_prescribed)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_angle(sample))

@@ -156,7 +156,7 @@ def report_failures(scenes: Sequence[Scene], outcomes: Sequence[Outcome], say: C
 
 @click.command()
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/stability.md"))
-@click.option("--scenes", default=120, show_default=True, help="Random scenes.")
+@click.option("--scenes", default=400, show_default=True, help="Random scenes.")
 @click.option("--seed", default=0, show_default=True)
 def main(output: Path, scenes: int, seed: int) -> None:
     """Try all scenes, print failures and write the table; exit code 1 if any scene failed."""

@@ -138,7 +138,7 @@ def law_of(scene: Scene) -> ContactLaw:
     return CONTACT_LAWS[scene.law](**scene.arguments)
 
 
-def knee(scene: Scene, tolerance: float, budget: int, led: bool = False) -> KneeModel:
+def knee(scene: Scene, tolerance: float, budget: int, height_prescribed: bool = False) -> KneeModel:
     """The scene's model."""
     law = law_of(scene)
     return KneeModel(
@@ -149,7 +149,7 @@ def knee(scene: Scene, tolerance: float, budget: int, led: bool = False) -> Knee
         cartilage_thickness=law.layers[1].begin if len(law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
-        led=led,
+        height_prescribed=led,
     )
 
 

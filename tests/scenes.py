@@ -69,7 +69,7 @@ def model(
     allow_tension: bool = False,
     pair: ContactPair | None = None,
     mechanism: Mechanism | None = None,
-    led: bool = False,
+    height_prescribed: bool = False,
 ) -> KneeModel:
     """A knee like the paper's; `pair` takes the place of `geometry` on a plane with `slope`."""
     return KneeModel(
@@ -80,7 +80,7 @@ def model(
         cartilage_thickness=contact_law.layers[1].begin if len(contact_law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
-        led=led,
+        height_prescribed=led,
     )
 
 

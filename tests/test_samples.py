@@ -82,7 +82,7 @@ def test_a_joint_without_position_is_refused() -> None:
 
 def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
     knee = Knee(height_joint_name="knee_ty")
-    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee, led=True).height == 0.034
+    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee, height_prescribed=True).height == 0.034
     assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee).height is None
 
 
@@ -96,5 +96,5 @@ def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
 )
 def test_heights_that_cannot_be_used_are_refused(positions: dict[str, float], reason: str, words: str) -> None:
     with pytest.raises(RefusedSampleError, match=words) as caught:
-        angle_sample(joint_state(**positions), Knee(), led=True)
+        angle_sample(joint_state(**positions), Knee(), height_prescribed=True)
     assert caught.value.reason == reason

@@ -17,6 +17,7 @@ from knee_contact_ros.core.error_estimate import (
     carry_in_flight,
     decay_rate,
     depth_error,
+    leap,
     lost_swing,
     settled_doubt,
 )
@@ -271,9 +272,11 @@ class Tick:
             max(abs(step.error.velocity) - ROUNDING * speed, 0.0),
         )
         contact = (step.stiffness, step.damping, mass)
-        forgotten = min(1.0, h * max(decay_rate(*contact), 1.0 / MEMORY))
+        leapt = leap(step, self.interval.angle_rate, h) if self.interval.pair.dented else 0.0
+        # A leap is met once: its error is not one of many that add up while the contact remembers them.
+        forgotten = 1.0 if leapt else min(1.0, h * max(decay_rate(*contact), 1.0 / MEMORY))
         lost = StateError(0.0, self.lost(step, h))
-        error = depth_error(above_rounding, *contact) / forgotten + depth_error(lost, *contact)
+        error = depth_error(above_rounding, *contact) / forgotten + depth_error(lost, *contact) + h * leapt
         return error / (LOCAL_SHARE * self.scene.tolerance)
 
     def attempt(self, region: Region, h: float) -> Step:
@@ -293,12 +296,19 @@ class Tick:
             def single(s: float, state: FemurState, h: float) -> Step:
                 return esdirk4_step(self.interval, law, scene.mass, s, state, h, resolution)
 
-            # A spline's third derivative jumps at its points: a step over several of them has lost its order.
-            rough = abs(self.interval.angle_rate) * h > self.interval.pair.femur.grain
-            orders = (1, 1) if rough else (ORDER, STAGE_ORDER)
-            step = doubled_step(single, *orders, scene.mass, self.s, self.state, h)
+            step = doubled_step(single, *self.orders(h), scene.mass, self.s, self.state, h)
         self.evaluations += step.evaluations
         return step
+
+    def orders(self, h: float) -> tuple[int, int]:
+        """Order of a step of `h` [s], and that of one that is stiff.
+
+        A spline's third derivative jumps at its points, and its first over a dent: steps across have lost their order.
+        """
+        pair = self.interval.pair
+        if abs(self.interval.angle_rate) * h > pair.femur.grain:
+            return 1, 1
+        return (STAGE_ORDER, STAGE_ORDER) if pair.dented else (ORDER, STAGE_ORDER)
 
     def accept(self, region: Region, step: Step, h: float) -> None:
         """Go to the end of a step."""

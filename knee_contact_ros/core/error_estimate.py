@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from knee_contact_ros.core.integrators.base import Stage, StateError, Step
 
@@ -11,6 +12,8 @@ HORIZON = 0.1
 SAFETY = 8.0
 """Published estimate over the carried one: room for what the linearisation and Richardson's estimate leave out."""
 
+LARGEST_RADIUS = 0.2
+"""Radius of curvature [m] of a contact that glides, femur and tibia taken together."""
 FAST_SWING = 5.0
 """Radians of the contact's oscillation in a step from which on the method damps it away."""
 
@@ -69,6 +72,19 @@ def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float)
         return math.sqrt(2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass)
     before, after = swing(begin, load), swing(end, load + load_rate * h)
     return max(0.0, before * math.exp(-half_rate * h) - after)
+
+
+def leap(step: Step, angle_rate: float, h: float) -> float:
+    """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within a step of `h` [s]; 0 if none.
+
+    A contact that glides does so by its radius of curvature times the turn: beyond `LARGEST_RADIUS` it has leapt.
+    """
+    largest = 0.0
+    for before, after in pairwise((step.begin, *step.stages)):
+        glide = LARGEST_RADIUS * angle_rate * angle_rate * (after.fraction - before.fraction) * h
+        jump = abs(after.surface_rate - before.surface_rate)
+        largest = max(largest, jump) if jump > glide else largest
+    return largest
 
 
 def behind_jump(error: StateError, rate: float, jump: float, mass: float, longest: float) -> StateError:

@@ -52,7 +52,7 @@ class KneeModel:
     """Wanted error of the penetration depth [m]"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
-    led: bool = False
+    height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
 
     def stream(self) -> Stream:
@@ -149,9 +149,9 @@ class Stream:
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """The same with the time as an integer stamp [ns]."""
-        if self.model.led != (femoral_height is not None):
-            needs = "needs a femoral_height" if self.model.led else "takes no femoral_height"
-            raise ValueError(f"drive {'displacement' if self.model.led else 'force'} {needs}")
+        if self.model.height_prescribed != (femoral_height is not None):
+            needs = "needs a femoral_height" if self.model.height_prescribed else "takes no femoral_height"
+            raise ValueError(f"drive {'displacement' if self.model.height_prescribed else 'force'} {needs}")
         if self._progress is None:
             advance = self._start(flexion_angle, load, femoral_height)
         else:

@@ -47,8 +47,8 @@ class LoadSample(NamedTuple):
     """The message it came in"""
 
 
-def angle_sample(message: Any, knee: Knee, led: bool = False) -> AngleSample:
-    """Flexion angle from a JointState: sign x position + offset. With `led`, also the femoral height: a second joint.
+def angle_sample(message: Any, knee: Knee, height_prescribed: bool = False) -> AngleSample:
+    """Flexion angle from a JointState: sign x position + offset. With `height_prescribed`, also the femoral height: a second joint.
 
     Raises:
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees.
@@ -57,7 +57,7 @@ def angle_sample(message: Any, knee: Knee, led: bool = False) -> AngleSample:
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
         raise RefusedSampleError("out_of_range", text)
-    height = _position(message, knee.height_joint_name) if led else None
+    height = _position(message, knee.height_joint_name) if height_prescribed else None
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)

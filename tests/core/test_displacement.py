@@ -23,7 +23,7 @@ def pressed(depth: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 def test_held_still_the_force_is_the_static_one(name: str) -> None:
-    knee = model(law(name), led=True)
+    knee = model(law(name), height_prescribed=True)
     series = knee.run(TIME, NONE, NONE, pressed(np.full_like(TIME, 6e-4)))
     # Rounding of the height (4e-18 m) times the steepest slope (2e8 N/m), and of the power.
     assert series.contact_force == pytest.approx(law(name).static_force(6e-4), rel=1e-9)
@@ -35,7 +35,7 @@ def test_held_still_the_force_is_the_static_one(name: str) -> None:
 
 def test_depth_and_rate_are_those_prescribed() -> None:
     depth = 3e-4 + 4e-4 * np.sin(47.0 * TIME)
-    series = model(law("kelvin_voigt"), led=True).run(TIME, NONE, 700.0 + NONE, pressed(depth))
+    series = model(law("kelvin_voigt"), height_prescribed=True).run(TIME, NONE, 700.0 + NONE, pressed(depth))
     rate = np.diff(depth) / np.diff(TIME)
     assert series.penetration_depth - series.gap == pytest.approx(depth, abs=1e-17)  # rounding of heights of 34 mm
     assert series.penetration_rate[1:] == pytest.approx(rate, abs=1e-13)  # that rounding over a tick
@@ -50,7 +50,7 @@ def test_depth_and_rate_are_those_prescribed() -> None:
 def test_a_law_that_may_pull_pulls() -> None:
     depth = 3e-4 - 1e-3 * TIME * 100.0 * np.exp(-TIME)
     free, held = (
-        model(law("kelvin_voigt"), led=True, allow_tension=tension).run(TIME, NONE, NONE, pressed(depth))
+        model(law("kelvin_voigt"), height_prescribed=True, allow_tension=tension).run(TIME, NONE, NONE, pressed(depth))
         for tension in (False, True)
     )
     assert free.contact_force.min() == 0.0
@@ -61,7 +61,7 @@ def test_a_turning_profile_presses_though_the_axis_stays() -> None:
     geometry = ellipse(320)
     angle = 1.2 * np.sin(20.0 * TIME)
     height = np.full_like(TIME, geometry.support(0.0)[0] - 1e-4)
-    series = model(law("hertz"), led=True, geometry=geometry).run(TIME, angle, NONE, height)
+    series = model(law("hertz"), height_prescribed=True, geometry=geometry).run(TIME, angle, NONE, height)
     expected = np.array([geometry.support(value)[0] for value in angle]) - height
     assert series.penetration_depth - series.gap == pytest.approx(expected, abs=1e-17)
     slopes = np.array([geometry.support(value)[1] for value in angle])
@@ -73,7 +73,7 @@ def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
     time = np.arange(0.0, 0.2, 2e-4)
     angle, load = 0.3 + 0.5 * np.sin(6.0 * time), 700.0 + 400.0 * np.sin(20.0 * time)
     forced = model(law("kelvin_voigt"), 1e-10).run(time, angle, load)
-    led = model(law("kelvin_voigt"), led=True).run(time, angle, load, forced.femoral_height)
+    led = model(law("kelvin_voigt"), height_prescribed=True).run(time, angle, load, forced.femoral_height)
     assert led.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-17)
     # The height is linear between ticks: its velocity is the mean one of the tick and not that at its end.
     late = led.penetration_rate[1:] - forced.penetration_rate[1:]
@@ -86,7 +86,7 @@ def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
 def test_the_speed_at_touch_is_remembered(name: str) -> None:
     speed = 0.035
     depth = np.minimum(speed * (TIME - 0.0105), 4e-4)  # comes down, touches between two ticks, and stops
-    series = model(law(name, least_impact_speed=1e-3), led=True).run(TIME, NONE, NONE, pressed(depth))
+    series = model(law(name, least_impact_speed=1e-3), height_prescribed=True).run(TIME, NONE, NONE, pressed(depth))
     force = law(name, least_impact_speed=1e-3).after_impact(speed).layers[0].force
     expected = [force(*row)[0] for row in zip(depth[1:], np.diff(depth) / np.diff(TIME), strict=True)]
     inside = depth[1:] > 0.0
@@ -96,7 +96,7 @@ def test_the_speed_at_touch_is_remembered(name: str) -> None:
 
 def test_run_and_tick_agree_and_the_drives_are_not_mixed_up() -> None:
     depth = 3e-4 + 4e-4 * np.sin(47.0 * TIME)
-    knee = model(law("gonthier"), led=True)
+    knee = model(law("gonthier"), height_prescribed=True)
     series = knee.run(TIME, NONE, NONE, pressed(depth))
     stream = knee.stream()
     for i, row in enumerate(zip(TIME.tolist(), NONE.tolist(), NONE.tolist(), pressed(depth).tolist(), strict=True)):

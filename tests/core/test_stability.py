@@ -71,7 +71,7 @@ def test_flexion_jumps_keep_the_promises_on_any_profile(name: str, data: st.Data
 @given(data=st.data())
 def test_a_led_femur_gives_what_the_law_says(data: st.DataObject) -> None:
     scene = random_scene(uniform(data))
-    model = knee(scene, scene.tolerance, BUDGET, led=True)
+    model = knee(scene, scene.tolerance, BUDGET, height_prescribed=True)
     rise = data.draw(st.lists(st.floats(-5e-3, 5e-3), min_size=8, max_size=8))
     support = np.array([femur(scene.femur).support(angle)[0] for angle in scene.angle])
     series = model.run(scene.time, scene.angle, scene.load, support + rise)

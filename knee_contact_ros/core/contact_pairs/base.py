@@ -51,6 +51,11 @@ class ContactPair(Protocol):
         """The femoral surface."""
         ...
 
+    @property
+    def dented(self) -> bool:
+        """Whether the contact may leap from bump to bump where `kinks` does not tell."""
+        ...
+
     def closest(self, angle: float, x: float, height: float) -> Closest:
         """The common normal with the femur turned by `angle` [rad] and its reference point at (x, height) [m]."""
         ...

@@ -37,6 +37,8 @@ class CurveContact:
         """Prepare the contact of `femur` on `tibia`."""
         self.femur = femur
         self.tibia = tibia
+        # One kink is that of an open curve's two ends; a hollow that is narrower than the femur holds it on two edges.
+        self.dented = len(femur.kinks) > 1 or tibia.curvatures[1] > 1.0 / femur.support(0.0)[0]
         self._search: Callable[[float, float, float], At] = (
             _CircleSearch(femur, tibia) if isinstance(femur, Circle) else _ProfileSearch(femur, tibia)
         )

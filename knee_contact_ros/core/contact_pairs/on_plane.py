@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ class OnPlane:
     femur: FemoralGeometry
     slope: float = 0.0
     """[rad] > 0 when the plane's anterior edge is the higher one; less than a quarter turn"""
+    dented: ClassVar[bool] = False
     _sine: float = field(init=False, repr=False)
     _cosine: float = field(init=False, repr=False)
 

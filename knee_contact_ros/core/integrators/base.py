@@ -35,6 +35,8 @@ class Stage(NamedTuple):
     """[N] of the layer's formula, not clamped"""
     stiffness: float = 0.0
     """Slope of the force over depth there [N/m]; in steps under contact force only"""
+    surface_rate: float = 0.0
+    """Rate of the depth [m/s] if the height were held; likewise"""
 
 
 class Step(NamedTuple):

@@ -45,10 +45,10 @@ def esdirk4_step(
     smaller by orders of magnitude).
     """
     height, velocity = state
-    depth, rate, cosine = interval.touch(s)(height)
-    rate -= cosine * velocity
+    depth, surface_rate, cosine = interval.touch(s)(height)
+    rate = surface_rate - cosine * velocity
     force, stiffness, damping = law(depth, rate)
-    begin = Stage(0.0, depth, rate, force, stiffness)
+    begin = Stage(0.0, depth, rate, force, stiffness, surface_rate)
     acceleration = (cosine * force - interval.load(s)) / mass
     velocities, accelerations = [velocity], [acceleration]
     stages = []
@@ -61,8 +61,8 @@ def esdirk4_step(
 
         unknown = known_velocity + diagonal * accelerations[-1]
         for _ in range(MAX_NEWTON):
-            depth, rate, cosine = touch(known_height + diagonal * unknown)
-            rate -= cosine * unknown
+            depth, surface_rate, cosine = touch(known_height + diagonal * unknown)
+            rate = surface_rate - cosine * unknown
             force, stiffness, damping = law(depth, rate)
             evaluations += 1
             acceleration = (cosine * force - load) / mass
@@ -81,7 +81,7 @@ def esdirk4_step(
             solved = False
         velocities.append(unknown)
         accelerations.append(acceleration)
-        stages.append(Stage(c, depth, rate, force, stiffness))
+        stages.append(Stage(c, depth, rate, force, stiffness, surface_rate))
 
     return Step(
         state=FemurState(known_height + diagonal * unknown, unknown),
