@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.model import LARGEST_ANGLE
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.resources import find_file
 
@@ -29,18 +30,26 @@ def read_translation(parameter: str, name: str) -> tuple[Path, Columns]:
     """Read the table that a parameter names: columns flexion_angle [rad], x [m].
 
     Raises:
-        UsageError: no such file, or not two columns of numbers.
+        UsageError: no such file, not two columns of numbers, or not in rad.
     """
     path, points = _read(parameter, name, ("flexion_angle", "x"))
+    if points.size and np.abs(points[:, 0]).max() > LARGEST_ANGLE:
+        reached = np.abs(points[:, 0]).max()
+        raise UsageError(
+            f"parameter {parameter}: {path} reaches {reached:g} rad; flexion angles must be in rad, not deg"
+        )
     return path, (points[:, 0], points[:, 1])
 
 
 def _read(parameter: str, name: str, columns: tuple[str, str]) -> tuple[Path, NDArray[np.float64]]:
     path = find_file(name)
     try:
-        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and line[0] != "#"]
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"parameter {parameter}: cannot read {path}: {error}") from None
+        text = path.read_text(encoding="utf-8-sig")  # spreadsheets put a mark before the first letter
+    except OSError as error:
+        raise UsageError(f"parameter {parameter}: cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"parameter {parameter}: cannot read {path}: it is not a text file in UTF-8") from None
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
     names = tuple(entry.strip() for entry in lines[0].split(",")[:2]) if lines else ()
     rows = lines[1:] if names == columns else lines
     try:

@@ -105,7 +105,7 @@ def check_before(bag: Path, parameters: Parameters) -> None:
     with BagReader(bag) as reader:
         angle = next(message.message for message in reader.messages() if message.topic == f"/{JOINT_STATES}")
     try:
-        angle_sample(angle, pipeline.parameters.knee)
+        angle_sample(angle, pipeline.parameters.knee, pipeline.model.height_prescribed)
     except RefusedSampleError as refused:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
 

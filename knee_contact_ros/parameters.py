@@ -226,7 +226,7 @@ def check_parameter_file(path: Path) -> None:
         UsageError: as `load_parameters`.
     """
     content = _read_yaml(path)
-    if _sections_of_node(content):
+    if _sections_of_node(content, str(path)):
         load_parameters(path)
 
 
@@ -244,7 +244,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
 
 def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Parameters of our node in a parameter file's content, or the content itself if it has no node names."""
-    ours = _sections_of_node(content)
+    ours = _sections_of_node(content, name)
     if ours:
         merged: dict[str, Any] = {}
         for section in ours:
@@ -255,7 +255,7 @@ def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]
     return content
 
 
-def _sections_of_node(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _sections_of_node(content: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
     """Our node's sections of a parameter file; wildcards first, so that the node's own section wins."""
     ours = [
         key
@@ -263,7 +263,13 @@ def _sections_of_node(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
         if isinstance(value, Mapping) and "ros__parameters" in value
         and str(key).rsplit("/", 1)[-1] in (NODE_NAME, "*", "**")
     ]  # fmt: skip
-    return [content[key]["ros__parameters"] or {} for key in sorted(ours, key=lambda key: str(key).endswith(NODE_NAME))]
+    sections = []
+    for key in sorted(ours, key=lambda key: str(key).endswith(NODE_NAME)):
+        section = content[key]["ros__parameters"] or {}
+        if not isinstance(section, Mapping):
+            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {section!r}")
+        sections.append(section)
+    return sections
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

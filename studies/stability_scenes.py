@@ -149,7 +149,7 @@ def knee(scene: Scene, tolerance: float, budget: int, height_prescribed: bool = 
         cartilage_thickness=law.layers[1].begin if len(law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
-        height_prescribed=led,
+        height_prescribed=height_prescribed,
     )
 
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from knee_contact_ros.resources import share_folder
+
+settings.register_profile("no timed tests", deadline=None)
+settings.load_profile("no timed tests")
 
 REFERENCE_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

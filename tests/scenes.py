@@ -80,7 +80,7 @@ def model(
         cartilage_thickness=contact_law.layers[1].begin if len(contact_law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
-        height_prescribed=led,
+        height_prescribed=height_prescribed,
     )
 
 

@@ -116,6 +116,8 @@ def test_healthy_is_the_papers_table(config: Path) -> None:
         ("other_node:\n  ros__parameters: {x: 1}", "no parameters for node knee_contact; found other_node"),
         ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
         ("\xff", "unknown|map node names|YAML"),
+        ("/**/knee_contact:\n  ros__parameters: [1]", r"ros__parameters must map names to values, got \[1\]"),
+        ("/**/knee_contact:\n  ros__parameters: 5", "ros__parameters must map names to values, got 5"),
     ],
 )
 def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str) -> None:
@@ -145,7 +147,7 @@ def test_files_for_other_nodes_are_none_of_the_nodes_business(tmp_path: Path) ->
         ("x,y\n-9.3,18.3\n1,2\n3,4\n5,1\n", "must be in m"),
         ("x,y\n0.1,0.2\n", "at least 4"),
         ("", "at least 4"),
-        (None, "cannot read"),
+        (None, "cannot read .*: No such file"),
     ],
 )
 def test_bad_profiles_are_refused(tmp_path: Path, content: str | None, words: str) -> None:
@@ -188,6 +190,7 @@ def test_values_that_do_not_go_together_are_refused_in_one_line(values: dict[str
         ("0.0,0.0\n0.5,4.5\n", "0.1 m"),
         ("0.5,0.0\n0.0,0.001\n", "increase"),
         ("0.0,0.0\n", "2"),
+        ("0,0.0\n30,0.0045\n60,0.0053\n", "reaches 60 rad; flexion angles must be in rad, not deg"),
     ],
 )
 def test_bad_translations_are_refused(tmp_path: Path, content: str, words: str) -> None:
@@ -205,3 +208,10 @@ def test_bad_plateaus_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"parameter tibia\.profile: .*tibia\.csv: ") as caught:
         knee_contact_ros.load_model({"tibia.geometry": "profile", "tibia.profile": str(path)})
     assert "\n" not in str(caught.value)
+
+
+def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "translation.csv"
+    path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
+    model = knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
+    assert model.mechanism.translation(1.0)[0] == 0.002

@@ -34,8 +34,9 @@ class KneeModel:
     """One tibiofemoral compartment: a femoral surface over a tibial one under a contact law.
 
     The tibia frame is fixed: x anterior, y superior, z to the right, origin on the plateau. The femur turns by the
-    flexion angle, is carried along x by the mechanism, and along y either moves freely under the load (the force drive)
-    or is led (the displacement drive). All methods are functions of their arguments: no clock, no file.
+    flexion angle, is carried along x by the mechanism, and either moves freely along y under the load (the force drive)
+    or is held at a prescribed height (the displacement drive). All methods are functions of their arguments: no clock,
+    no file.
     """
 
     pair: ContactPair

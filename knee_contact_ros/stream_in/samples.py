@@ -48,7 +48,7 @@ class LoadSample(NamedTuple):
 
 
 def angle_sample(message: Any, knee: Knee, height_prescribed: bool = False) -> AngleSample:
-    """Flexion angle from a JointState: sign x position + offset. With `height_prescribed`, also the femoral height: a second joint.
+    """Flexion angle from a JointState: sign x position + offset; with `height_prescribed` also the femoral height.
 
     Raises:
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees.

@@ -1,4 +1,4 @@
-"""The osteoarthritic knee (Fig. 13), force-driven and led along the healthy knee's path."""
+"""The osteoarthritic knee (Fig. 13), force-driven and on the healthy knee's path."""
 
 from __future__ import annotations
 

@@ -102,8 +102,9 @@ class TibialProfile:
         return np.maximum(lower, np.where(above > 0.0, above, -np.inf) * self.least_normal_y), upper
 
     def outline(self, reach: float) -> Floats:
-        """Points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
-        x = np.unique(np.concatenate([np.linspace(-reach, reach, OUTLINE_POINTS), self._nodes]))
+        """Points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
+        low, high = max(-reach, self._node_list[0]), min(reach, self._node_list[-1])
+        x = np.unique(np.concatenate([np.linspace(low, high, OUTLINE_POINTS), self._nodes]))
         x = x[np.abs(x) <= reach]
         return np.stack([x, self._over(x)[0]], axis=1)
 
