@@ -88,6 +88,9 @@ def curved_tibiae() -> Iterator[Scene]:
         for (femur, tibia), laws in surfaces.items():
             if scene.law in laws and scene.time[1] < 0.1:
                 yield scene._replace(femur=femur, tibia=tibia)
+        if scene.law in DAMPED and scene.time[1] == 1e-2:
+            slowly = tuple(0.02 * i for i in range(len(scene.time)))
+            yield scene._replace(femur="raw", tibia="circle", angle=slowly)
 
 
 def random_scene(uniform: Uniform, femurs: tuple[str, ...] = FEMURS, ticks: int = 8) -> Scene:

@@ -120,13 +120,18 @@ def test_the_demo_tells_what_the_node_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["demo", "solve"])
-def test_an_unknown_joint_is_told_before_anything_starts(command: str, right_bag: Path, tmp_path: Path) -> None:
-    (tmp_path / "p.yaml").write_text("knee_contact: {ros__parameters: {knee: {joint_name: elbow}}}")
+@pytest.mark.parametrize(
+    ("parameters", "joint"), [("knee: {joint_name: elbow}", "elbow"), ("drive: displacement", "knee_height")]
+)
+def test_an_unknown_joint_is_told_before_anything_starts(
+    parameters: str, joint: str, command: str, right_bag: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "p.yaml").write_text(f"knee_contact: {{ros__parameters: {{{parameters}}}}}")
     bag = ["--bag", right_bag] if command == "demo" else [right_bag]
     done = run(command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert "joint_states has no joint 'elbow'; it has knee" in done.stderr
+    assert f"joint_states has no joint '{joint}'; it has knee" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["p.yaml"]
 
 
