@@ -54,7 +54,14 @@ def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> N
     if drive == "displacement":
         led = knee_contact_ros.load_model({"contact.law": law, "tibia.geometry": tibia, "drive": drive})
         followed = led.run(TIME, ANGLE, LOAD, series.femoral_height)
+        # Rounding of heights of 34 mm
         assert followed.penetration_depth == pytest.approx(series.penetration_depth, abs=1e-16)
+        formulas = led.regions.after_impact(0.0).law.layers  # pressed from the start, which counts as no impact
+        for contact in followed:
+            formula = [layer.force for layer in formulas if layer.begin < contact.penetration_depth][-1]
+            force = formula(contact.penetration_depth, contact.penetration_rate)[0]
+            # The very numbers that were published go into the very formula.
+            assert contact.contact_force == max(force, 0.0)
         series = followed
     for field in ("contact_force", "penetration_depth", "penetration_rate", "femoral_height", "error_estimate"):
         assert np.isfinite(series[field]).all(), field
@@ -65,6 +72,7 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     names = {"contact.stiffness_from": "material", "contact.law": "two_layer_elastic", "contact.layer_depth": 0.01}
     law = knee_contact_ros.load_model(names).regions.law
     cartilage, bone = 136.08 * 10**4.5, 98_408 * 10**4.5  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
+    # The numbers by hand have 5 digits.
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
     beyond = law.static_force(0.01) + bone * 1e-3**1.5
     assert law.static_force(0.011) == pytest.approx(beyond, rel=1e-4)
@@ -75,8 +83,16 @@ def test_the_plateau_of_the_circle_is_the_parameters(config: Path) -> None:
     flat = knee_contact_ros.load_model({"tibia.geometry": "circle", "tibia.radius": 0.08, "femur.radius": 0.03})
     # Centres 1 mm apart: depth = 1 mm + 30 mm - 80 mm + the way of the centre, in closed form.
     height = 0.08 - math.sqrt(0.051**2 - 0.001**2)
+    # Rounding of 80 mm
     assert flat.pair.closest(0.0, 0.001, height).depth == pytest.approx(0.051 + 0.03 - 0.08, abs=1e-16)
-    assert model.pair.outline(0.01).shape[1] == 2
+    x, y = flat.pair.outline(0.03).T
+    assert np.hypot(x, y - 0.08) == pytest.approx(0.08, abs=1e-16)  # rounding of 80 mm
+    assert (x.min(), x.max()) == (-0.03, 0.03)
+    # The measured plateau goes through its points, and the drawing holds them.
+    points = np.loadtxt(config / "tibia_medial.csv", delimiter=",", comments=["#", "x"])
+    drawn = model.pair.outline(0.01)
+    inside = points[np.abs(points[:, 0]) < 0.01]
+    assert np.interp(inside[:, 0], *drawn.T) == pytest.approx(inside[:, 1], abs=1e-17)  # rounding of 4 mm
 
 
 def test_the_mechanism_carries_the_contact_along() -> None:

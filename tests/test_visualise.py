@@ -54,6 +54,43 @@ def test_every_curve_holds_every_tick(knee: tuple[Pipeline, list[Answer]], tmp_p
     assert len(column(path, "/sagittal/contact_point", "Points2D:positions")) == 387
 
 
+def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
+    names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
+    pipeline = Pipeline(load_parameters(names))
+    answers: list[Answer] = []
+    for topic, _, message in read_bag(right_bag, INPUT_TYPES)[:240]:
+        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
+    path, model = tmp_path / "knee.rrd", pipeline.model
+    scene = RerunFile(path, model, 737.068)
+    scene.show(answers)
+    scene.close()
+
+    def drawn(entity: str, component: str) -> np.ndarray:
+        """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
+        vectors = column(path, f"/sagittal/{entity}", component).reshape(len(answers), -1)
+        return vectors * np.where(np.arange(vectors.shape[1]) == 1, -1.0, 1.0)
+
+    contacts = [answer.contact for answer in answers]
+    angles = np.array([contact.flexion_angle for contact in contacts])
+    height = [1e3 * contact.femoral_height for contact in contacts]
+    x = [1e3 * model.mechanism.translation(angle)[0] for angle in angles.tolist()]
+    point = [(1e3 * contact.contact_point.x, 1e3 * contact.contact_point.y) for contact in contacts]
+    closest = [model.closest(contact.flexion_angle, contact.femoral_height) for contact in contacts]
+    force = np.array([contact.contact_force for contact in contacts])
+    arrow = np.array([(where.normal_x, where.normal_y) for where in closest]) * force[:, None] / 50.0  # N per mm
+    # Rerun keeps single precision: 6e-8 of lengths of 40 mm, and of quaternions of 1.
+    assert drawn("femur", "Transform3D:translation") == pytest.approx(np.stack([x, height, 0.0 * angles], 1), abs=1e-5)
+    assert drawn("contact_point", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
+    assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
+    assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
+    quaternion = column(path, "/sagittal/femur", "Transform3D:quaternion").reshape(len(answers), 4)
+    # Flexion turns the femur from anterior to superior, which is backwards on a screen whose y points down.
+    assert 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]) == pytest.approx(-angles, abs=1e-6)
+    assert quaternion[:, :2] == pytest.approx(0.0, abs=0.0)
+    # There is something to see in every one of them.
+    assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
+
+
 def test_a_full_queue_drops_and_counts(knee: tuple[Pipeline, list[Answer]], tmp_path: Path, monkeypatch) -> None:
     pipeline, answers = knee
     monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 5)

@@ -6,11 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
+from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
+from knee_contact_ros.core.geometries import Circle
+from knee_contact_ros.core.mechanisms import Table
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
 from tests.core.test_geometries import ellipse
-from tests.scenes import DAMPING, RADIUS, STIFFNESS, law, model
+from tests.scenes import DAMPING, LAYER_DEPTH, RADIUS, STIFFNESS, law, model
 
 TIME = np.arange(0.0, 0.1, 0.001)
 NONE = np.zeros_like(TIME)
@@ -41,6 +46,7 @@ def test_depth_and_rate_are_those_prescribed() -> None:
     assert series.penetration_rate[1:] == pytest.approx(rate, abs=1e-13)  # that rounding over a tick
     formula = STIFFNESS * np.maximum(depth[1:], 0.0) ** 1.5 + DAMPING * rate
     expected = np.where(depth[1:] > 0.0, np.maximum(formula, 0.0), 0.0)
+    # The rounding of the rate times the dashpot (5e-10 N), that of the depth times the slope (7e-12 N): with room
     assert series.contact_force[1:] == pytest.approx(expected, abs=1e-8)
     assert np.all(series.load == 700.0)  # passed on, not used
     assert series.contact_state.min() == ContactState.SEPARATED
@@ -65,8 +71,53 @@ def test_a_turning_profile_presses_though_the_axis_stays() -> None:
     expected = np.array([geometry.support(value)[0] for value in angle]) - height
     assert series.penetration_depth - series.gap == pytest.approx(expected, abs=1e-17)
     slopes = np.array([geometry.support(value)[1] for value in angle])
+    # Rounding of slopes of 6 mm/rad times 24 rad/s
     turning = np.diff(angle) / np.diff(TIME)
     assert series.penetration_rate[1:] == pytest.approx(slopes[1:] * turning, abs=1e-15)
+
+
+FORWARDS = Table([0.0, 1.0], [0.0, 0.012])
+"""12 mm/rad, straight on beyond"""
+TURNS = 1.0 + 0.4 * np.sin(30.0 * TIME)
+AHEAD = 0.012 * TURNS
+
+
+def rates_at_the_end(values: np.ndarray) -> np.ndarray:
+    """Rates of what is linear between the ticks."""
+    return np.diff(values) / np.diff(TIME)
+
+
+def test_over_a_sloped_plane_the_rate_is_that_of_the_signed_depth() -> None:
+    slope = 0.4
+    height = (RADIUS + AHEAD * math.sin(slope) - 3e-4 - 4e-4 * np.sin(47.0 * TIME)) / math.cos(slope)
+    height += 1e-3 * np.sin(80.0 * TIME)
+    knee = model(law("kelvin_voigt"), slope=slope, mechanism=FORWARDS, height_prescribed=True)
+    series = knee.run(TIME, TURNS, NONE, height)
+    depth = RADIUS + AHEAD * math.sin(slope) - math.cos(slope) * height
+    assert series.penetration_depth - series.gap == pytest.approx(depth, abs=3e-17)  # rounding of three terms of 34 mm
+    # The depth is linear between ticks. Its rounding over a tick of 1 ms
+    assert series.penetration_rate[1:] == pytest.approx(rates_at_the_end(depth), abs=1e-13)
+    assert series.gap.max() > 0.0
+    formula = np.maximum(STIFFNESS * np.maximum(depth[1:], 0.0) ** 1.5 + DAMPING * rates_at_the_end(depth), 0.0)
+    # Rounding of the rate times the dashpot (5e-10 N), of the depth times the slope (1e-11 N): with room
+    assert series.contact_force[1:] == pytest.approx(np.where(depth[1:] > 0.0, formula, 0.0), abs=1e-8)
+
+
+def test_in_a_concave_circle_the_rate_is_that_of_the_ticks_end() -> None:
+    large = 0.08
+    height = large - np.sqrt((large - RADIUS + 3e-4 + 4e-4 * np.sin(47.0 * TIME)) ** 2 - AHEAD**2)
+    pair = CurveContact(Circle(RADIUS), TibialCircle(large))
+    series = model(law("hertz"), pair=pair, mechanism=FORWARDS, height_prescribed=True).run(TIME, TURNS, NONE, height)
+    # The centres are as far apart as the depth says.
+    below = large - height
+    apart = np.hypot(AHEAD, below)
+    # Rounding of terms of 80 mm
+    assert series.penetration_depth - series.gap == pytest.approx(RADIUS - large + apart, abs=1e-16)
+    rate = (AHEAD[1:] * rates_at_the_end(AHEAD) - below[1:] * rates_at_the_end(height)) / apart[1:]
+    assert series.penetration_rate[1:] == pytest.approx(rate, abs=1e-13)  # rounding of 80 mm over a tick of 1 ms
+    # What a normal that is taken for upright would make of it
+    upright = AHEAD[1:] / apart[1:] * rates_at_the_end(AHEAD) - rates_at_the_end(height)
+    assert np.abs(rate - upright).max() > 1e-3
 
 
 def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
@@ -74,7 +125,7 @@ def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
     angle, load = 0.3 + 0.5 * np.sin(6.0 * time), 700.0 + 400.0 * np.sin(20.0 * time)
     forced = model(law("kelvin_voigt"), 1e-10).run(time, angle, load)
     led = model(law("kelvin_voigt"), height_prescribed=True).run(time, angle, load, forced.femoral_height)
-    assert led.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-17)
+    assert led.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-17)  # rounding of 34 mm
     # The height is linear between ticks: its velocity is the mean one of the tick and not that at its end.
     late = led.penetration_rate[1:] - forced.penetration_rate[1:]
     assert np.abs(late).max() <= np.abs(np.diff(forced.penetration_rate)).max()
@@ -92,6 +143,48 @@ def test_the_speed_at_touch_is_remembered(name: str) -> None:
     inside = depth[1:] > 0.0
     # Rounding of heights of 34 mm over a tick (1e-14 m/s) against 0.035 m/s, and of the depth against 1e-5 m
     assert series.contact_force[1:][inside] == pytest.approx(np.array(expected)[inside], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
+def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: str) -> None:
+    # An ellipse that turns over its plateau by 0.5 rad in one tick: its surface comes down ever more slowly.
+    geometry, begin, turn, duration = ellipse(320), 0.6, 0.5, 0.02
+    height = geometry.support(0.8)[0]
+    touch = brentq(lambda angle: geometry.support(angle)[0] - height, begin, begin + turn, xtol=1e-15)
+    speed, rate = (geometry.support(angle)[1] * turn / duration for angle in (touch, begin + turn))
+    assert rate < 0.8 * speed
+    contact_law = law(name, least_impact_speed=1e-3)
+    knee = model(contact_law, geometry=geometry, height_prescribed=True)
+    end = knee.run([0.0, duration], [begin, begin + turn], [0.0, 0.0], [height, height])[-1]
+    depth = geometry.support(begin + turn)[0] - height
+    expected = contact_law.after_impact(speed).layers[0].force(depth, rate)[0]
+    assert end.contact_force == pytest.approx(expected, rel=1e-12)  # a touch found to rounding, at a depth of 1 mm
+
+
+def test_every_touch_has_its_own_speed() -> None:
+    depth = np.array([-1e-4, 2e-4, -1e-4, 5e-4, 6e-4])
+    time = 1e-2 * np.arange(5.0)
+    contact_law = law("flores", least_impact_speed=1e-3)
+    knee = model(contact_law, height_prescribed=True)
+    series = knee.run(time, np.zeros(5), np.zeros(5), pressed(depth))
+    rates = np.diff(depth) / np.diff(time)
+    # (tick, the tick that touched): 0.03 m/s first, then 0.06 m/s, which lasts
+    for tick, touched in ((1, 1), (3, 3), (4, 3)):
+        force = contact_law.after_impact(rates[touched - 1]).layers[0].force
+        # Rounding of heights of 34 mm over a tick (7e-16 m/s) against 0.01 m/s, and of the depth against 0.2 mm
+        assert series.contact_force[tick] == pytest.approx(force(depth[tick], rates[tick - 1])[0], rel=1e-11)
+    assert np.all(series.contact_force[[0, 2]] == 0.0)
+
+
+@pytest.mark.parametrize("past", [-1e-4, 1e-4])
+def test_the_second_layer_begins_at_its_depth(past: float) -> None:
+    depth, speed = LAYER_DEPTH * (1.0 + past), 0.1
+    knee = model(law("two_layer_viscoelastic"), height_prescribed=True)
+    end = knee.run([0.0, 1e-3], [0.0, 0.0], [0.0, 0.0], pressed(np.array([depth - 1e-3 * speed, depth])))[-1]
+    spring = STIFFNESS * min(depth, LAYER_DEPTH) ** 1.5 + 3.112e9 * max(depth - LAYER_DEPTH, 0.0) ** 1.5
+    dashpot = DAMPING * speed if past > 0.0 else 0.0  # 500 N, in the second layer only
+    # Rounding of heights of 34 mm times the slope (3e-12 N) and, over a tick, times the dashpot (7e-11 N)
+    assert end.contact_force == pytest.approx(spring + dashpot, abs=1e-9)
 
 
 def test_run_and_tick_agree_and_the_drives_are_not_mixed_up() -> None:

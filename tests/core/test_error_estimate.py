@@ -8,8 +8,27 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from knee_contact_ros.core.error_estimate import behind_jump, carry, lost_swing, settled_doubt
+from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.contact_pairs.base import ContactPair
+from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
+from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
+from knee_contact_ros.core.error_estimate import (
+    SAFETY,
+    behind_jump,
+    carry,
+    carry_in_flight,
+    lost_swing,
+    settled_doubt,
+)
+from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
+from knee_contact_ros.core.mechanisms.hinge import Hinge
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import Regions
+from tests.core.test_geometries import ellipse
+from tests.scenes import RADIUS, law
 
 MASS = 2.0
 
@@ -77,3 +96,79 @@ def test_what_is_left_to_the_static_answer_is_in_doubt() -> None:
     pressed = settled_doubt(1e-3, 0.2, (800.0, 2000.0), MASS, 2e-3)
     assert pressed.velocity == pytest.approx(0.2 + math.sqrt(2.0 * 2000.0 * 1e-3 / MASS))
     assert pressed.height == pytest.approx(1e-3 + 2e-3 * pressed.velocity)
+
+
+@pytest.mark.parametrize("height", [3e-7, -3e-7])
+@pytest.mark.parametrize("velocity", [1e-4, -1e-4, 4e-4, -4e-4])
+def test_in_flight_the_parts_of_an_error_do_not_cancel(height: float, velocity: float) -> None:
+    carried = carry_in_flight(StateError(height, velocity), 2e-3)
+    assert abs(carried.height) == pytest.approx(3e-7 + 2e-3 * abs(velocity), rel=1e-15)  # rounding of the sum
+    # It points to where the larger part has led.
+    assert math.copysign(1.0, carried.height) == math.copysign(1.0, height + 2e-3 * velocity)
+    assert carried.velocity == velocity
+
+
+def advanced(contact_law: ContactLaw, start: Progress, duration: float, load: float = 0.0) -> Advance:
+    """One tick of a circle of 2 kg under a constant load."""
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, load, 0.0)
+    return Tick(FemurDynamics(Regions(contact_law, False), MASS, 1e-10, 0), interval, start).advance()
+
+
+def begun(depth: float, rate: float, speed: float, doubt: float = 0.0) -> Progress:
+    """A contact that began at a speed, give or take a doubt."""
+    return Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf, speed, doubt)
+
+
+def test_a_doubtful_impact_speed_puts_the_force_in_doubt() -> None:
+    # Hardly any time goes by: the force differs at once, and the depth not yet.
+    flores, duration, depth = law("flores"), 1e-9, 3e-4
+    doubtful = advanced(flores, begun(depth, 0.3, 0.5, 0.02), duration)
+    one, other = (advanced(flores, begun(depth, 0.3, speed), duration) for speed in (0.5, 0.52))
+    stiffness = flores.after_impact(0.5).layers[0].force(depth, 0.3)[1]
+    assert doubtful.force == one.force
+    assert one.error_estimate < 1e-10
+    assert abs(other.force - one.force) > 1.0
+    assert abs(other.force - one.force) <= doubtful.error_estimate * stiffness
+
+
+def test_a_doubtful_impact_speed_is_felt_for_as_long_as_the_contact_lasts() -> None:
+    # At the bottom the damping ends, and with it the doubt of the force; what it has done to the femur stays.
+    flores = law("flores")
+    short, long = 0.0, 5e-3
+    for _ in range(40):
+        middle = 0.5 * (short + long)
+        short, long = (middle, long) if advanced(flores, begun(1e-4, 0.4, 0.5), middle).rate > 0.0 else (short, middle)
+    doubtful = advanced(flores, begun(1e-4, 0.4, 0.5, 0.02), short)
+    one, other = (advanced(flores, begun(1e-4, 0.4, speed), short) for speed in (0.5, 0.52))
+    assert abs(doubtful.rate) < 1e-6
+    assert 1e-7 < abs(other.depth - one.depth) <= doubtful.error_estimate
+
+
+def test_what_was_in_doubt_at_a_touch_is_published_for_its_tick() -> None:
+    # The dashpot makes the carried error forget; the tick in which femur and tibia met still says what it met with.
+    doubt = StateError(1e-6, 0.0)
+    start = Progress(FemurState(RADIUS + 1e-4, -0.2), doubt, math.inf, None)
+    touched = advanced(law("kelvin_voigt"), start, 0.5, load=800.0)
+    assert touched.progress.impact_speed is not None
+    assert abs(touched.progress.error.height) < 1e-8
+    assert touched.error_estimate >= SAFETY * 1e-6
+
+
+@pytest.mark.parametrize(
+    ("pair", "turn", "orders"),
+    [
+        (OnPlane(Circle(RADIUS)), 0.3, (4, 2)),
+        (OnPlane(ellipse(60)), 0.3, (1, 1)),  # 5 of its points: its third derivative jumps at each
+        (OnPlane(ellipse(60)), -0.3, (1, 1)),
+        (OnPlane(ellipse(60)), 0.02, (4, 2)),  # less than one
+        (CurveContact(Circle(RADIUS), TibialCircle(0.02)), 0.3, (2, 2)),  # a hollow too narrow for the femur
+    ],
+)
+def test_a_step_is_of_the_order_that_its_surface_allows(
+    pair: ContactPair, turn: float, orders: tuple[int, int]
+) -> None:
+    duration = 0.005
+    interval = Interval(pair, Hinge(), duration, 0.4, turn / duration, 800.0, 0.0)
+    start = Progress(FemurState(RADIUS, 0.0), NO_ERROR, math.inf, None)
+    tick = Tick(FemurDynamics(Regions(law("kelvin_voigt"), False), MASS, 1e-6, 0), interval, start)
+    assert tick.orders(duration) == orders

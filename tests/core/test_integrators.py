@@ -13,9 +13,10 @@ from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators import esdirk4
 from knee_contact_ros.core.integrators.base import FemurState, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
-from knee_contact_ros.core.integrators.free_flight import free_flight_step
+from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
+from tests.core.test_geometries import ellipse
 from tests.scenes import RADIUS, law
 
 MASS, SPRING, DASHPOT = 2.0, 4e6, 2e3
@@ -103,6 +104,26 @@ def test_free_flight_is_exact() -> None:
     )
     assert step.state.velocity == pytest.approx(velocity - (load * h + load_rate * h**2 / 2) / MASS, abs=1e-14)
     assert step.evaluations == 0
+
+
+def test_a_flight_sees_a_turning_profile_brush_the_plateau() -> None:
+    # Half axes of 34 and 28 mm: the longer one points down at a right angle, here between the stages at 0.5 and 0.75.
+    geometry, turn, h, brush = ellipse(320), 0.6, 0.01, 0.62
+    begin = 0.5 * math.pi - brush * turn
+    deepest = geometry.support(0.5 * math.pi)[0]
+    nearest = max(geometry.support(begin + fraction * turn)[0] for fraction in (0.5, 0.75))
+    height = 0.5 * (deepest + nearest)  # apart at every quarter, and pressed between two
+    interval = Interval(OnPlane(geometry), Hinge(), h, begin, turn / h, 0.0, 0.0)
+    step = free_flight_step(interval, None, MASS, 0.0, FemurState(height, 0.0), h)
+    fractions = [stage.fraction for stage in step.stages]
+    assert fractions == sorted(fractions)
+    assert {0.25, 0.5, 0.75, 1.0} < set(fractions)
+    assert all(stage.depth < 0.0 for stage in step.stages if stage.fraction in {0.25, 0.5, 0.75, 1.0})
+    peak = min(step.stages, key=lambda stage: abs(stage.rate))
+    assert peak.fraction == pytest.approx(brush, abs=1e-5)  # the spline's lowest point there is the ellipse's to 1e-6
+    # The first try, along an all but straight line, leaves 1.1e-5 m/s; all but the second of the others halve it.
+    assert abs(peak.rate) <= 1.2e-5 / 2.0 ** (MAX_PEAK - 2)
+    assert peak.depth == pytest.approx(deepest - height, abs=1e-15)  # that squared, over 2 x 39 m/s², and rounding
 
 
 def test_a_stiff_stage_is_solved() -> None:

@@ -166,6 +166,41 @@ def test_the_translation_is_that_of_the_medial_centre() -> None:
         assert mechanism.translation(angle)[0] == pytest.approx(exact, abs=5e-9 + 2e-6 * 0.27 ** math.floor(cells))
 
 
+PUBLISHED = {
+    "medial sphere's centre": (0.2458, 3.4071, -23.2019),
+    "medial plane's point": (-2.1344, -28.6241, -19.1308),
+    "lateral sphere's centre": (-3.2853, 2.1225, 26.2054),
+    "lateral plane's point": (-2.7946, -26.0861, 24.3679),
+    "radii": (32.32, 28.34),
+    "anterior cruciate, femur": (-6.7712, 7.5255, 9.1575),
+    "anterior cruciate, tibia": (12.7709, -26.1454, -0.0617),
+    "posterior cruciate, femur": (-2.6610, -1.0906, -2.1857),
+    "posterior cruciate, tibia": (-25.8519, -38.1449, -3.5210),
+    "medial collateral, femur": (2.7608, 5.7798, -47.6279),
+    "medial collateral, tibia": (2.1345, -117.1068, -5.7872),
+    "lengths": (40.53, 43.26, 129.70),
+}
+"""[mm] Sancisi, Gasparutto, Parenti-Castelli & Dumas 2017, doi:10.1007/s11012-016-0532-x"""
+
+
+def test_the_default_knee_is_the_published_one() -> None:
+    medial, lateral, fibres = SANCISI_2017
+    ends = [end for fibre in fibres for end in (fibre.femur, fibre.tibia)]
+    used = [medial.centre, medial.contact, lateral.centre, lateral.contact, (medial.radius, lateral.radius)]
+    used += [*ends, tuple(fibre.length for fibre in fibres)]
+    for (name, published), metres in zip(PUBLISHED.items(), used, strict=True):
+        assert np.array(metres) * 1e3 == pytest.approx(published, rel=1e-14), name  # rounding of mm to m
+    assert medial.normal == (0.0675, 0.9896, -0.1273)
+    assert lateral.normal == (-0.0881, 0.9942, 0.0617)
+
+
+def test_the_default_knees_translation_stays_what_it_was() -> None:
+    mechanism = ParallelMechanism()
+    x = [1e3 * mechanism.translation(math.radians(degrees))[0] for degrees in (0, 20, 40, 60, 80, 100)]
+    # The published knee's own answer, written down in mm with two decimals
+    assert x == pytest.approx([0.0, 2.33, 1.15, -1.50, -4.39, -6.94], abs=0.005)
+
+
 def test_fibres_from_the_axis_make_a_hinge() -> None:
     mechanism = ParallelMechanism(level(AXIS))
     for angle in INSIDE:  # closed to 1e-14 m; the five equations are conditioned by 20 or so, and levers are 0.03 m
