@@ -52,7 +52,7 @@ def end_on_boundary(
             if margin(within.stages[-1]).value > rounding:
                 return within, shorter, ""
         return Step(state, NO_ERROR, present, (present,), 0.0, 0.0, 0, True), 0.0, boundary
-    h = high
+    h, last = high, 0.0
     for _ in range(MAX_LOCATE):
         h = low + (high - low) * inside / (inside - beyond)
         if not low < h < high:
@@ -61,8 +61,10 @@ def end_on_boundary(
         value = margin(step.stages[-1]).value
         if abs(value) <= 0.01 * rounding:
             break
+        again = value * last > 0.0  # the other end has been kept twice: count it half
         if value < 0.0:
-            high, beyond, inside = h, value, 0.5 * inside
+            high, beyond, inside = h, value, 0.5 * inside if again else inside
         else:
-            low, inside, beyond = h, value, 0.5 * beyond
+            low, inside, beyond = h, value, 0.5 * beyond if again else beyond
+        last = value
     return step, h, boundary

@@ -19,6 +19,7 @@ from knee_contact_ros.core.error_estimate import (
     behind_jump,
     carry,
     carry_in_flight,
+    leap,
     lost_swing,
     settled_doubt,
 )
@@ -172,3 +173,15 @@ def test_a_step_is_of_the_order_that_its_surface_allows(
     start = Progress(FemurState(RADIUS, 0.0), NO_ERROR, math.inf, None)
     tick = Tick(FemurDynamics(Regions(law("kelvin_voigt"), False), MASS, 1e-6, 0), interval, start)
     assert tick.orders(duration) == orders
+
+
+def test_a_leap_is_told_from_a_glide() -> None:
+    turn, h, radius = 4.0, 2e-3, 0.1
+    rates = [turn * (0.01 + radius * turn * h * fraction) for fraction in (0.0, 0.5, 1.0)]
+    stages = [Stage(i / 2, 1e-4, 0.0, 0.0, 1e6, rate) for i, rate in enumerate(rates)]
+    glide = Step(FemurState(0.034, 0.0), NO_ERROR, stages[0], tuple(stages[1:]), 1e6, 0.0, 0, True)
+    assert leap(glide, turn, h) == 0.0
+    behind = stages[2]._replace(surface_rate=stages[2].surface_rate + 0.003 * turn)  # by 3 mm to the next bump
+    found = leap(glide._replace(stages=(stages[1], behind)), turn, h)
+    # The glide within the half step is in it.
+    assert found == pytest.approx(0.003 * turn + radius * turn**2 * h / 2, rel=1e-12)

@@ -93,10 +93,11 @@ def test_an_undamped_oscillation_shorter_than_the_step_is_not_lost() -> None:
     assert found.error <= 1.0
 
 
-def test_bumps_of_a_raw_profile_are_not_stepped_across() -> None:
+@pytest.mark.parametrize("tibia", ["plane", "circle"])
+def test_bumps_of_a_raw_profile_are_not_stepped_across(tibia: str) -> None:
     time, angle = tuple(0.01 * i for i in range(8)), tuple(0.02 * i for i in range(8))
     arguments = arguments_of("kelvin_voigt", 7.9e7, 1.5, 5e3)
-    scene = Scene("kelvin_voigt", arguments, 9.3, 1e-7, time, angle, (600.0,) * 8, "raw")
+    scene = Scene("kelvin_voigt", arguments, 9.3, 1e-7, time, angle, (600.0,) * 8, "raw", tibia=tibia)
     assert not judge(scene).failures
 
 

@@ -68,6 +68,7 @@ def _towards_peak(stage: Callable[[float], Stage], before: Stage, after: Stage) 
     low, high = before.fraction, after.fraction
     rising, falling = before.rate, after.rate
     found: list[Stage] = []
+    last = 0.0
     for _ in range(MAX_PEAK):
         middle = low + (high - low) * rising / (rising - falling)
         if not low < middle < high:
@@ -76,8 +77,10 @@ def _towards_peak(stage: Callable[[float], Stage], before: Stage, after: Stage) 
         rate = found[-1].rate
         if abs(rate) <= PEAK_RATE:
             break
+        again = rate * last > 0.0  # the other end has been kept twice: count it half
         if rate > 0.0:
-            low, rising, falling = middle, rate, 0.5 * falling
+            low, rising, falling = middle, rate, 0.5 * falling if again else falling
         else:
-            high, falling, rising = middle, rate, 0.5 * rising
+            high, falling, rising = middle, rate, 0.5 * rising if again else rising
+        last = rate
     return found
