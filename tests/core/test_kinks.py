@@ -85,3 +85,13 @@ def test_an_interval_is_cut_at_them() -> None:
     assert (behind - before) * cut.angle_rate == pytest.approx(2.0 * KINK_WIDTH, rel=1e-3)
     assert interval(OnPlane(two_bumps()), 0.02, 0.02).stretches() == [(0.0, 0.01)]
     assert interval(OnPlane(Circle(RADIUS)), -1.0, 1.0).stretches() == [(0.0, 0.01)]
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_straight_row_of_points_leaps_from_end_to_end_and_no_more(tilt: float) -> None:
+    x = np.linspace(-0.02, 0.02, 9)
+    kinks = Profile(x, -0.03 + tilt * x).kinks
+    # Level at -atan(tilt) and upside down half a turn on; which of the two is seen as one is rounding's choice.
+    level = [math.remainder(kink + math.atan(tilt), math.pi) for kink in kinks]
+    assert 1 <= len(kinks) <= 2
+    assert level == pytest.approx([0.0] * len(kinks), abs=1e-9)  # rounding of depths over a leap of 40 mm

@@ -15,8 +15,10 @@ CELLS = 2048
 """Angles at which the lowest point is looked at first"""
 RESOLUTION = 1e-13
 """Of a kink's angle [rad]"""
-LEAP = 1e-7
+LEAP = 1e-6
 """Shorter leaps of the lowest point [m] are none"""
+FLAT = 1e-6
+"""Curvature [1/m] that is none: a straight piece bends to either side by rounding"""
 
 
 class Segment(NamedTuple):
@@ -55,7 +57,7 @@ class _Glides:
 
     def possible(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
-        if a == b:
+        if abs(b - a) <= LEAP:
             return True
         if (b > a) != self.forwards:
             return False
@@ -63,7 +65,7 @@ class _Glides:
         sign, (low, high) = (-1.0 if self.forwards else 1.0), sorted((a, b))
         for start, length, bend in self.bends:
             begin, end = max(low - start, 0.0), min(high - start, length)
-            if begin < end and sign * _least(bend, begin, end, sign) < 0.0:
+            if begin < end and sign * _least(bend, begin, end, sign) < -FLAT:
                 return False
         return True
 
