@@ -24,9 +24,9 @@ from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Region, Regions
 from knee_contact_ros.core.statics import static_depth
-from studies import reference
-from studies import reference_laws as laws
-from studies.reference_femur import ByDepth, circle
+from knee_contact_ros.trade import reference
+from knee_contact_ros.trade import reference_laws as laws
+from knee_contact_ros.trade.reference_femur import ByDepth, circle
 from studies.report import Section, machine, save
 
 RADIUS, MASS, K1, K2, DAMPING, LAYER = 0.034, 9.3014, 7.905694e7, 3.112e9, 5000.0, 5e-4

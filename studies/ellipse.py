@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.reference_femur import ellipse
+from knee_contact_ros.trade.reference_femur import ellipse
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ import click
 import numpy as np
 
 from knee_contact_ros.core.types import Status
-from studies import reference, stability_families
-from studies import reference_laws as laws
-from studies.reference_femur import ByDepth, circle, ellipse
+from knee_contact_ros.trade import reference
+from knee_contact_ros.trade import reference_laws as laws
+from knee_contact_ros.trade.reference_femur import ByDepth, circle, ellipse
+from studies import stability_families
 from studies.report import Section, machine, save
 from studies.stability_checks import FINE_BUDGET, FINER, ROUNDING, TRUSTED, Outcome, judge, signed_depth
 from studies.stability_scenes import BUDGET, HALF_AXES, Scene, law_of, run
@@ -49,7 +50,7 @@ published estimate, where that is larger) makes of the fastest motion that the e
 """.strip()
 REFERENCE_TEXT = f"""
 Random scenes on a circle or an ellipse in closed form, from a static start, in ticks of at most 5 ms, against
-SciPy (`studies/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
+SciPy (`knee_contact_ros/trade/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
 """.strip()
 
 

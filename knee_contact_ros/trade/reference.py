@@ -2,7 +2,7 @@
 
 SciPy's DOP853 (8th order) or Radau (5th order, for stiff scenes) at a relative tolerance of 1e-12, stopped at every
 event and started again behind it. Laws and surfaces are written down once more (`reference_laws`, `reference_femur`);
-nothing of the package is used.
+nothing else of the package is used.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from studies.reference_femur import Femur, State
-from studies.reference_laws import Layers
+from knee_contact_ros.trade.reference_femur import Femur, State
+from knee_contact_ros.trade.reference_laws import Layers
 
 RTOL = 1e-12
 ATOL = 1e-17

@@ -1,0 +1,94 @@
+"""Work over precision on logarithmic scales: a panel per problem, above for whole runs, below tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from knee_contact_ros.trade.frontier import envelope, is_ours, line_name, line_names, of
+from knee_contact_ros.trade.study import STREAM, WHOLE, Row
+
+COLOURS = {
+    "SciPy": "#0072B2", "CVODE": "#56B4E9", "MuJoCo": "#D55E00", "Exudyn": "#009E73", "Drake": "#CC79A7",
+    "OpenSim": "#E69F00",
+}  # fmt: skip
+"""Okabe and Ito's: told apart by colour-blind readers"""
+MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
+OUR_STYLES = ("-", "--", ":", "-.")
+MODES = {WHOLE: "whole run", STREAM: "every tick when its sample arrives"}
+ERRORS = (3e-13, 1e-3)
+"""Ends of the error axis [m]"""
+COLUMNS = 4
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Write the picture."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    problems, names = list(dict.fromkeys(row.problem for row in rows)), line_names(rows)
+    panels = len(problems) + 1
+    lines = -(-panels // COLUMNS)
+    columns = min(panels, COLUMNS)
+    figure = Figure(figsize=(4.1 * columns, 7.0 * lines), layout="constrained")
+    FigureCanvasAgg(figure)
+    for part, (mode, heading) in zip(figure.subfigures(2, 1), MODES.items(), strict=True):
+        part.suptitle(heading, fontsize=15, fontweight="bold")
+        axes = part.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for axis, problem in zip(axes, problems, strict=False):
+            panel(axis, of(rows, problem, mode), names)
+            axis.set_title(problem, fontsize=12)
+        for axis in axes[len(problems) :]:
+            axis.set_axis_off()
+        label(axes, columns, len(problems))
+        handles = {}
+        for axis in axes:
+            for handle, name in zip(*axis.get_legend_handles_labels(), strict=True):
+                handles[name] = handle
+        axes[len(problems)].legend(
+            [handles[name] for name in names if name in handles], [name for name in names if name in handles],
+            loc="center", fontsize=12, frameon=False, title="cheapest runs of", title_fontsize=12,
+        )  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def panel(axis: Any, rows: Sequence[Row], names: Sequence[str]) -> None:
+    """One problem: every run a dot, and for each name the line of those that nothing of the same name beats."""
+    for name in names:
+        mine = [row for row in rows if line_name(row) == name and row.error <= 10.0 * ERRORS[1]]
+        if not mine:
+            continue
+        style = style_of(name, names)
+        errors, costs = zip(*envelope(mine), strict=True)
+        axis.plot([row.error for row in mine], [row.microseconds_per_tick for row in mine], ".", markersize=3, alpha=0.4,
+                  color=style["color"], zorder=1)  # fmt: skip
+        axis.plot(errors, costs, label=name, **style)
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xlim(*ERRORS)
+    axis.axvline(1e-8, color="0.6", linewidth=1.0, linestyle=(0, (2, 3)), zorder=0)
+    axis.grid(visible=True, which="major", color="0.92", linewidth=0.8)
+    axis.set_axisbelow(True)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def style_of(name: str, names: Sequence[str]) -> dict[str, Any]:
+    """Ours black and bold."""
+    if is_ours(name):
+        style = OUR_STYLES[[each for each in names if is_ours(each)].index(name) % len(OUR_STYLES)]
+        return {"color": "black", "linewidth": 3.0, "linestyle": style, "marker": "o", "markersize": 5, "zorder": 5}
+    return {"color": COLOURS.get(name, "0.5"), "linewidth": 1.5, "marker": MARKERS.get(name, "x"), "markersize": 5,
+            "zorder": 3}  # fmt: skip
+
+
+def label(axes: Any, columns: int, problems: int) -> None:
+    """Axes' names at the edge; ticks below the last panel of every column."""
+    for index, axis in enumerate(axes[:problems]):
+        if index % columns == 0:
+            axis.set_ylabel("time per tick [µs]", fontsize=11)
+        if index + columns >= problems:
+            axis.set_xlabel("largest error of the depth [m]", fontsize=11)
+            axis.tick_params(labelbottom=True)

@@ -1,0 +1,117 @@
+"""A process of its own for a tool: it may hang or end the process, and must not load what another one loads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from importlib import import_module
+from multiprocessing.connection import Connection
+from typing import NamedTuple
+
+from knee_contact_ros.trade.problems import Problem
+from knee_contact_ros.trade.solver import Outcome, Setting, Solver
+
+QUICK = 0.3
+"""Seconds below which a run is repeated"""
+GRACE = 30.0
+"""Seconds beyond the limit for the process to start and the tool to be imported"""
+
+
+class Task(NamedTuple):
+    """One run."""
+
+    driver: str
+    """Module with a function `solvers`"""
+    solver: str
+    streamed: bool
+    problem: Problem
+    setting: Setting
+    repeat: int
+
+
+class FailedRunError(Exception):
+    """Says in a line why there is no outcome."""
+
+
+class GivenUpError(FailedRunError):
+    """The run took too long."""
+
+
+class LostProcessError(FailedRunError):
+    """The tool ended the process."""
+
+
+class Worker:
+    """Runs tasks in a process that is started anew if it was lost."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._connection: Connection | None = None
+
+    def run(self, task: Task, limit: float) -> Outcome:
+        """The outcome of a task.
+
+        Raises:
+            GivenUpError: no outcome within `limit` [s], and a little for the start.
+            LostProcessError: the tool ended the process.
+            FailedRunError: the tool raised something.
+        """
+        connection = self._connection or self._start()
+        connection.send(task)
+        if not connection.poll(limit + GRACE):
+            self.stop()
+            raise GivenUpError(f"given up after {limit:g} s")
+        try:
+            answer = connection.recv()
+        except EOFError:
+            self.stop()
+            raise LostProcessError("ended the process") from None
+        if isinstance(answer, str):
+            raise FailedRunError(answer)
+        assert isinstance(answer, Outcome)  # noqa: S101 - for the type checker
+        return answer
+
+    def stop(self) -> None:
+        """End the process."""
+        if self._process and self._connection:
+            self._connection.close()
+            self._process.kill()
+            self._process.join()
+        self._process = self._connection = None
+
+    def _start(self) -> Connection:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=serve, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        self._process, self._connection = process, ours
+        return ours
+
+
+def serve(connection: Connection) -> None:
+    """Answer tasks with an outcome, or with what went wrong, until the other end is closed."""
+    for stream in (1, 2):  # tools print as they like
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    while True:
+        try:
+            task = connection.recv()
+        except (EOFError, KeyboardInterrupt):
+            return
+        try:
+            connection.send(best(task))
+        except KeyboardInterrupt:
+            return
+        except Exception as error:  # whatever a tool raises
+            connection.send(f"{type(error).__name__}: {' '.join(str(error).split())}"[:100])
+
+
+def best(task: Task) -> Outcome:
+    """The fastest of some repetitions; a long run is not repeated."""
+    solver: Solver = next(each for each in import_module(task.driver).solvers() if each.name == task.solver)
+    run = solver.stream if task.streamed else solver.whole
+    assert run is not None  # noqa: S101 - for the type checker
+    outcome = run(task.problem, task.setting)
+    for _ in range(task.repeat - 1 if outcome.seconds < QUICK else 0):
+        outcome = min(outcome, run(task.problem, task.setting), key=lambda each: each.seconds)
+    return outcome
