@@ -123,6 +123,35 @@ def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite:
     show_summary(summary, {}, {"Recording": str(output)})
 
 
+@knee_contact.command()
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_trade",
+    show_default=True,
+    metavar="DIR",
+    help="Where trade.md, trade.csv and trade.png go.",
+)
+@click.option("--problem", "problems", multiple=True, metavar="NAME", help="Can be given several times. [default: all]")
+@click.option(
+    "--solver",
+    "solvers",
+    multiple=True,
+    metavar="NAME",
+    help="Name or its beginning, as SciPy; can be given several times. [default: all that are installed]",
+)
+@click.option("--repeat", type=click.IntRange(1, 100), default=3, show_default=True, help="Repetitions of short runs.")
+def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], repeat: int) -> None:
+    """Measure what precision costs.
+
+    Work and precision of this model and of what could be taken instead (SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim:
+    pip install 'knee-contact-ros[trade]'). All of it takes some ten minutes.
+    """
+    from knee_contact_ros.trade.run import run_trade
+
+    run_trade(output, problems, solvers, repeat)
+
+
 def found(files: tuple[Path, ...]) -> list[Path]:
     """Parameter files as given, or from the package's config folder."""
     from knee_contact_ros.resources import find_file

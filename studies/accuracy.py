@@ -43,8 +43,8 @@ HEADER = (
 )
 TEXT = (
     "Errors of the signed depth (penetration, or gap) at every tick against SciPy's DOP853 (stiff scenes: Radau) at a "
-    "relative tolerance of 1e-12, split at every event (`knee_contact_ros/trade/reference.py`). The estimate's share is "
-    "of all ticks, its median ratio of those with an error above 1e-12 m."
+    "relative tolerance of 1e-12, split at every event (`knee_contact_ros/trade/reference.py`). The estimate's share "
+    "is of all ticks, its median ratio of those with an error above 1e-12 m."
 )
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time [s], flexion angle [rad], load [N]."""

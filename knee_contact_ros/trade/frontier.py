@@ -11,7 +11,9 @@ from knee_contact_ros.trade.study import STREAM, Row
 
 def of(rows: Iterable[Row], problem: str, mode: str) -> list[Row]:
     """The runs of a problem that count for a way of running: a streamed run also is a whole run."""
-    return [row for row in rows if row.problem == problem and (mode != STREAM or row.mode == STREAM) and not row.failure]
+    return [
+        row for row in rows if row.problem == problem and (mode != STREAM or row.mode == STREAM) and not row.failure
+    ]
 
 
 def cheapest(rows: Iterable[Row], error: float) -> float:

@@ -61,7 +61,8 @@ def force_gradient(problem: Problem) -> Gradient:
 
 def load_at(problem: Problem) -> Load:
     """The load at any time: linear between the ticks, from tables."""
-    times, loads = problem.time.tolist(), problem.load.tolist()
+    times: list[float] = problem.time.tolist()
+    loads: list[float] = problem.load.tolist()
     slopes = load_slopes(problem)
     last = len(slopes) - 1
 

@@ -20,7 +20,12 @@ LAW = "exact; `KneeModel.run`, or `Stream.tick_ns` for every sample"
 def solvers() -> list[Solver]:
     """One per level."""
     settings = tolerances(*range(4, 13))
-    return [Solver(f"{NAME} {level}", NAME, LAW, settings, whole(level), stream(level)) for level in LEVELS]
+    return [Solver(solver_name(level), NAME, LAW, settings, whole(level), stream(level)) for level in LEVELS]
+
+
+def solver_name(level: str) -> str:
+    """As it appears in the tables."""
+    return f"{NAME} {level}"
 
 
 def whole(level: str) -> Run:

@@ -16,6 +16,8 @@ COLOURS = {
 """Okabe and Ito's: told apart by colour-blind readers"""
 MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
 OUR_STYLES = ("-", "--", ":", "-.")
+ASKED = 1e-8
+"""Error [m] that the tables go by"""
 MODES = {WHOLE: "whole run", STREAM: "every tick when its sample arrives"}
 ERRORS = (3e-13, 1e-3)
 """Ends of the error axis [m]"""
@@ -33,7 +35,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     columns = min(panels, COLUMNS)
     figure = Figure(figsize=(4.1 * columns, 7.0 * lines), layout="constrained")
     FigureCanvasAgg(figure)
-    for part, (mode, heading) in zip(figure.subfigures(2, 1), MODES.items(), strict=True):
+    parts: Any = figure.subfigures(2, 1)
+    for part, (mode, heading) in zip(parts, MODES.items(), strict=True):
         part.suptitle(heading, fontsize=15, fontweight="bold")
         axes = part.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for axis, problem in zip(axes, problems, strict=False):
@@ -42,15 +45,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         for axis in axes[len(problems) :]:
             axis.set_axis_off()
         label(axes, columns, len(problems))
-        handles = {}
-        for axis in axes:
-            for handle, name in zip(*axis.get_legend_handles_labels(), strict=True):
-                handles[name] = handle
-        axes[len(problems)].legend(
-            [handles[name] for name in names if name in handles], [name for name in names if name in handles],
-            loc="center", fontsize=12, frameon=False, title="cheapest runs of", title_fontsize=12,
-        )  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
+        key(axes[len(problems)], axes[: len(problems)], names)
     figure.savefig(path, dpi=110)
 
 
@@ -62,17 +57,28 @@ def panel(axis: Any, rows: Sequence[Row], names: Sequence[str]) -> None:
             continue
         style = style_of(name, names)
         errors, costs = zip(*envelope(mine), strict=True)
-        axis.plot([row.error for row in mine], [row.microseconds_per_tick for row in mine], ".", markersize=3, alpha=0.4,
-                  color=style["color"], zorder=1)  # fmt: skip
+        dots = [(row.error, row.microseconds_per_tick) for row in mine]
+        axis.plot(*zip(*dots, strict=True), ".", markersize=3, alpha=0.4, color=style["color"], zorder=1)
         axis.plot(errors, costs, label=name, **style)
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_xlim(*ERRORS)
-    axis.axvline(1e-8, color="0.6", linewidth=1.0, linestyle=(0, (2, 3)), zorder=0)
+    axis.axvline(ASKED, color="0.6", linewidth=1.0, linestyle=(0, (2, 3)), zorder=0)
     axis.grid(visible=True, which="major", color="0.92", linewidth=0.8)
     axis.set_axisbelow(True)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+
+
+def key(place: Any, axes: Any, names: Sequence[str]) -> None:
+    """The legend in a panel of its own."""
+    labelled = [axis.get_legend_handles_labels() for axis in axes]
+    handles = {name: handle for pair in labelled for handle, name in zip(*pair, strict=True)}
+    shown = [name for name in names if name in handles]
+    place.legend([handles[name] for name in shown], shown, loc="upper left", fontsize=12, frameon=False,
+                 title="cheapest runs of", title_fontsize=12, alignment="left")  # fmt: skip
+    place.text(0.02, 0.02, "small dots: all runs\ndashed: 1e-8 m\nbetter: lower left", fontsize=11, color="0.3",
+               transform=place.transAxes)  # fmt: skip
 
 
 def style_of(name: str, names: Sequence[str]) -> dict[str, Any]:

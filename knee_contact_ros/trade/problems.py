@@ -49,7 +49,7 @@ class Problem(NamedTuple):
 
 def problems() -> list[Problem]:
     """All of them."""
-    one_second = np.arange(1001) * 1e-3
+    one_second = np.arange(1001, dtype=np.float64) * 1e-3
     walk = gait_like(one_second)
     return [
         Problem("gait", "always in contact, two peaks a second", one_second, walk),

@@ -14,8 +14,8 @@ from knee_contact_ros.trade.solver import Outcome, Run, Setting, Solver, steps_p
 from knee_contact_ros.trade.start import start_depth
 
 LAW = (
-    "exact: spring-damper with a symbolic user function, evaluated in C++; a Python function before every step hands in the "
-    "load of the tick, so that a whole run is the same as a streamed one; the depths come from a sensor"
+    "exact: spring-damper with a symbolic user function, evaluated in C++; a Python function before every step hands "
+    "in the load of the tick, so that a whole run is the same as a streamed one; the depths come from a sensor"
 )
 STAGES = {"RK44": 4, "RK67": 9}
 """Force evaluations per step of the explicit methods; Newton's depend on the step"""
@@ -57,24 +57,29 @@ class Scene:
 
     def __init__(self, problem: Problem, ramped: bool) -> None:
         import exudyn
-        from exudyn import itemInterface as item
+        from exudyn import itemInterface
         from exudyn.advancedUtilities import CreateSymbolicUserFunction as Symbolic
 
         self._container = exudyn.SystemContainer()
         self.system = system = self._container.AddSystem()
         self._constant, self._slope = exudyn.symbolic.Real("constant", 0.0), exudyn.symbolic.Real("slope", 0.0)
         node = system.AddNode(
-            item.Node1D(referenceCoordinates=[0.0], initialCoordinates=[start_depth(problem)], initialVelocities=[0.0])
+            itemInterface.Node1D(
+                referenceCoordinates=[0.0], initialCoordinates=[start_depth(problem)], initialVelocities=[0.0]
+            )
         )
-        system.AddObject(item.ObjectMass1D(mass=problem.mass, nodeNumber=node))
-        ground = system.AddNode(item.NodePointGround())
+        system.AddObject(itemInterface.ObjectMass1D(mass=problem.mass, nodeNumber=node))
+        ground = system.AddNode(itemInterface.NodePointGround())
         markers = [
-            system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=number, coordinate=0)) for number in (ground, node)
+            system.AddMarker(itemInterface.MarkerNodeCoordinate(nodeNumber=number, coordinate=0))
+            for number in (ground, node)
         ]
         self._force = Symbolic(system, spring(problem), "springForceUserFunction",
                                itemTypeName="ObjectConnectorCoordinateSpringDamper")  # fmt: skip
         system.AddObject(
-            item.ObjectConnectorCoordinateSpringDamper(markerNumbers=markers, springForceUserFunction=self._force)
+            itemInterface.ObjectConnectorCoordinateSpringDamper(
+                markerNumbers=markers, springForceUserFunction=self._force
+            )
         )
         self._ramp: Any = 0
         if ramped:
@@ -82,10 +87,12 @@ class Scene:
                 system, ramp(self._constant, self._slope), "loadUserFunction", itemTypeName="LoadCoordinate"
             )
         self._load = system.AddLoad(
-            item.LoadCoordinate(markerNumber=markers[1], load=float(problem.load[0]), loadUserFunction=self._ramp)
+            itemInterface.LoadCoordinate(
+                markerNumber=markers[1], load=float(problem.load[0]), loadUserFunction=self._ramp
+            )
         )
         self.sensor = system.AddSensor(
-            item.SensorNode(nodeNumber=node, storeInternal=True, writeToFile=False,
+            itemInterface.SensorNode(nodeNumber=node, storeInternal=True, writeToFile=False,
                             outputVariableType=exudyn.OutputVariableType.Coordinates)
         )  # fmt: skip
 
@@ -135,7 +142,7 @@ def spring(problem: Problem) -> Callable[..., Any]:
         return symbolic.pow(symbolic.max(depth, 0.0), EXPONENT)
 
     # Exudyn goes by the names of the arguments.
-    def force(mbs, t, itemNumber, displacement, velocity, stiffness, damping, offset):  # type: ignore[no-untyped-def]  # noqa
+    def force(mbs, t, itemNumber, displacement, velocity, stiffness, damping, offset):  # type: ignore[no-untyped-def]  # noqa: ARG001, N803
         pushing = problem.stiffness * power(displacement) + damping_1 * velocity
         if problem.layered:
             base = problem.stiffness * begin**EXPONENT

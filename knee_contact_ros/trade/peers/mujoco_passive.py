@@ -14,8 +14,8 @@ from knee_contact_ros.trade.solver import Outcome, Run, Setting, Solver, steps_p
 from knee_contact_ros.trade.start import start_depth
 
 LAW = (
-    "exact: contact and load in the passive-force callback, in plain Python; constraints, its own contacts and actuators "
-    "switched off; one `mj_step` per tick for all steps in it"
+    "exact: contact and load in the passive-force callback, in plain Python; constraints, its own contacts and "
+    "actuators switched off; one `mj_step` per tick for all steps in it"
 )
 STAGES = {"RK4": 4, "Euler": 1}
 SCENE = """

@@ -21,7 +21,9 @@ METHODS = {"CPodes": "CPodes", "RungeKuttaMerson": "RK-Merson", "RungeKutta3": "
 def solvers() -> list[Solver]:
     """An implicit multistep method and two explicit ones."""
     settings = tolerances(*range(2, 11))
-    return [Solver(f"OpenSim {name}", "OpenSim", LAW, settings, whole(method), None) for method, name in METHODS.items()]
+    return [
+        Solver(f"OpenSim {name}", "OpenSim", LAW, settings, whole(method), None) for method, name in METHODS.items()
+    ]
 
 
 def whole(method: str) -> Run:
@@ -35,11 +37,10 @@ def whole(method: str) -> Run:
             function.addPoint(time, load)
         scene = Scene(problem, function)
         manager = scene.manager(method, setting.value)
-        ends, depths = problem.time[1:].tolist(), [start_depth(problem)]
+        ends = problem.time[1:].tolist()
         with stopwatch() as watch:
-            for end in ends:
-                depths.append(manager.integrate(end).getQ().get(0))
-        return Outcome(np.array(depths), watch.seconds, math.nan)
+            depths = [manager.integrate(end).getQ().get(0) for end in ends]
+        return Outcome(np.array([start_depth(problem), *depths]), watch.seconds, math.nan)
 
     return run
 

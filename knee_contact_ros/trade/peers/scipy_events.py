@@ -14,8 +14,8 @@ from knee_contact_ros.trade.solver import Outcome, Setting, Solver, stopwatch, t
 from knee_contact_ros.trade.start import start_depth
 
 LAW = (
-    "exact: one smooth right-hand side per piece of the law, `events` for their ends; one call per piece, tick by tick one "
-    "per tick and piece"
+    "exact: one smooth right-hand side per piece of the law, `events` for their ends; one call per piece, tick by tick "
+    "one per tick and piece"
 )
 METHOD = "DOP853"
 """LSODA with events is slower than without, at every error"""

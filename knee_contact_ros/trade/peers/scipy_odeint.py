@@ -15,8 +15,8 @@ from knee_contact_ros.trade.solver import Outcome, Setting, Solver, stopwatch, t
 from knee_contact_ros.trade.start import start_depth
 
 LAW = (
-    "exact: right-hand side and Jacobian in plain Python; one call with the load in tables, or one call per tick, which "
-    "restarts"
+    "exact: right-hand side and Jacobian in plain Python; one call with the load in tables, or one call per tick, "
+    "which restarts"
 )
 FINE_STEPS = 100_000
 SUCCESS = "Integration successful."

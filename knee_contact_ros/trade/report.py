@@ -1,0 +1,154 @@
+"""The study's page, its data, and what the terminal shows."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from knee_contact_ros.trade import frontier, targets
+from knee_contact_ros.trade.problems import Problem
+from knee_contact_ros.trade.solver import Solver
+from knee_contact_ros.trade.steadiness import Moment
+from knee_contact_ros.trade.study import STREAM, WHOLE, Row
+
+ASKED = 1e-8
+"""Error [m] that the tables go by"""
+LEVELS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+"""Errors [m] of the frontiers"""
+TITLES = {WHOLE: "Whole run", STREAM: "Every tick when its sample arrives"}
+INTRODUCTION = """
+What precision costs, here and with what a user would take instead, in one run of the study. Times are of the run alone,
+without set-up, compilation and the building of models; the fastest of {repeat} repetitions where a run takes less than
+0.3 s. Read the ratios: times are of this machine and this run. The error is the largest difference of the signed depth
+(penetration, or gap) from the reference at any tick; the reference is DOP853 at 1e-12, split at every event of the law
+and at every tick (at 3e-14 it differs by 2e-12 m in the problem "impact", and by less than 2e-15 m elsewhere). Every
+solver starts at rest at the same static depth and goes from its coarsest setting to the first one with an error below
+1e-11 m or a run beyond 1 s. Functions that a tool takes from Python are in plain Python, as users write them.
+
+A whole run knows all samples beforehand and may be one call; a streamed run counts here too, where it is the cheaper
+way. With the load linear between the ticks, every tick begins with a kink: solvers with error control that step across
+them pay for small tolerances, and runs that stop at every tick do not.
+"""
+SEE = "`trade.csv` has every run. `trade.png`:\n\n![Time per tick over error](trade.png)"
+HOW_TO_READ = "In µs, of the cheapest setting, in brackets as a multiple of ours; otherwise the smallest error reached."
+LONG_RUNS = (
+    "One run of gait over and over, tick by tick: time per tick since the line above, and what the run holds in memory."
+)
+Table = list[list[str]]
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """Every run."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Row._fields)
+        writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in rows)
+
+
+class Study(NamedTuple):
+    """What the page is about."""
+
+    problems: Sequence[Problem]
+    solvers: Sequence[Solver]
+    absent: Sequence[str]
+    """A sentence for every peer that is not installed"""
+    rows: Sequence[Row]
+    moments: Sequence[Moment]
+    repeat: int
+    command: str
+    machine: str
+
+
+def write_page(path: Path, study: Study) -> None:
+    """The page."""
+    problems, rows = [problem.name for problem in study.problems], study.rows
+    parts = ["# Work and precision", f"Made by `{study.command}` on {study.machine}."]
+    parts += [INTRODUCTION.format(repeat=study.repeat).strip(), SEE]
+    parts += ["## Problems", table(("problem", "what happens"), [[each.name, each.about] for each in study.problems])]
+    parts += ["## Solvers", table(("solvers", "the contact law"), laws(study.solvers)), *study.absent]
+    if judgement := targets.judged(rows, problems):
+        parts += ["## Targets", f"At an error of {ASKED:g} m where nothing else is said."]
+        parts += [table(("target", *problems), judgement)]
+    for mode, title in TITLES.items():
+        parts += [f"## {title}: time per tick at an error of {ASKED:g} m or less", HOW_TO_READ]
+        parts += [table(("solver", *problems), asked_for(rows, problems, mode))]
+    for problem in problems:
+        header = ("error [m] at most", *(f"{level:g}" for level in LEVELS))
+        for mode, title in TITLES.items():
+            parts += [
+                f"## {problem}, {title.lower()}: time per tick [µs]",
+                table(header, frontiers(rows, problem, mode)),
+            ]
+    if study.moments:
+        parts += [
+            "## Long runs",
+            LONG_RUNS,
+            table(("level", "ticks", "µs per tick", "kB held"), long_runs(study.moments)),
+        ]
+    failures = [[row.problem, row.solver, row.mode, row.setting, row.failure] for row in rows if row.failure]
+    if failures:
+        parts += ["## Failed runs", table(("problem", "solver", "run", "setting", "what happened"), failures)]
+    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def table(header: Sequence[str], rows: Table) -> str:
+    """In Markdown."""
+    from tabulate import tabulate
+
+    return tabulate(rows, header, tablefmt="pipe", disable_numparse=True)
+
+
+def laws(solvers: Sequence[Solver]) -> Table:
+    """A line for all solvers that express the law in the same way."""
+    return [[", ".join(each.name for each in solvers if each.law == law), law]
+            for law in dict.fromkeys(each.law for each in solvers)]  # fmt: skip
+
+
+def asked_for(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Table:
+    """A line per solver, a column per problem: time per tick at the error asked for, or the error reached."""
+    lines = []
+    for solver in dict.fromkeys(row.solver for row in rows):
+        mine = [row for row in rows if row.solver == solver]
+        if any(frontier.of(mine, problem, mode) for problem in problems):
+            lines.append([solver, *(cell(rows, mine, problem, mode) for problem in problems)])
+    return lines
+
+
+def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> str:
+    """Time and ratio, or the error reached, of some of the rows."""
+    runs = frontier.of(mine, problem, mode)
+    time = frontier.cheapest(runs, ASKED)
+    if not math.isnan(time):
+        return with_ratio(time, our_time(rows, problem, mode, ASKED))
+    return f"{frontier.best_error(runs):.0e} m" if runs else "-"
+
+
+def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:
+    """Time per tick [µs] of the cheapest of our levels."""
+    return frontier.cheapest([row for row in frontier.of(rows, problem, mode) if frontier.is_ours(row.solver)], error)
+
+
+def with_ratio(time: float, ours: float) -> str:
+    """A time as such and as a multiple of ours."""
+    return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({time / ours:.2g}x)"
+
+
+def frontiers(rows: Sequence[Row], problem: str, mode: str) -> Table:
+    """A line per peer and per level of ours, a column per error: time per tick of its cheapest run."""
+    runs = frontier.of(rows, problem, mode)
+    lines = []
+    for name in frontier.line_names(runs):
+        mine = [row for row in runs if frontier.line_name(row) == name]
+        times = [(frontier.cheapest(mine, level), our_time(rows, problem, mode, level)) for level in LEVELS]
+        lines.append([name, *("-" if math.isnan(time) else with_ratio(time, ours) for time, ours in times)])
+    return lines
+
+
+def long_runs(moments: Sequence[Moment]) -> Table:
+    """A line per moment."""
+    return [
+        [each.level, str(each.ticks), f"{each.microseconds_per_tick:.3g}", f"{each.kilobytes:.1f}"] for each in moments
+    ]

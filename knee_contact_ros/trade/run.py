@@ -1,0 +1,119 @@
+"""The command's work: choose, measure, write, show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.terminal import progress
+from knee_contact_ros.trade import frontier, machine, ours, plot, report, steadiness, study
+from knee_contact_ros.trade.peers import PEERS, Entry, entries
+from knee_contact_ros.trade.problems import Problem, find_problems, problems
+from knee_contact_ros.trade.study import Row
+
+EXTRA = "knee-contact-ros[trade]"
+FILES = ("trade.md", "trade.csv", "trade.png")
+DRAWING = ("matplotlib", "tabulate")
+
+
+def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, ...], repeat: int) -> None:
+    """Measure and write `trade.md`, `trade.csv` and `trade.png`.
+
+    Args:
+        output: Folder for the files.
+        problem_names: Problems to solve; none: all.
+        solver_names: Solvers to run, by their names' beginnings, whatever the case; none: all that are installed.
+        repeat: Repetitions of short runs.
+
+    Raises:
+        UsageError: an unknown name, or something that the report needs is not installed.
+    """
+    for needed in DRAWING:
+        if find_spec(needed) is None:
+            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+    chosen = known_problems(problem_names)
+    candidates, absent = available()
+    solvers = matching(candidates, solver_names)
+    output.mkdir(parents=True, exist_ok=True)
+    with progress("Measuring") as advance:
+        rows = study.measure(chosen, solvers, repeat, advance)
+        levels = [
+            level for level in ours.LEVELS if any(each.solver.name == ours.solver_name(level) for each in solvers)
+        ]
+        moments = [moment for level in levels for moment in steadiness.moments(level)]
+    report.write_csv(rows, output / FILES[1])
+    plot.draw(rows, output / FILES[2])
+    command = " ".join(["knee-contact trade", *(f'--problem "{name}"' for name in problem_names),
+                        *(f'--solver "{name}"' for name in solver_names), f"--repeat {repeat}"])  # fmt: skip
+    measured_on = machine.describe(("numpy", *(peer.distribution for peer in PEERS)))
+    solved_by = [each.solver for each in solvers]
+    page = report.Study(chosen, solved_by, absent, rows, moments, repeat, command, measured_on)
+    report.write_page(output / FILES[0], page)
+    show(rows, chosen, absent, [output / name for name in FILES])
+
+
+def known_problems(names: tuple[str, ...]) -> list[Problem]:
+    """The problems of these names.
+
+    Raises:
+        UsageError: no such problem.
+    """
+    try:
+        return find_problems(names)
+    except KeyError as error:
+        known = ", ".join(f'"{problem.name}"' for problem in problems())
+        raise UsageError(f"--problem {error.args[0]}: no such problem; there are {known}") from None
+
+
+def available() -> tuple[list[Entry], list[str]]:
+    """Ours and those of every peer that is installed; a sentence for every peer that is not."""
+    found, absent = entries(ours.__name__), []
+    for peer in PEERS:
+        if peer.installed:
+            found += peer.entries()
+        else:
+            absent.append(f"{peer.name} is not installed: pip install '{EXTRA}'")
+    return found, absent
+
+
+def matching(candidates: Sequence[Entry], names: tuple[str, ...]) -> list[Entry]:
+    """The solvers whose names begin with one of these.
+
+    Raises:
+        UsageError: a name that begins none.
+    """
+    for name in names:
+        if not any(begins(entry, name) for entry in candidates):
+            known = ", ".join(f'"{entry.solver.name}"' for entry in candidates)
+            raise UsageError(f"--solver {name}: no such solver installed; there are {known}")
+    return [entry for entry in candidates if not names or any(begins(entry, name) for name in names)]
+
+
+def begins(entry: Entry, name: str) -> bool:
+    """Whether a solver's name begins so, whatever the case."""
+    return entry.solver.name.lower().startswith(name.lower())
+
+
+def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
+    """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
+    console = Console()
+    for mode, title in report.TITLES.items():
+        table = Table(title=f"{title}: µs per tick at {report.ASKED:g} m (multiple of ours)", title_justify="left",
+                      box=box.SIMPLE_HEAD, pad_edge=False)  # fmt: skip
+        table.add_column("")
+        for problem in chosen:
+            table.add_column(problem.name, justify="right")
+        for name in frontier.line_names(rows):
+            mine = [row for row in rows if frontier.line_name(row) == name]
+            table.add_row(name, *(report.cell(rows, mine, problem.name, mode) for problem in chosen))
+        console.print(table)
+    for sentence in absent:
+        console.print(sentence, markup=False, highlight=False)
+    for path in files:
+        console.print(str(path), soft_wrap=True, highlight=False, markup=False)
