@@ -19,6 +19,7 @@ OUR_STYLES = ("-", "--", ":", "-.")
 ASKED = 1e-8
 """Error [m] that the tables go by"""
 MODES = {WHOLE: "whole run", STREAM: "every tick when its sample arrives"}
+KEY = "Lines: cheapest runs of\n(dots: all runs; dashed: 1e-8 m;\nbetter: lower left)"
 ERRORS = (3e-13, 1e-3)
 """Ends of the error axis [m]"""
 COLUMNS = 4
@@ -75,17 +76,15 @@ def key(place: Any, axes: Any, names: Sequence[str]) -> None:
     labelled = [axis.get_legend_handles_labels() for axis in axes]
     handles = {name: handle for pair in labelled for handle, name in zip(*pair, strict=True)}
     shown = [name for name in names if name in handles]
-    place.legend([handles[name] for name in shown], shown, loc="upper left", fontsize=12, frameon=False,
-                 title="cheapest runs of", title_fontsize=12, alignment="left")  # fmt: skip
-    place.text(0.02, 0.02, "small dots: all runs\ndashed: 1e-8 m\nbetter: lower left", fontsize=11, color="0.3",
-               transform=place.transAxes)  # fmt: skip
+    place.legend([handles[name] for name in shown], shown, loc="upper left", bbox_to_anchor=(0.0, 1.12), fontsize=11,
+                 frameon=False, title=KEY, title_fontsize=11, alignment="left", labelspacing=0.35)  # fmt: skip
 
 
 def style_of(name: str, names: Sequence[str]) -> dict[str, Any]:
     """Ours black and bold."""
     if is_ours(name):
         style = OUR_STYLES[[each for each in names if is_ours(each)].index(name) % len(OUR_STYLES)]
-        return {"color": "black", "linewidth": 3.0, "linestyle": style, "marker": "o", "markersize": 5, "zorder": 5}
+        return {"color": "black", "linewidth": 3.0, "linestyle": style, "marker": "o", "markersize": 7, "zorder": 5}
     return {"color": COLOURS.get(name, "0.5"), "linewidth": 1.5, "marker": MARKERS.get(name, "x"), "markersize": 5,
             "zorder": 3}  # fmt: skip
 

@@ -26,7 +26,11 @@ without set-up, compilation and the building of models; the fastest of {repeat} 
 (penetration, or gap) from the reference at any tick; the reference is DOP853 at 1e-12, split at every event of the law
 and at every tick (at 3e-14 it differs by 2e-12 m in the problem "impact", and by less than 2e-15 m elsewhere). Every
 solver starts at rest at the same static depth and goes from its coarsest setting to the first one with an error below
-1e-11 m or a run beyond 1 s. Functions that a tool takes from Python are in plain Python, as users write them.
+1e-11 m or a run beyond 1 s.
+
+Functions that a tool takes from Python are in plain Python, as users write them. Where a tool's own contact is another
+law (linear in the depth in MuJoCo and Drake, not clamped in Exudyn, Hunt and Crossley's in OpenSim), it is not used:
+the law is given as a force.
 
 A whole run knows all samples beforehand and may be one call; a streamed run counts here too, where it is the cheaper
 way. With the load linear between the ticks, every tick begins with a kink: solvers with error control that step across
@@ -70,13 +74,13 @@ def write_page(path: Path, study: Study) -> None:
     parts += ["## Problems", table(("problem", "what happens"), [[each.name, each.about] for each in study.problems])]
     parts += ["## Solvers", table(("solvers", "the contact law"), laws(study.solvers)), *study.absent]
     if judgement := targets.judged(rows, problems):
-        parts += ["## Targets", f"At an error of {ASKED:g} m where nothing else is said."]
+        parts += ["## Targets", f"At an error of {power_of_ten(ASKED)} m where nothing else is said."]
         parts += [table(("target", *problems), judgement)]
     for mode, title in TITLES.items():
-        parts += [f"## {title}: time per tick at an error of {ASKED:g} m or less", HOW_TO_READ]
+        parts += [f"## {title}: time per tick at an error of {power_of_ten(ASKED)} m or less", HOW_TO_READ]
         parts += [table(("solver", *problems), asked_for(rows, problems, mode))]
     for problem in problems:
-        header = ("error [m] at most", *(f"{level:g}" for level in LEVELS))
+        header = ("error [m] at most", *(power_of_ten(level) for level in LEVELS))
         for mode, title in TITLES.items():
             parts += [
                 f"## {problem}, {title.lower()}: time per tick [µs]",
@@ -92,6 +96,11 @@ def write_page(path: Path, study: Study) -> None:
     if failures:
         parts += ["## Failed runs", table(("problem", "solver", "run", "setting", "what happened"), failures)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def power_of_ten(error: float) -> str:
+    """An error as 1e-8."""
+    return f"{error:.0e}".replace("e-0", "e-")
 
 
 def table(header: Sequence[str], rows: Table) -> str:
@@ -123,7 +132,16 @@ def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> s
     time = frontier.cheapest(runs, ASKED)
     if not math.isnan(time):
         return with_ratio(time, our_time(rows, problem, mode, ASKED))
-    return f"{frontier.best_error(runs):.0e} m" if runs else "-"
+    return f"{power_of_ten(frontier.best_error(runs))} m" if runs else "-"
+
+
+def short_cell(rows: Sequence[Row], name: str, problem: str, mode: str) -> str:
+    """For the terminal: ours in µs, others as a multiple of ours, or the error reached."""
+    runs = [row for row in frontier.of(rows, problem, mode) if frontier.line_name(row) == name]
+    time, ours = frontier.cheapest(runs, ASKED), our_time(rows, problem, mode, ASKED)
+    if math.isnan(time):
+        return f"{power_of_ten(frontier.best_error(runs))} m" if runs else "-"
+    return f"{time:.3g} µs" if frontier.is_ours(name) or math.isnan(ours) else f"{time / ours:.2g}x"
 
 
 def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:

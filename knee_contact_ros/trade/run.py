@@ -19,6 +19,8 @@ from knee_contact_ros.trade.study import Row
 
 EXTRA = "knee-contact-ros[trade]"
 FILES = ("trade.md", "trade.csv", "trade.png")
+WIDTH = 112
+"""Columns that the tables need"""
 DRAWING = ("matplotlib", "tabulate")
 
 
@@ -103,16 +105,17 @@ def begins(entry: Entry, name: str) -> bool:
 def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
     """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
     console = Console()
+    wide = Console(width=max(WIDTH, console.width))
+    asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
     for mode, title in report.TITLES.items():
-        table = Table(title=f"{title}: µs per tick at {report.ASKED:g} m (multiple of ours)", title_justify="left",
-                      box=box.SIMPLE_HEAD, pad_edge=False)  # fmt: skip
-        table.add_column("")
+        console.print(f"{title}: {asked}", highlight=False)
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        table.add_column("", no_wrap=True)
         for problem in chosen:
-            table.add_column(problem.name, justify="right")
+            table.add_column(problem.name, justify="right", no_wrap=True)
         for name in frontier.line_names(rows):
-            mine = [row for row in rows if frontier.line_name(row) == name]
-            table.add_row(name, *(report.cell(rows, mine, problem.name, mode) for problem in chosen))
-        console.print(table)
+            table.add_row(name, *(report.short_cell(rows, name, problem.name, mode) for problem in chosen))
+        wide.print(table)
     for sentence in absent:
         console.print(sentence, markup=False, highlight=False)
     for path in files:

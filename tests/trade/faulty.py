@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from knee_contact_ros.trade.solver import Outcome, Setting, Solver, tolerances
 
 
 def solvers() -> list[Solver]:
-    return [Solver(run.__name__, "faulty", "", tolerances(4, 6, 8), None, run) for run in (raises, ends, answers)]
+    return [
+        Solver(run.__name__, "faulty", "", tolerances(4, 6, 8), None, run) for run in (raises, ends, hangs, answers)
+    ]
 
 
 def raises(problem: Problem, setting: Setting) -> Outcome:
@@ -20,6 +23,11 @@ def raises(problem: Problem, setting: Setting) -> Outcome:
 
 def ends(problem: Problem, setting: Setting) -> Outcome:
     os._exit(1)
+
+
+def hangs(problem: Problem, setting: Setting) -> Outcome:
+    time.sleep(60.0)
+    raise AssertionError
 
 
 def answers(problem: Problem, setting: Setting) -> Outcome:

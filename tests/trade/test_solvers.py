@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.trade import ours
+from knee_contact_ros.trade import worker as worker_module
 from knee_contact_ros.trade.law import contact_force, force_gradient, load_at
 from knee_contact_ros.trade.peers import PEERS, Entry, entries
 from knee_contact_ros.trade.problems import Problem, find_problems
 from knee_contact_ros.trade.solver import Setting, Solver
 from knee_contact_ros.trade.start import exact_depth
-from knee_contact_ros.trade.worker import FailedRunError, LostProcessError, Task, Worker
+from knee_contact_ros.trade.worker import FailedRunError, GivenUpError, LostProcessError, Task, Worker
 
 STEPS = Setting("20 per tick", 20.0)
 TOLERANCE = Setting("1e-8", 1e-8)
@@ -89,7 +90,7 @@ def test_the_load_is_linear_between_ticks() -> None:
     assert load_at(problem)(float(problem.time[-1])) == pytest.approx(problem.load[-1])
 
 
-def test_a_worker_says_what_a_tool_raised_and_goes_on() -> None:
+def test_a_worker_says_what_a_tool_raised_or_ended_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     worker = Worker()
     problem = PARTS[0]
     try:
@@ -99,5 +100,8 @@ def test_a_worker_says_what_a_tool_raised_and_goes_on() -> None:
             worker.run(Task("tests.trade.faulty", "ends", True, problem, TOLERANCE, 1), 20.0)
         outcome = worker.run(Task("tests.trade.faulty", "answers", True, problem, TOLERANCE, 1), 20.0)
         assert outcome.depth.shape == problem.time.shape
+        monkeypatch.setattr(worker_module, "GRACE", 0.0)
+        with pytest.raises(GivenUpError, match=r"0\.5 s"):
+            worker.run(Task("tests.trade.faulty", "hangs", True, problem, TOLERANCE, 1), 0.5)
     finally:
         worker.stop()

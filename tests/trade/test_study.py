@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from knee_contact_ros.cli import knee_contact, main
-from knee_contact_ros.trade import frontier, run, steadiness, study, targets
+from knee_contact_ros.trade import frontier, run, steadiness, study, targets, worker
 from knee_contact_ros.trade.peers import PEERS, entries
 from knee_contact_ros.trade.problems import Problem, find_problems
 from knee_contact_ros.trade.study import STREAM, WHOLE, Row
@@ -55,13 +55,16 @@ def test_targets_are_judged_by_their_ratios() -> None:
     assert judged["cost grows like error^-p, p at most 1/4"] == "0.25, yes"
 
 
-def test_a_sweep_tells_what_failed_and_goes_on() -> None:
+def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = small_problem()
+    monkeypatch.setattr(study, "LIMIT", 0.5)
+    monkeypatch.setattr(worker, "GRACE", 3.0)
     rows = study.measure([problem], entries("tests.trade.faulty"), 1)
     failures = {(each.solver, each.failure) for each in rows}
     assert ("raises", "ZeroDivisionError: ") in failures
     assert ("ends", "ended the process") in failures
     assert sum(each.solver == "ends" for each in rows) == study.MOST_LOSSES
+    assert [each.failure for each in rows if each.solver == "hangs"] == ["given up after 0.5 s"]
     answered = [each for each in rows if each.solver == "answers"]
     assert len(answered) == 3
     assert all(each.error > 0.0 and not each.failure for each in answered)
@@ -76,7 +79,7 @@ def test_the_command_writes_its_three_files(tmp_path: Path, monkeypatch: pytest.
     arguments += ["--solver", "scipy dop853", "--repeat", "1"]
     result = CliRunner().invoke(knee_contact, arguments, catch_exceptions=False)
     assert result.exit_code == 0
-    assert "µs per tick" in result.output
+    assert "peers as a multiple of ours" in " ".join(result.output.split())
     page = (tmp_path / "trade.md").read_text(encoding="utf-8")
     for expected in ("SciPy DOP853, events", OURS, "## Targets", "## Long runs", "cores", "numpy"):
         assert expected in page
