@@ -14,7 +14,10 @@ from knee_contact_ros.trade.solver import Outcome, Setting, Solver
 QUICK = 0.3
 """Seconds below which a run is repeated"""
 GRACE = 30.0
-"""Seconds beyond the limit for the process to start and the tool to be imported"""
+"""Seconds beyond the limit for the tool to be imported"""
+START = 120.0
+"""Seconds for the process to start"""
+READY = "ready"
 
 
 class Task(NamedTuple):
@@ -86,13 +89,20 @@ class Worker:
         process.start()
         theirs.close()
         self._process, self._connection = process, ours
-        return ours
+        try:
+            if ours.poll(START) and ours.recv() == READY:
+                return ours
+        except EOFError:
+            pass
+        self.stop()
+        raise RuntimeError("a process for the study did not start")
 
 
 def serve(connection: Connection) -> None:
     """Answer tasks with an outcome, or with what went wrong, until the other end is closed."""
     for stream in (1, 2):  # tools print as they like
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    connection.send(READY)
     while True:
         try:
             task = connection.recv()
