@@ -108,7 +108,7 @@ def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], 
     wide = Console(width=max(WIDTH, console.width))
     asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
     for mode, title in report.TITLES.items():
-        console.print(f"{title}: {asked}", highlight=False)
+        console.print(f"{title}: {asked}", highlight=False, soft_wrap=True)
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
         table.add_column("", no_wrap=True)
         for problem in chosen:
