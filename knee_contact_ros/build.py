@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relativ
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.geometries import Circle, Profile
+from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
@@ -22,24 +22,34 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, Tibia, Translation, load_parameters
 
 
-def load_model(source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path]) -> KneeModel:
+def load_model(
+    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path], *, compiled: bool = False
+) -> KneeModel:
     """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
+
+    With `compiled`, runs and streams use the compiled kernel: the same bits some hundred times quicker, after seconds
+    of compiling or, if this machine has compiled this kind of scene before, a second of loading.
 
     Raises:
         UsageError: see `load_parameters`; also a profile or a table that cannot be used.
     """
     parameters = load_parameters(source)
     law = contact_law(parameters.contact)
-    return KneeModel(
+    model = KneeModel(
         pair=contact_pair(femoral_geometry(parameters.femur), parameters.tibia),
         mechanism=mechanism(parameters.translation),
         regions=law,
         mass=parameters.femur.mass,
-        cartilage_thickness=law.law.layers[1].begin if len(law.law.layers) > 1 else math.inf,
         tolerance=parameters.fidelity.tolerance,
         budget=parameters.fidelity.budget,
         height_prescribed=parameters.drive == "displacement",
+        level=LEVELS[parameters.fidelity.level],
     )
+    if not compiled:
+        return model
+    from knee_contact_ros.compiled import compiled as with_compiled_kernel  # half a second to import
+
+    return with_compiled_kernel(model)
 
 
 def contact_law(contact: ContactParameters) -> Regions:

@@ -39,8 +39,8 @@ from knee_contact_ros.summary import Summary, read_summary
 from knee_contact_ros.terminal import progress, show_summary
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 
-NODE_START = 30.0
-"""How long [s] the node may take to appear."""
+NODE_START = 300.0
+"""How long [s] the node may take to appear; it may have to compile first."""
 LAST_ANSWERS = 3.0
 """How long [s] to wait for the last answers once nothing more comes."""
 NODE_STOP = 30.0
@@ -101,7 +101,7 @@ def check_before(bag: Path, parameters: Parameters) -> None:
     Raises:
         UsageError: one of these.
     """
-    pipeline = Pipeline(parameters)
+    pipeline = Pipeline(parameters, compiled=False)
     with BagReader(bag) as reader:
         angle = next(message.message for message in reader.messages() if message.topic == f"/{JOINT_STATES}")
     try:
@@ -123,7 +123,7 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
         def spin(seconds: float) -> None:
             executor.spin_once(timeout_sec=seconds)
 
-        with progress("Starting the node") as advance:
+        with progress("Starting the node (the first time it compiles, for some ten seconds)") as advance:
             deadline = time.monotonic() + NODE_START
             while not (replayer.wait_for_subscribers(0.1, spin) and node.count_publishers(KNEE_CONTACT)):
                 node_is_alive()

@@ -60,7 +60,8 @@ class TickMeter:
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
-        values |= {f"fidelity {name}": str(count) for name, count in self.fidelities.items()}
+        for name, count in sorted(self.fidelities.items()):
+            values[f"fidelity {name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
         return values | {f"status {name}": str(count) for name, count in self.flagged.items()}
 
 

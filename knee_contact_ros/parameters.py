@@ -17,6 +17,7 @@ from ruamel.yaml.error import YAMLError
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
+from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.errors import UsageError
 
@@ -145,7 +146,7 @@ class ContactParameters(Section):
 class FidelityParameters(Section):
     """How exactly to solve, and how much that may cost."""
 
-    level: Annotated[str, one_of("dynamic", "auto")] = Field("auto", description="dynamic, or auto (which picks it)")
+    level: Annotated[str, one_of(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
     tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
     budget: Annotated[int, AfterValidator(_budget)] = Field(
         0, description="contact law evaluations a tick may cost; 0: no limit"

@@ -41,13 +41,21 @@ class Ending(NamedTuple):
 class Pipeline:
     """Samples, pairing and model in one line."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, *, compiled: bool) -> None:
+        """Build the model; see `load_model` for `compiled`."""
         self.parameters = parameters
-        self.model = load_model(parameters)
+        self.model = load_model(parameters, compiled=compiled)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()
         self.ticks = 0
         self.last_refusal = ""
+
+    def compile(self) -> None:
+        """Go on with the compiled kernel; before the first sample."""
+        from knee_contact_ros.compiled import compiled  # half a second to import
+
+        self.model = compiled(self.model)
+        self.stream = self.model.stream()
 
     @property
     def refused(self) -> int:
@@ -92,14 +100,14 @@ class Pipeline:
             self.stream = self.model.stream()
         contact = self.stream.tick_ns(pair.load.stamp, pair.angle, pair.load.load, pair.height)
         self.ticks += 1
-        closest = self.model.closest(pair.angle, contact.femoral_height)
+        femoral_x, normal_x, normal_y = self.stream.placing
         inputs = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
         inputs.append((JOINT_REACTION_FORCE, pair.load.stamp, pair.load.message))
         return Answer(
             stamp=pair.load.stamp,
             frame_id=pair.load.frame_id,
             contact=contact._replace(status=contact.status | pair.status),
-            femoral_x=self.model.mechanism.translation(pair.angle)[0],
-            normal=(closest.normal_x, closest.normal_y),
+            femoral_x=femoral_x,
+            normal=(normal_x, normal_y),
             inputs=tuple(inputs),
         )

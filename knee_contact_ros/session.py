@@ -61,7 +61,7 @@ class Session:
         """
         self.node = node
         self.parameters = parameters
-        self.pipeline = Pipeline(parameters)
+        self.pipeline = Pipeline(parameters, compiled=False)
         self.inputs = {topic: InputMeter() for topic in INPUTS}
         self.ticks = TickMeter()
         self.sinks = self._open_sinks()

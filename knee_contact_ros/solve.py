@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from knee_contact_ros.errors import UsageError
@@ -13,6 +14,9 @@ from knee_contact_ros.record_answers import AnswerWriter
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_STATES
+
+WORTH_COMPILING = 50_000
+"""Messages of a bag from which on compiling the kernel takes less time than it saves"""
 
 
 def solve(
@@ -26,8 +30,10 @@ def solve(
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
-    pipeline = Pipeline(parameters)
-    with BagReader(bag) as reader, BagWriter(output, overwrite=overwrite) as writer:
+    with ExitStack() as opened:
+        reader = opened.enter_context(BagReader(bag))
+        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING)
+        writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer)
         summary = Summary(parameters.body_weight)
         for done, (topic, _, message) in enumerate(reader.messages(), start=1):

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import Fidelity, Status
 from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.record import REFUSED_SAMPLES
 from knee_contact_ros.stream_in.bag import BagReader
@@ -58,6 +58,8 @@ class Summary:
     """Ticks per status bit"""
     refused: Counter[str] = field(default_factory=Counter)
     """Refused samples per reason"""
+    levels: Counter[str] = field(default_factory=Counter)
+    """Ticks by the level that computed them"""
     evaluations: int = 0
     largest_error: float = 0.0
     """[m]"""
@@ -75,6 +77,7 @@ class Summary:
         self.last_stamp = stamp
         self.ticks += 1
         self.evaluations += contact.evaluations
+        self.levels[Fidelity(contact.fidelity).name.lower()] += 1
         self.largest_error = max(self.largest_error, contact.error_estimate)
         for name in ("load", "contact_force", "penetration_depth"):
             value = getattr(contact, name)

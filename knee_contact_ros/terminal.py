@@ -46,6 +46,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_row("samples refused", _counts(summary.refused))
     figures.add_row("ticks flagged", _counts(summary.flagged))
     figures.add_row("error estimate", f"{summary.largest_error * MICROMETRE:.2g} um of depth at most")
+    figures.add_row("levels", _shares(summary.levels))
     figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
     console.print(figures)
     console.print()
@@ -75,3 +76,8 @@ def peak_table(summary: Summary) -> Table:
 def _counts(counter: Mapping[str, int]) -> str:
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
     return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
+
+
+def _shares(levels: Mapping[str, int]) -> str:
+    whole = max(sum(levels.values()), 1)
+    return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))

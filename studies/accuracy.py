@@ -17,6 +17,7 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.contact_pairs import ContactPair, CurveContact, OnPlane
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.geometries import Circle
+from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, Mechanism
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
@@ -50,12 +51,15 @@ Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time [s], flexion angle [rad], load [N]."""
 
 
-class Forwards:
+class Forwards(NamedTuple):
     """A mechanism in closed form."""
+
+    reach: float = TRANSLATION
+    """Largest translation [m]"""
 
     def translation(self, angle: float) -> tuple[float, float]:
         """See `Mechanism`."""
-        return TRANSLATION * math.sin(angle), TRANSLATION * math.cos(angle)
+        return self.reach * math.sin(angle), self.reach * math.cos(angle)
 
 
 class Knee(NamedTuple):
@@ -146,15 +150,14 @@ def cut(series: Series, first: int, last: int) -> Series:
 
 def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:
     """The model's answer."""
-    layers = study.law.layers
     model = KneeModel(
         pair=study.knee.pair,
         mechanism=study.knee.mechanism,
         regions=Regions(study.law, allow_tension=False),
         mass=study.mass,
-        cartilage_thickness=layers[1].begin if len(layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=0,
+        level=LEVELS["dynamic"],
     )
     return model.run(*study.series)
 

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.trade.reference_femur import ellipse
 
-
-@dataclass(frozen=True)
-class Ellipse:
+class Ellipse(NamedTuple):
     """An ellipse about the reference point."""
 
     a: float
     """Half axis, anterior [m]"""
     b: float
     """Half axis, superior [m]"""
-    kinks: ClassVar[tuple[float, ...]] = ()
-    grain: ClassVar[float] = math.inf
 
     def support(self, angle: float) -> tuple[float, float]:
         """See `FemoralGeometry`."""
-        h, slope, _ = ellipse(self.a, self.b)(angle)
-        return h, slope
+        a, b = self.a, self.b
+        sine, cosine = math.sin(angle), math.cos(angle)
+        h = math.sqrt(a * a * sine * sine + b * b * cosine * cosine)
+        return h, (a * a - b * b) * sine * cosine / h
+
+    def next_kink(self, start: float, end: float) -> float:
+        """See `FemoralGeometry`."""
+        return math.nan
+
+    def grain(self) -> float:
+        """See `FemoralGeometry`."""
+        return math.inf
 
     def outline(self) -> NDArray[np.float64]:
         """See `FemoralGeometry`."""

@@ -5,6 +5,7 @@ python -m studies.stability [--output FILE] [--scenes N] [--seed S]
 
 from __future__ import annotations
 
+import functools
 import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -169,9 +170,11 @@ def main(output: Path, scenes: int, seed: int) -> None:
     with ProcessPoolExecutor() as pool:
         checked = stability_families.reference_scenes(seed, REFERENCE_SCENES)
         pending = pool.map(against_reference, checked)
-        for family, given in families(scenes, seed).items():
-            tried = list(given)
-            outcomes = list(pool.map(judge, tried, chunksize=2))
+        random = "random, all ranges"
+        given = [(family, "dynamic", list(tried)) for family, tried in families(scenes, seed).items()]
+        given += [(f"{family}; level auto", "auto", tried) for family, _, tried in given if family == random]
+        for family, level, tried in given:
+            outcomes = list(pool.map(functools.partial(judge, level=level, quick=True), tried, chunksize=2))
             rows.append(row(family, outcomes))
             say(" | ".join(rows[-1]))
             report_failures(tried, outcomes, say)

@@ -38,16 +38,16 @@ class Outcome(NamedTuple):
     failures: tuple[str, ...]
 
 
-def judge(scene: Scene) -> Outcome:
-    """Run a scene and check all of it."""
+def judge(scene: Scene, level: str = "dynamic", quick: bool = False) -> Outcome:
+    """Run a scene at a level and check all of it, against the dynamic level."""
     try:
-        series = run(scene)
-        finer = run(scene, scene.tolerance / FINER, FINE_BUDGET)
+        series = run(scene, level=level, quick=quick)
+        finer = run(scene, scene.tolerance / FINER, FINE_BUDGET, quick=quick)
     except Exception as raised:  # any exception is the failure that is looked for
         return Outcome(len(scene.time), 0, 0, 0, 0.0, -math.inf, (f"{type(raised).__name__}: {raised}",))
-    failures = promises(series, scene.tolerance)
+    failures = promises(series, scene.tolerance, level)
     said = series.status & Status.NOT_CONVERGED != 0
-    settled = series.fidelity == Fidelity.QUASI_STATIC
+    settled = said & (series.fidelity == Fidelity.QUASI_STATIC)
     known = trusted(finer, scene.tolerance) & ~said
     error = np.abs(signed_depth(series) - signed_depth(finer))[known] / scene.tolerance
     gains = energy_gains(scene, series)
@@ -61,10 +61,12 @@ def judge(scene: Scene) -> Outcome:
     )  # fmt: skip
 
 
-def promises(series: np.recarray[Any, Any], tolerance: float) -> list[str]:
+def promises(series: np.recarray[Any, Any], tolerance: float, level: str = "dynamic") -> list[str]:
     """Broken promises of a series of answers that can be seen without knowing the exact ones."""
     said = series.status & Status.NOT_CONVERGED != 0
-    missed = (series.error_estimate > tolerance) | (series.fidelity == Fidelity.QUASI_STATIC)
+    missed = series.error_estimate > tolerance
+    if level == "dynamic":  # it answers quasi-statically only where it has given up
+        missed |= series.fidelity == Fidelity.QUASI_STATIC
     found = [f"{field} not finite" for field in FIELDS if not np.isfinite(series[field]).all()]
     found += (
         ["contact_point not finite"] if not all(np.isfinite(series.contact_point[axis]).all() for axis in "xyz") else []
@@ -102,8 +104,8 @@ class Energy:
         for layer, end in zip(self.law.layers, ends, strict=True):
             inside = min(depth, end) - layer.begin
             if inside > 0.0:
-                base = layer.force(layer.begin, 0.0)[0]
-                top = layer.force(layer.begin + inside, 0.0)[0]
+                base = layer.formula.force_at(layer.begin, 0.0, 0.0)[0]
+                top = layer.formula.force_at(layer.begin + inside, 0.0, 0.0)[0]
                 total += inside * (base + (top - base) / (self.exponent + 1.0))
         return total
 
@@ -120,8 +122,9 @@ class Energy:
         A mass m that swings with an energy E on a stiffness k has a speed of at most v = √(2E/m). An error e of the
         depth is one of e√(k/m), or of e c/m where the dashpot c holds it back, in the speed (`core.error_estimate`).
         """
-        slopes = [layer.force(depth, 0.0)[1] for layer in self.law.layers if layer.begin < depth]
-        stiffness, damping = max(slopes), max(layer.force(depth, 0.0)[2] for layer in self.law.layers)
+        slopes = [layer.formula.force_at(depth, 0.0, 0.0)[1:] for layer in self.law.layers]
+        stiffness = max(slope[0] for slope, layer in zip(slopes, self.law.layers, strict=True) if layer.begin < depth)
+        damping = max(slope[1] for slope in slopes)
         off = error * max(math.sqrt(stiffness / self.mass), damping / self.mass, 10.0)
         return self.mass * off * (math.sqrt(2.0 * energy / self.mass) + 0.5 * off)
 

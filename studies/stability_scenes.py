@@ -11,15 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
-from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
-from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism
-from knee_contact_ros.core.model import NANOSECOND, SERIES_DTYPE, KneeModel
-from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
+from knee_contact_ros.core.model import NANOSECOND, KneeModel, as_series
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress
 from studies.ellipse import Ellipse
 
 RADIUS = 0.034
@@ -128,9 +129,9 @@ def pair(femoral: str, tibial: str) -> ContactPair:
 
 
 @lru_cache
-def parallel_mechanism() -> ParallelMechanism:
+def parallel_mechanism() -> Table:
     """The one with the published geometry."""
-    return ParallelMechanism()
+    return ParallelMechanism().table
 
 
 def law_of(scene: Scene) -> ContactLaw:
@@ -138,47 +139,52 @@ def law_of(scene: Scene) -> ContactLaw:
     return CONTACT_LAWS[scene.law](**scene.arguments)
 
 
-def knee(scene: Scene, tolerance: float, budget: int, height_prescribed: bool = False) -> KneeModel:
-    """The scene's model."""
-    law = law_of(scene)
-    return KneeModel(
+def knee(
+    scene: Scene,
+    tolerance: float,
+    budget: int,
+    height_prescribed: bool = False,
+    level: str = "dynamic",
+    quick: bool = False,
+) -> KneeModel:
+    """The scene's model; `quick`: compiled, which is quicker where many runs share a kind of scene."""
+    model = KneeModel(
         pair=pair(scene.femur, scene.tibia),
         mechanism=Hinge() if scene.tibia == "plane" else parallel_mechanism(),
-        regions=Regions(law, allow_tension=False),
+        regions=Regions(law_of(scene), allow_tension=False),
         mass=scene.mass,
-        cartilage_thickness=law.layers[1].begin if len(law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
         height_prescribed=height_prescribed,
+        level=LEVELS[level],
     )
+    if not quick:
+        return model
+    from knee_contact_ros.compiled import compiled
+
+    return compiled(model)
 
 
-def run(scene: Scene, tolerance: float | None = None, budget: int = BUDGET) -> np.recarray[Any, Any]:
+def run(
+    scene: Scene,
+    tolerance: float | None = None,
+    budget: int = BUDGET,
+    level: str = "dynamic",
+    quick: bool = False,
+) -> np.recarray[Any, Any]:
     """The model's answers, one per tick."""
-    model = knee(scene, tolerance or scene.tolerance, budget)
+    model = knee(scene, tolerance or scene.tolerance, budget, level=level, quick=quick)
     if not scene.thrown:
         return model.run(scene.time, scene.angle, scene.load)
-    touching = model.pair.touch(scene.angle[0], 0.0, 0.0, 0.0)(0.0)[0]
+    touching = model.pair.at(scene.angle[0], 0.0, 0.0, 0.0).touch(0.0)[0]
     state = FemurState(touching + scene.start_gap, -scene.thrown)
-    start = Progress(state, NO_ERROR, math.inf, None)
-    now = Advance(start, -scene.start_gap, scene.thrown, 0.0, 0.0, 0, dynamic=True)
-    rows = [model.contact(scene.angle[0], scene.load[0], now)]
-    dynamics = FemurDynamics(model.regions, model.mass, model.tolerance, model.budget)
-    for i in range(1, len(scene.time)):
-        now = Tick(dynamics, _interval(model, scene, i), now.progress).advance()
-        rows.append(model.contact(scene.angle[i], scene.load[i], now))
-    return np.array(rows, dtype=SERIES_DTYPE).view(np.recarray)
-
-
-def _interval(model: KneeModel, scene: Scene, i: int) -> Interval:
-    stamps = [round(time / NANOSECOND) for time in scene.time[i - 1 : i + 1]]
-    duration = (stamps[1] - stamps[0]) * NANOSECOND
-    return Interval(
-        pair=model.pair,
-        mechanism=model.mechanism,
-        duration=duration,
-        angle=scene.angle[i - 1],
-        angle_rate=(scene.angle[i] - scene.angle[i - 1]) / duration,
-        start_load=scene.load[i - 1],
-        load_rate=(scene.load[i] - scene.load[i - 1]) / duration,
-    )
+    progress = Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0)
+    memory, answers = np.zeros(ticks.MEMORY), np.zeros((len(scene.time), ticks.ANSWER))
+    memory[:3] = 1.0, scene.angle[0], scene.load[0]
+    ticks.write_progress(memory, progress)
+    start = Advance(progress, -scene.start_gap, scene.thrown, 0.0, 0.0, 0, converged=True)
+    ticks.write_answer(answers[0], model.scene, scene.angle[0], scene.load[0], start)
+    durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND
+    angles, loads, heights = np.array(scene.angle[1:]), np.array(scene.load[1:]), np.full(len(durations), math.nan)
+    model.kernel.run(model.scene, memory, durations, angles, loads, heights, answers[1:])
+    return as_series(answers)

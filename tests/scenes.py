@@ -8,14 +8,16 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
-from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
 
 RADIUS = 0.034
 MASS = 9.3014
@@ -70,6 +72,7 @@ def model(
     pair: ContactPair | None = None,
     mechanism: Mechanism | None = None,
     height_prescribed: bool = False,
+    level: str = "dynamic",
 ) -> KneeModel:
     """A knee like the paper's; `pair` takes the place of `geometry` on a plane with `slope`."""
     return KneeModel(
@@ -77,10 +80,10 @@ def model(
         mechanism=mechanism or Hinge(),
         regions=Regions(contact_law, allow_tension),
         mass=mass,
-        cartilage_thickness=contact_law.layers[1].begin if len(contact_law.layers) > 1 else math.inf,
         tolerance=tolerance,
         budget=budget,
         height_prescribed=height_prescribed,
+        level=LEVELS[level],
     )
 
 
@@ -95,7 +98,12 @@ def advance(
     allow_tension: bool = False,
 ) -> Advance:
     """One long tick of a circular femur from a given contact, under a constant load."""
-    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, load, 0.0)
-    scene = FemurDynamics(Regions(contact_law, allow_tension), mass, tolerance, 0)
-    start = Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf, None)
-    return Tick(scene, interval, start).advance()
+    pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
+    interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
+    scene = Scene(pair, hinge, Regions(contact_law, allow_tension), mass, tolerance, 0, LEVELS["dynamic"])
+    return dynamic_tick(scene, interval, moving(FemurState(RADIUS - depth, -rate)), 0)
+
+
+def moving(state: FemurState) -> Progress:
+    """A run that has come to a state without error, apart so far."""
+    return Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
-from knee_contact_ros.core.displacement import contact_at, follow
-from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.levels import PrescribedHeight
+from knee_contact_ros.core.levels.auto import Auto
 from knee_contact_ros.core.mechanisms.base import Mechanism
-from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.statics import static_contact
-from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Point, Status
+from knee_contact_ros.core.scene import Level, Scene
+from knee_contact_ros.core.types import Contact, Point
 
 NANOSECOND = 1e-9
+AUTO = Auto()
 INPUTS = "flexion_angle, load and femoral_height"
 LARGEST_LOAD = 1e6
 """Load [N] beyond which a sample is a fault of its source and no knee's."""
@@ -27,6 +28,27 @@ LARGEST_ANGLE = 10.0
 """The same for the flexion angle [rad]."""
 LARGEST_HEIGHT = 10.0
 """The same for a prescribed femoral height [m]."""
+
+
+class Kernel(NamedTuple):
+    """The functions that compute."""
+
+    run: Callable[..., None]
+    """See `ticks.run`"""
+    bind: Callable[[Scene, NDArray[np.float64], NDArray[np.float64]], Callable[[float, float, float, float], None]]
+    """From a scene, its memory and its answer to `ticks.tick` with these given: of duration [s], angle [rad], load [N],
+    height [m]"""
+
+
+def _bind(scene: Scene, memory: NDArray[np.float64], answer: NDArray[np.float64]) -> Callable[..., None]:
+    def tick(duration: float, angle: float, load: float, height: float) -> None:
+        ticks.tick(scene, memory, duration, angle, load, height, answer)
+
+    return tick
+
+
+PLAIN = Kernel(ticks.run, _bind)
+"""Uncompiled"""
 
 
 @dataclass(frozen=True)
@@ -47,14 +69,28 @@ class KneeModel:
     """The contact law, clamped or not"""
     mass: float
     """Of the femur [kg]"""
-    cartilage_thickness: float
-    """Depth [m] at which the second layer begins; infinite for a law with one layer"""
     tolerance: float
     """Wanted error of the penetration depth [m]"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
     height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
+    level: Level = AUTO
+    """The equations that a tick solves; of no effect where the height is prescribed"""
+    kernel: Kernel = PLAIN
+    """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
+
+    @property
+    def cartilage_thickness(self) -> float:
+        """Depth [m] at which the second layer begins; infinite for a law with one layer."""
+        layers = self.regions.law.layers
+        return layers[1].begin if len(layers) > 1 else math.inf
+
+    @property
+    def scene(self) -> Scene:
+        """The same for the kernel."""
+        level = PrescribedHeight() if self.height_prescribed else self.level
+        return Scene(self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.budget, level)
 
     def stream(self) -> Stream:
         """Start a run that takes one tick at a time."""
@@ -86,34 +122,27 @@ class KneeModel:
         if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
             raise ValueError(f"time, {INPUTS} must be one-dimensional and of equal length, got {shapes}")
-        stream = self.stream()
-        rows = [stream.tick(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-        return np.array(rows, dtype=SERIES_DTYPE).view(np.recarray)
+        time_, angles, loads, *heights = columns
+        _check_limits(columns[1:])
+        stamps = np.rint(time_ / NANOSECOND)
+        if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0.0).any():
+            raise ValueError("time must be finite and increase")
+        self.check_drive(bool(heights))
+        durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+        answers = np.zeros((len(time_), ticks.ANSWER))
+        height = heights[0] if heights else np.full(len(time_), math.nan)
+        self.kernel.run(self.scene, np.zeros(ticks.MEMORY), durations, angles, loads, height, answers)
+        return as_series(answers)
 
-    def contact(self, angle: float, load: float, advance: Advance) -> Contact:
-        """Put the answer to a tick into the terms of the message."""
-        depth = max(0.0, advance.depth)
-        bone = max(0.0, depth - self.cartilage_thickness)
-        state = ContactState.BONE if bone > 0.0 else ContactState.CARTILAGE if depth > 0.0 else ContactState.SEPARATED
-        height = advance.progress.state.height
-        missed = not advance.dynamic or advance.error_estimate > self.tolerance
-        return Contact(
-            flexion_angle=angle,
-            load=load,
-            contact_force=advance.force,
-            penetration_depth=depth,
-            gap=max(0.0, -advance.depth),
-            penetration_rate=advance.rate,
-            contact_point=self.contact_point(angle, height),
-            femoral_height=height,
-            cartilage_depth=depth - bone,
-            bone_depth=bone,
-            contact_state=int(state),
-            fidelity=int(Fidelity.DYNAMIC if advance.dynamic else Fidelity.QUASI_STATIC),
-            status=int(Status.NOT_CONVERGED if missed else Status.OK),
-            error_estimate=advance.error_estimate,
-            evaluations=advance.evaluations,
-        )
+    def check_drive(self, height_given: bool) -> None:
+        """Refuse a series that does not fit the drive.
+
+        Raises:
+            ValueError: a femoral height is prescribed and not given, or the other way round.
+        """
+        if self.height_prescribed != height_given:
+            needs = "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
+            raise ValueError(f"drive {'displacement' if self.height_prescribed else 'force'} {needs}")
 
     def closest(self, angle: float, height: float) -> Closest:
         """The common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
@@ -130,8 +159,20 @@ class Stream:
     """A run of a model, one tick at a time. The first tick is answered with the static solution."""
 
     model: KneeModel
-    _progress: Progress | None = field(default=None, init=False)
-    _last: tuple[int, float, float] = field(default=(0, 0.0, 0.0), init=False)
+    answer: NDArray[np.float64] = field(init=False)
+    """Numbers of the last tick's answer, in the order of `types.Contact` and then `placing`"""
+
+    def __post_init__(self) -> None:
+        self.answer = np.zeros(ticks.ANSWER)
+        self._stamp: int | None = None
+        self._height_prescribed = self.model.height_prescribed
+        self._tick = self.model.kernel.bind(self.model.scene, np.zeros(ticks.MEMORY), self.answer)
+
+    @property
+    def placing(self) -> tuple[float, float, float]:
+        """Of the last tick: x of the femoral reference point [m], and the tibial normal (x, y) at the contact point."""
+        x, normal_x, normal_y = self.answer[ticks.PLACING].tolist()
+        return x, normal_x, normal_y
 
     def tick(self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
@@ -140,73 +181,67 @@ class Stream:
             ValueError: a value is not finite or too large, time is not later than at the previous tick, or the drive
                 and `femoral_height` do not go together.
         """
-        height = 0.0 if femoral_height is None else femoral_height
-        if not all(map(math.isfinite, (time, flexion_angle, load, height))):
-            raise ValueError(f"time, {INPUTS} must be finite, got {time}, {flexion_angle}, {load}, {femoral_height}")
-        if abs(flexion_angle) > LARGEST_ANGLE or abs(load) > LARGEST_LOAD or abs(height) > LARGEST_HEIGHT:
-            limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
-            raise ValueError(f"{INPUTS} must not exceed {limits}, got {flexion_angle}, {load}, {femoral_height}")
+        if not math.isfinite(time):
+            raise ValueError(f"time must be finite, got {time}")
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """The same with the time as an integer stamp [ns]."""
-        if self.model.height_prescribed != (femoral_height is not None):
-            needs = "needs a femoral_height" if self.model.height_prescribed else "takes no femoral_height"
-            raise ValueError(f"drive {'displacement' if self.model.height_prescribed else 'force'} {needs}")
-        if self._progress is None:
-            advance = self._start(flexion_angle, load, femoral_height)
+        self.advance(stamp, flexion_angle, load, femoral_height)
+        return as_contact(self.answer)
+
+    def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
+        """The same, leaving the numbers in `answer`: for those who need few of them, quickly."""
+        if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
+            _refuse(flexion_angle, load, femoral_height)
+        height = math.nan
+        if self._height_prescribed or femoral_height is not None:
+            height = self._checked_height(flexion_angle, load, femoral_height)
+        last = self._stamp
+        if last is None:
+            duration = 0.0
+        elif stamp > last:
+            duration = (stamp - last) * NANOSECOND
         else:
-            interval = self._interval(stamp, flexion_angle, load)
-            advance = self._advance(self._progress, interval, femoral_height)
-        self._progress = advance.progress
-        self._last = (stamp, flexion_angle, load)
-        return self.model.contact(flexion_angle, load, advance)
+            raise ValueError(f"time must increase: {stamp} ns after {last} ns")
+        self._tick(duration, flexion_angle, load, height)
+        self._stamp = stamp
 
-    def _start(self, angle: float, load: float, femoral_height: float | None) -> Advance:
-        """Contact at rest: under the load, or at the prescribed height; the penetration rate is 0."""
-        model = self.model
-        touch = model.pair.touch(angle, 0.0, model.mechanism.translation(angle)[0], 0.0)
-        if femoral_height is not None:
-            depth = touch(femoral_height)[0]
-            state, impact_speed = FemurState(femoral_height, 0.0), 0.0 if depth > 0.0 else None
-            return contact_at(model.regions.after_impact(0.0), state, depth, 0.0, impact_speed)
-        static = static_contact(model.regions.law, touch, load)
-        return Advance(
-            progress=Progress(FemurState(static.height, math.nan), NO_ERROR, math.inf, 0.0),
-            depth=static.depth,
-            rate=0.0,
-            force=static.force,
-            error_estimate=0.0,
-            evaluations=static.evaluations,
-            dynamic=True,
-        )
+    def _checked_height(self, flexion_angle: float, load: float, femoral_height: float | None) -> float:
+        """The height [m] of a tick where one is given or needed."""
+        self.model.check_drive(femoral_height is not None)
+        height = 0.0 if femoral_height is None else femoral_height
+        if not abs(height) <= LARGEST_HEIGHT:
+            _refuse(flexion_angle, load, femoral_height)
+        return height
 
-    def _interval(self, stamp: int, angle: float, load: float) -> Interval:
-        """From the previous tick to this one."""
-        last_stamp, last_angle, last_load = self._last
-        if stamp <= last_stamp:
-            raise ValueError(f"time must increase: {stamp} ns after {last_stamp} ns")
-        duration = (stamp - last_stamp) * NANOSECOND
-        return Interval(
-            pair=self.model.pair,
-            mechanism=self.model.mechanism,
-            duration=duration,
-            angle=last_angle,
-            angle_rate=(angle - last_angle) / duration,
-            start_load=last_load,
-            load_rate=(load - last_load) / duration,
-        )
 
-    def _advance(self, progress: Progress, interval: Interval, femoral_height: float | None) -> Advance:
-        model = self.model
-        if femoral_height is not None:
-            return follow(model.regions, interval, progress, femoral_height)
-        height, velocity = progress.state
-        if math.isnan(velocity):  # the static start: the femur follows its turning surface
-            _, rate, cosine = interval.touch(0.0)(height)
-            progress = progress._replace(state=FemurState(height, rate / cosine))
-        scene = FemurDynamics(model.regions, model.mass, model.tolerance, model.budget)
-        return Tick(scene, interval, progress).advance()
+def _check_limits(columns: list[NDArray[np.float64]]) -> None:
+    """Refuse values that are no knee's.
+
+    Raises:
+        ValueError: see `_refuse`.
+    """
+    limits = (LARGEST_ANGLE, LARGEST_LOAD, LARGEST_HEIGHT)
+    bad = np.zeros(len(columns[0]), dtype=bool)
+    for column, limit in zip(columns, limits, strict=False):
+        bad |= ~(np.abs(column) <= limit)
+    if bad.any():
+        row = [float(column[bad][0]) for column in columns]
+        _refuse(row[0], row[1], row[2] if len(row) > 2 else None)
+
+
+def _refuse(angle: float, load: float, height: float | None) -> None:
+    """Say what is wrong with values.
+
+    Raises:
+        ValueError: always.
+    """
+    given = [value for value in (angle, load, height) if value is not None]
+    if not all(map(math.isfinite, given)):
+        raise ValueError(f"time, {INPUTS} must be finite, got {angle}, {load}, {height}")
+    limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
+    raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}")
 
 
 POINT_DTYPE = np.dtype([(axis, np.float64) for axis in Point._fields])
@@ -223,3 +258,27 @@ SERIES_DTYPE = np.dtype(
     ]
 )
 """One row of `KneeModel.run`."""
+
+
+def as_contact(answer: NDArray[np.float64]) -> Contact:
+    """An answer under the names of the message."""
+    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, fidelity, status, error, evaluations,
+     *_) = answer.tolist()  # fmt: skip
+    return Contact(
+        angle, load, force, depth, gap, rate, Point(x, y, 0.0), height, cartilage, bone, int(state), int(fidelity),
+        int(status), error, int(evaluations),
+    )  # fmt: skip
+
+
+def as_series(answers: NDArray[np.float64]) -> np.recarray[Any, Any]:
+    """Answers, shape (n, `ticks.ANSWER`), under the names of the message."""
+    series = np.zeros(len(answers), dtype=SERIES_DTYPE)
+    column = 0
+    for name in Contact._fields:
+        if name == "contact_point":
+            series[name]["x"], series[name]["y"] = answers[:, column], answers[:, column + 1]
+            column += 2
+        else:
+            series[name] = answers[:, column]
+            column += 1
+    return series.view(np.recarray)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
 from knee_contact_ros.core.contact_pairs.base import Touch
+from knee_contact_ros.core.kernel_source import aside, in_kernel
 
 MAX_ITERATIONS = 200
 ROUNDING = 1e-16
 """Depth and height are solved to this [m], or to this part of them."""
 START_HEIGHT = 0.1
 """Where the search for the femoral height begins [m]: above any contact."""
+RESOLVED = 1e-3
+"""Part of the depth that it is solved to at most before Newton's last correction"""
+DEEPEST = 1e9
+"""Where the search for the depth ends [m]"""
 
 
 class StaticSolution(NamedTuple):
@@ -30,30 +35,44 @@ class StaticContact(NamedTuple):
     """[m]"""
     force: float
     """Normal contact force [N]"""
+    stiffness: float
+    """Its slope over the depth [N/m]"""
+    damping: float
+    """Its slope over the rate [N s/m]"""
     evaluations: int
 
 
-def static_contact(law: ContactLaw, touch: Touch, load: float) -> StaticContact:
+@aside
+def static_contact(
+    law: ContactLaw, touch: Touch, load: float, near_height: float, near_depth: float, resolution: float
+) -> StaticContact:
     """Solve n_y F(depth, 0) = load [N] for the femoral height [m]; a load <= 0 leaves the surfaces just touching.
 
-    The normal hardly turns with the height, so depth and height are solved in turns; on a plane one turn is exact.
+    Guesses are `START_HEIGHT` and a depth of 0 [m] if there are none. The depth is solved until Newton's method
+    corrects it by less than `resolution` [m], which leaves about the square of that. The normal hardly turns with the
+    height, so depth and height are solved in turns; on a plane one turn is exact.
     """
-    height, depth, evaluations, cosine = height_at(touch, 0.0, START_HEIGHT), 0.0, 0, 0.0
+    near, depth, evaluations, cosine = near_depth, 0.0, 0, 0.0
+    height = height_at(touch, near_depth, near_height)
     for _ in range(MAX_ITERATIONS):
-        last, cosine = cosine, touch(height)[2]
+        last = cosine
+        _, _, cosine = touch.touch(height)
         if abs(cosine - last) <= ROUNDING:
             break
-        depth, spent = static_depth(law, load / cosine)
-        evaluations += spent
+        solution = static_depth(law, load / cosine, near, resolution)
+        depth, near = solution.depth, solution.depth
+        evaluations += solution.evaluations
         height = height_at(touch, depth, height)
-    return StaticContact(height, depth, law.static_force(depth), evaluations + (depth > 0.0))
+    force, stiffness, damping = static_force(law, depth)
+    return StaticContact(height, depth, force, stiffness, damping, evaluations + (1 if depth > 0.0 else 0))
 
 
+@in_kernel
 def height_at(touch: Touch, depth: float, near: float) -> float:
     """Solve depth(height) = depth [m] for the height [m] by Newton's method, from a height `near` it."""
     height = near
     for _ in range(MAX_ITERATIONS):
-        reached, _, cosine = touch(height)
+        reached, _, cosine = touch.touch(height)
         correction = (reached - depth) / cosine
         height += correction
         if abs(correction) <= ROUNDING * max(1.0, abs(height)) or height + 0.5 * correction == height:
@@ -61,13 +80,13 @@ def height_at(touch: Touch, depth: float, near: float) -> float:
     return height
 
 
-def static_depth(law: ContactLaw, force: float) -> StaticSolution:
-    """Solve F(depth, 0) = force [N] for the depth [m], to rounding; 0 for a force <= 0 (just touching).
+@in_kernel
+def static_depth(law: ContactLaw, force: float, near: float, resolution: float) -> StaticSolution:
+    """Solve F(depth, 0) = force [N] for the depth [m]; 0 for a force <= 0 (just touching).
 
-    Newton's method inside a bracket that halves when Newton leaves it; the static force grows with depth in every law.
-
-    Raises:
-        ValueError: the law does not reach the force below 1e9 m (a stiffness that is no contact's).
+    Newton's method from `near` [m], inside a bracket that halves when Newton leaves it, until a correction is below
+    `resolution` [m] (0: to rounding); the static force grows with the depth in every law. A force that is not reached
+    at 1e9 m is answered with that depth.
     """
     if force <= 0.0:
         return StaticSolution(0.0, 0)
@@ -75,21 +94,12 @@ def static_depth(law: ContactLaw, force: float) -> StaticSolution:
     layer = 0
     for index in range(1, len(law.layers)):
         evaluations += 1
-        if law.layers[index - 1].force(law.layers[index].begin, 0.0)[0] < force:
+        if law.layers[index - 1].formula.force_at(law.layers[index].begin, 0.0, 0.0)[0] < force:
             layer = index
-    formula, low = law.layers[layer].force, law.layers[layer].begin
-
-    high = max(2.0 * low, 1e-9)
-    evaluations += 1
-    while formula(high, 0.0)[0] < force:
-        evaluations += 1
-        low, high = high, 10.0 * high
-        if high > 1e9:
-            raise ValueError(f"no static depth below 1e9 m carries {force} N")
-
-    depth = high
+    low, high, depth, looks = bracket(law, layer, force, near)
+    evaluations += looks
     for _ in range(MAX_ITERATIONS):
-        value, slope, _ = formula(depth, 0.0)
+        value, slope, _ = law.layers[layer].formula.force_at(depth, 0.0, 0.0)
         evaluations += 1
         if value >= force:
             high = depth
@@ -97,7 +107,24 @@ def static_depth(law: ContactLaw, force: float) -> StaticSolution:
             low = depth
         newton = depth - (value - force) / slope if slope > 0.0 else low
         following = newton if low < newton < high else 0.5 * (low + high)
-        if following == depth or not low < following < high or abs(following - depth) <= ROUNDING * depth:
+        correction = abs(following - depth)
+        if newton == depth or not low < following < high or correction <= ROUNDING * depth:
             break
         depth = following
+        if correction <= min(resolution, RESOLVED * depth):
+            break
     return StaticSolution(depth, evaluations)
+
+
+@in_kernel
+def bracket(law: ContactLaw, layer: int, force: float, near: float) -> tuple[float, float, float, int]:
+    """Depths [m] between which a layer reaches a force [N], one to begin with, and the evaluations that this took."""
+    low, high, evaluations = law.layers[layer].begin, DEEPEST, 0
+    if low < near < high:
+        return low, high, near, evaluations
+    depth = max(2.0 * low, 1e-9)
+    evaluations += 1
+    while depth < high and law.layers[layer].formula.force_at(depth, 0.0, 0.0)[0] < force:
+        evaluations += 1
+        low, depth = depth, 10.0 * depth
+    return low, depth, depth, evaluations

@@ -13,7 +13,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.on_curve import CELL, CurveContact, _Candidate
+from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
+from knee_contact_ros.core.contact_pairs.profile_search import CELL, Pose, deepest_of
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile
 from knee_contact_ros.core.geometries import Circle, Profile
@@ -118,7 +119,7 @@ def test_circle_in_circle_is_exact(angle: float, x: float, height: float) -> Non
     between = math.hypot(x, TIBIAL_RADIUS - height)
     assume(math.sqrt(0.75) * (TIBIAL_RADIUS - height) > 0.5 * abs(x))  # over the arc
     assert found.depth == pytest.approx(between + RADIUS - TIBIAL_RADIUS, abs=LAST_BITS)
-    assert (found.support, found.turning) == (RADIUS, 0.0)
+    assert (found.extent, found.turning) == (RADIUS, 0.0)
     assert found.normal_x == pytest.approx(-x / between, abs=LAST_BITS)
 
 
@@ -203,7 +204,7 @@ def test_the_femoral_tangent_is_parallel_to_the_tibia(name: str) -> None:
     outline = pair.femur.outline(2000)
     for angle in np.linspace(-0.1, 1.9, 13):
         found = pair.closest(angle, 0.001, touching(pair, angle, 0.001, 5e-4))
-        r = -found.support * np.array([found.normal_x, found.normal_y])
+        r = -found.extent * np.array([found.normal_x, found.normal_y])
         r -= found.turning * np.array([found.normal_y, -found.normal_x])
         curve = turn(outline, angle)
         nearest = int(np.argmin(np.hypot(*(curve - r).T)))
@@ -254,12 +255,14 @@ def test_the_candidates_of_a_cell_hold_the_deepest_point() -> None:
     rng = np.random.default_rng(6)
     for seed in range(6):
         pair = CurveContact(noisy_femur(1e-5, seed=seed), CUP)
-        search = pair._search
+        curve = pair.searched.curve
+        every = np.array([[0.0, len(curve.cubics) - 1], *([-math.inf, i] for i in range(len(curve.cubics) - 1))])
         for _ in range(60):
             angle, x = rng.uniform(-0.3, 1.5), rng.uniform(0.025, 0.04)
             height = CELL * (round(touching(PAIRS["circle in circle"], angle, x, 0.0) / CELL) + 0.4999)
-            every = [_Candidate(-math.inf, arc.turned(angle)) for arc in search._curve.arcs]
-            assert pair.closest(angle, x, height).depth == search._closest(every, x, height, 0.0).depth
+            every[0, 0] = height
+            pose = Pose(x, math.sin(angle), math.cos(angle))
+            assert pair.closest(angle, x, height).depth == deepest_of(every, curve, CUP, pose, height).depth
 
 
 def test_the_measured_surfaces_against_sampling(reference_data) -> None:
@@ -286,12 +289,12 @@ def test_touch_gives_the_bits_of_closest(
     pair: CurveContact, angle: float, x: float, depth: float, moves: list[float]
 ) -> None:
     height = touching(pair, angle, x, depth)
-    touch = pair.touch(angle, 0.7, x, -0.2)
+    touch = pair.at(angle, 0.7, x, -0.2)
     edge = CELL * (math.floor(height / CELL) + 0.5)
     for at in (height, *(height + move for move in moves), edge, math.nextafter(edge, 0.0), height):
         found = pair.closest(angle, x, at)
         rate = found.turning * 0.7 - found.normal_x * -0.2
-        assert touch(at) == (found.depth, rate, found.normal_y)
+        assert touch.touch(at) == (found.depth, rate, found.normal_y)
 
 
 @pytest.mark.parametrize("tibia", [CUP, TibialProfile(np.linspace(-0.02, 0.02, 41), np.linspace(-0.06, 0.06, 41) ** 2)])

@@ -138,8 +138,8 @@ def test_the_speed_at_touch_is_remembered(name: str) -> None:
     speed = 0.035
     depth = np.minimum(speed * (TIME - 0.0105), 4e-4)  # comes down, touches between two ticks, and stops
     series = model(law(name, least_impact_speed=1e-3), height_prescribed=True).run(TIME, NONE, NONE, pressed(depth))
-    force = law(name, least_impact_speed=1e-3).after_impact(speed).layers[0].force
-    expected = [force(*row)[0] for row in zip(depth[1:], np.diff(depth) / np.diff(TIME), strict=True)]
+    force_at = law(name, least_impact_speed=1e-3).layers[0].formula.force_at
+    expected = [force_at(*row, speed)[0] for row in zip(depth[1:], np.diff(depth) / np.diff(TIME), strict=True)]
     inside = depth[1:] > 0.0
     # Rounding of heights of 34 mm over a tick (1e-14 m/s) against 0.035 m/s, and of the depth against 1e-5 m
     assert series.contact_force[1:][inside] == pytest.approx(np.array(expected)[inside], rel=1e-9)
@@ -157,7 +157,7 @@ def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: st
     knee = model(contact_law, geometry=geometry, height_prescribed=True)
     end = knee.run([0.0, duration], [begin, begin + turn], [0.0, 0.0], [height, height])[-1]
     depth = geometry.support(begin + turn)[0] - height
-    expected = contact_law.after_impact(speed).layers[0].force(depth, rate)[0]
+    expected = contact_law.layers[0].formula.force_at(depth, rate, speed)[0]
     assert end.contact_force == pytest.approx(expected, rel=1e-12)  # a touch found to rounding, at a depth of 1 mm
 
 
@@ -170,9 +170,9 @@ def test_every_touch_has_its_own_speed() -> None:
     rates = np.diff(depth) / np.diff(time)
     # (tick, the tick that touched): 0.03 m/s first, then 0.06 m/s, which lasts
     for tick, touched in ((1, 1), (3, 3), (4, 3)):
-        force = contact_law.after_impact(rates[touched - 1]).layers[0].force
+        force = contact_law.layers[0].formula.force_at(depth[tick], rates[tick - 1], rates[touched - 1])[0]
         # Rounding of heights of 34 mm over a tick (7e-16 m/s) against 0.01 m/s, and of the depth against 0.2 mm
-        assert series.contact_force[tick] == pytest.approx(force(depth[tick], rates[tick - 1])[0], rel=1e-11)
+        assert series.contact_force[tick] == pytest.approx(force, rel=1e-11)
     assert np.all(series.contact_force[[0, 2]] == 0.0)
 
 

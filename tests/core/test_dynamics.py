@@ -13,13 +13,16 @@ from scipy.integrate import quad
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
-from knee_contact_ros.core.dynamics import FemurDynamics, Progress, Tick
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.integrators.base import FemurState
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.scene import DYNAMIC, Scene
+from knee_contact_ros.core.types import Fidelity
 from tests.core.test_geometries import ellipse
-from tests.scenes import STIFFNESS, advance, law
+from tests.scenes import STIFFNESS, advance, law, moving
 
 SPEED = 0.3
 TOLERANCE = 1e-10
@@ -107,7 +110,8 @@ def test_without_load_no_energy_is_made(name: str, depth: float, rate: float, ma
     # An error within the tolerance is worth tolerance x force in depth, and as much again in speed.
     assert after <= before + 2e-9 * contact_law.static_force(5e-3)
     assert result.force >= 0.0
-    assert result.dynamic
+    assert result.converged
+    assert result.progress.fidelity == DYNAMIC
 
 
 def test_the_estimate_covers_the_error_of_an_impact() -> None:
@@ -119,11 +123,12 @@ def test_the_estimate_covers_the_error_of_an_impact() -> None:
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 def test_behind_a_settled_tick_the_femur_follows_its_turning_surface(slope: float) -> None:
     geometry, angle, angle_rate, duration, load = ellipse(320), 0.2, 20.0, 0.02, 800.0
-    interval = Interval(OnPlane(geometry, slope), Hinge(), duration, angle, angle_rate, load, 0.0)
-    scene = FemurDynamics(Regions(law("kelvin_voigt"), False), 10.0, TOLERANCE, 1)  # no tick keeps this budget
-    start = Progress(FemurState(geometry.support(angle)[0], 0.0), NO_ERROR, math.inf, None)
-    result = Tick(scene, interval, start).advance()
-    assert not result.dynamic
+    pair, regions = OnPlane(geometry, slope), Regions(law("kelvin_voigt"), False)
+    interval = Interval(pair, Hinge(), duration, angle, angle_rate, load, 0.0, math.nan)
+    scene = Scene(pair, Hinge(), regions, 10.0, TOLERANCE, 1, LEVELS["dynamic"])  # no tick keeps this budget
+    result = dynamic_tick(scene, interval, moving(FemurState(geometry.support(angle)[0], 0.0)), 0)
+    assert not result.converged
+    assert result.progress.fidelity == Fidelity.QUASI_STATIC
     assert result.rate == 0.0
     surface_rate = geometry.support(angle + angle_rate * duration - slope)[1] * angle_rate
     assert abs(surface_rate) > 0.01

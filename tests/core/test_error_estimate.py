@@ -13,23 +13,25 @@ from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
-from knee_contact_ros.core.dynamics import Advance, FemurDynamics, Progress, Tick
 from knee_contact_ros.core.error_estimate import (
     SAFETY,
     behind_jump,
     carry,
     carry_in_flight,
-    leap,
     lost_swing,
     settled_doubt,
 )
 from knee_contact_ros.core.geometries import Circle
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, StateError, Step
+from knee_contact_ros.core.integrators.base import INSIDE, NO_ERROR, FemurState, Stage, StateError, Step, leap
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.scene import Advance, Progress, Scene
+from knee_contact_ros.core.stepping import orders
 from tests.core.test_geometries import ellipse
-from tests.scenes import RADIUS, law
+from tests.scenes import RADIUS, law, moving
 
 MASS = 2.0
 
@@ -50,22 +52,22 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float,
     height, velocity = 0.0, -rate  # the boundary lies at the height 0
     meeting = [-h / velocity for h in (height, height + e)]
     velocities = [velocity + jump / mass * (t - begin) for begin in meeting]
-    found = behind_jump(StateError(e, 0.0), rate, jump, mass, 1.0)
+    found = behind_jump(StateError(e, 0.0), rate, jump, 0.0, mass, 1.0)
     assert found.velocity == pytest.approx(velocities[1] - velocities[0], rel=1e-12)
     assert found.height == e
 
 
 def test_a_jump_met_at_no_speed_is_not_felt_longer_than_the_interval() -> None:
-    found = behind_jump(StateError(1e-6, 0.0), 0.0, 50.0, MASS, 5e-3)
+    found = behind_jump(StateError(1e-6, 0.0), 0.0, 50.0, 0.0, MASS, 5e-3)
     assert abs(found.velocity) == pytest.approx(5e-3 * 50.0 / MASS)
 
 
 def swinging(frequency: float, damping: float, h: float, amplitude: float, kept: float) -> Step:
     """A step that begins with a swing of some speed about a load of 100 N, and ends with a part of it."""
     stiffness = frequency**2 * MASS
-    begin = Stage(0.0, 1e-4, amplitude, 100.0, stiffness)
-    end = Stage(1.0, 1e-4, kept * amplitude, 100.0, stiffness)
-    return Step(FemurState(0.034, 0.0), NO_ERROR, begin, (end,), stiffness, damping, 0, True)
+    begin = Stage(1e-4, amplitude, 100.0, stiffness, 0.0)
+    end = Stage(1e-4, kept * amplitude, 100.0, stiffness, 0.0)
+    return Step(FemurState(0.034, 0.0), NO_ERROR, begin, end, INSIDE, stiffness, damping, 0.0, 0, True)
 
 
 def test_a_swing_that_the_step_has_damped_away_is_lost() -> None:
@@ -81,8 +83,8 @@ def test_a_swing_that_the_step_has_damped_away_is_lost() -> None:
 def test_a_knee_that_follows_its_load_slowly_does_not_swing() -> None:
     step = swinging(1e4, 0.0, 0.01, 0.0, 0.0)
     slow = 3e4 / step.stiffness
-    end = step.stages[-1]._replace(rate=slow, force=400.0)
-    following = step._replace(begin=step.begin._replace(rate=slow), stages=(end,))
+    end = step.end._replace(rate=slow, force=400.0)
+    following = step._replace(begin=step.begin._replace(rate=slow), end=end)
     assert lost_swing(following, 100.0, 3e4, MASS, 0.01) == pytest.approx(
         0.0, abs=1e-15
     )  # rounding of 400 N / stiffness
@@ -90,11 +92,11 @@ def test_a_knee_that_follows_its_load_slowly_does_not_swing() -> None:
 
 def test_what_is_left_to_the_static_answer_is_in_doubt() -> None:
     # Pulled by 300 N for 2 ms from rest in contact: it may be anywhere up to where it flies freely.
-    pulled = settled_doubt(1e-4, 0.0, (-300.0, -300.0), MASS, 2e-3)
+    pulled = settled_doubt(1e-4, 0.0, -300.0, -300.0, MASS, 2e-3)
     assert pulled.height >= 1e-4 + 0.5 * 300.0 / MASS * 2e-3**2
     assert pulled.velocity >= 300.0 / MASS * 2e-3
     # Pressed: no faster than what the load gives over the way to the bottom.
-    pressed = settled_doubt(1e-3, 0.2, (800.0, 2000.0), MASS, 2e-3)
+    pressed = settled_doubt(1e-3, 0.2, 800.0, 2000.0, MASS, 2e-3)
     assert pressed.velocity == pytest.approx(0.2 + math.sqrt(2.0 * 2000.0 * 1e-3 / MASS))
     assert pressed.height == pytest.approx(1e-3 + 2e-3 * pressed.velocity)
 
@@ -111,13 +113,16 @@ def test_in_flight_the_parts_of_an_error_do_not_cancel(height: float, velocity: 
 
 def advanced(contact_law: ContactLaw, start: Progress, duration: float, load: float = 0.0) -> Advance:
     """One tick of a circle of 2 kg under a constant load."""
-    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, load, 0.0)
-    return Tick(FemurDynamics(Regions(contact_law, False), MASS, 1e-10, 0), interval, start).advance()
+    pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
+    interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
+    scene = Scene(pair, hinge, Regions(contact_law, False), MASS, 1e-10, 0, LEVELS["dynamic"])
+    return dynamic_tick(scene, interval, start, 0)
 
 
 def begun(depth: float, rate: float, speed: float, doubt: float = 0.0) -> Progress:
     """A contact that began at a speed, give or take a doubt."""
-    return Progress(FemurState(RADIUS - depth, -rate), NO_ERROR, math.inf, speed, doubt)
+    start = moving(FemurState(RADIUS - depth, -rate))
+    return start._replace(impact_speed=speed, impact_error=doubt)
 
 
 def test_a_doubtful_impact_speed_puts_the_force_in_doubt() -> None:
@@ -125,7 +130,7 @@ def test_a_doubtful_impact_speed_puts_the_force_in_doubt() -> None:
     flores, duration, depth = law("flores"), 1e-9, 3e-4
     doubtful = advanced(flores, begun(depth, 0.3, 0.5, 0.02), duration)
     one, other = (advanced(flores, begun(depth, 0.3, speed), duration) for speed in (0.5, 0.52))
-    stiffness = flores.after_impact(0.5).layers[0].force(depth, 0.3)[1]
+    stiffness = flores.layers[0].formula.force_at(depth, 0.3, 0.5)[1]
     assert doubtful.force == one.force
     assert one.error_estimate < 1e-10
     assert abs(other.force - one.force) > 1.0
@@ -148,15 +153,15 @@ def test_a_doubtful_impact_speed_is_felt_for_as_long_as_the_contact_lasts() -> N
 def test_what_was_in_doubt_at_a_touch_is_published_for_its_tick() -> None:
     # The dashpot makes the carried error forget; the tick in which femur and tibia met still says what it met with.
     doubt = StateError(1e-6, 0.0)
-    start = Progress(FemurState(RADIUS + 1e-4, -0.2), doubt, math.inf, None)
+    start = moving(FemurState(RADIUS + 1e-4, -0.2))._replace(error=doubt)
     touched = advanced(law("kelvin_voigt"), start, 0.5, load=800.0)
-    assert touched.progress.impact_speed is not None
+    assert not math.isnan(touched.progress.impact_speed)
     assert abs(touched.progress.error.height) < 1e-8
     assert touched.error_estimate >= SAFETY * 1e-6
 
 
 @pytest.mark.parametrize(
-    ("pair", "turn", "orders"),
+    ("pair", "turn", "expected"),
     [
         (OnPlane(Circle(RADIUS)), 0.3, (4, 2)),
         (OnPlane(ellipse(60)), 0.3, (1, 1)),  # 5 of its points: its third derivative jumps at each
@@ -166,22 +171,18 @@ def test_what_was_in_doubt_at_a_touch_is_published_for_its_tick() -> None:
     ],
 )
 def test_a_step_is_of_the_order_that_its_surface_allows(
-    pair: ContactPair, turn: float, orders: tuple[int, int]
+    pair: ContactPair, turn: float, expected: tuple[int, int]
 ) -> None:
     duration = 0.005
-    interval = Interval(pair, Hinge(), duration, 0.4, turn / duration, 800.0, 0.0)
-    start = Progress(FemurState(RADIUS, 0.0), NO_ERROR, math.inf, None)
-    tick = Tick(FemurDynamics(Regions(law("kelvin_voigt"), False), MASS, 1e-6, 0), interval, start)
-    assert tick.orders(duration) == orders
+    interval = Interval(pair, Hinge(), duration, 0.4, turn / duration, 800.0, 0.0, math.nan)
+    assert orders(interval, duration) == expected
 
 
 def test_a_leap_is_told_from_a_glide() -> None:
     turn, h, radius = 4.0, 2e-3, 0.1
     rates = [turn * (0.01 + radius * turn * h * fraction) for fraction in (0.0, 0.5, 1.0)]
-    stages = [Stage(i / 2, 1e-4, 0.0, 0.0, 1e6, rate) for i, rate in enumerate(rates)]
-    glide = Step(FemurState(0.034, 0.0), NO_ERROR, stages[0], tuple(stages[1:]), 1e6, 0.0, 0, True)
-    assert leap(glide, turn, h) == 0.0
-    behind = stages[2]._replace(surface_rate=stages[2].surface_rate + 0.003 * turn)  # by 3 mm to the next bump
-    found = leap(glide._replace(stages=(stages[1], behind)), turn, h)
+    assert leap(rates[0], rates[1], turn, 0.5 * h) == 0.0
+    assert leap(rates[1], rates[2], turn, 0.5 * h) == 0.0
+    found = leap(rates[1], rates[2] + 0.003 * turn, turn, 0.5 * h)  # by 3 mm to the next bump
     # The glide within the half step is in it.
     assert found == pytest.approx(0.003 * turn + radius * turn**2 * h / 2, rel=1e-12)

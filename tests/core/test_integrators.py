@@ -4,45 +4,97 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle
-from knee_contact_ros.core.integrators import esdirk4
-from knee_contact_ros.core.integrators.base import FemurState, Step
+from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
+from knee_contact_ros.core.integrators.base import FemurState, Motion, Stage, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import APART, BELOW, NOWHERE, Region, Regions
 from tests.core.test_geometries import ellipse
 from tests.scenes import RADIUS, law
 
 MASS, SPRING, DASHPOT = 2.0, 4e6, 2e3
 
 
-def tableau() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def implicit_tableau() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, b and c in full."""
+    m = esdirk4
+    rows = (
+        (), (m.A21,), (m.A31, m.A32), (m.A41, m.A42, m.A43), (m.A51, m.A52, m.A53, m.A54),
+        (m.A61, 0.0, m.A63, m.A64, m.A65),
+    )  # fmt: skip
+    a = filled(rows)
+    a[np.arange(1, 6), np.arange(1, 6)] = m.GAMMA
+    return a, a[5], np.array([0.0, m.C2, m.C3, m.C4, m.C5, 1.0])
+
+
+def explicit_tableau() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A, b of the 4th order, the same less that of the 5th, and c."""
+    m = fehlberg
+    rows = (
+        (), (m.A21,), (m.A31, m.A32), (m.A41, m.A42, m.A43), (m.A51, m.A52, m.A53, m.A54),
+        (m.A61, m.A62, m.A63, m.A64, m.A65),
+    )  # fmt: skip
+    b, e = np.array([m.B1, 0.0, m.B3, m.B4, m.B5, 0.0]), np.array([m.E1, 0.0, m.E3, m.E4, m.E5, m.E6])
+    return filled(rows), b, e, np.array([0.0, m.C2, m.C3, m.C4, 1.0, m.C6])
+
+
+def filled(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """A lower triangle as a matrix."""
     a = np.zeros((6, 6))
-    for i, row in enumerate(esdirk4.A):
+    for i, row in enumerate(rows):
         a[i, : len(row)] = row
-        a[i, i] = esdirk4.GAMMA if i else 0.0
-    return a, a[5], np.array(esdirk4.C)
+    return a
 
 
-def test_coefficients_satisfy_the_order_conditions() -> None:
-    a, b, c = tableau()
-    assert a.sum(axis=1) == pytest.approx(c, abs=1e-15)
-    residuals = [
+def residuals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
+    """What is left of the conditions of the 4th order."""
+    return [
         b.sum() - 1, b @ c - 1 / 2, b @ c**2 - 1 / 3, b @ a @ c - 1 / 6, b @ c**3 - 1 / 4,
         (b * c) @ a @ c - 1 / 8, b @ a @ c**2 - 1 / 12, b @ a @ a @ c - 1 / 24,
     ]  # fmt: skip
-    assert residuals == pytest.approx([0.0] * 8, abs=1e-15)  # rounding of eight-term sums
+
+
+def test_coefficients_satisfy_the_order_conditions() -> None:
+    a, b, c = implicit_tableau()
+    assert a.sum(axis=1) == pytest.approx(c, abs=1e-15)
+    assert residuals(a, b, c) == pytest.approx([0.0] * 8, abs=1e-15)  # rounding of eight-term sums
+
+
+def test_coefficients_of_the_explicit_pair_satisfy_the_order_conditions() -> None:
+    a, b, error, c = explicit_tableau()
+    # Rounding of sums of terms up to 8
+    assert a.sum(axis=1) == pytest.approx(c, abs=2e-15)
+    assert residuals(a, b, c) == pytest.approx([0.0] * 8, abs=2e-15)
+    fifth = b - error
+    assert residuals(a, fifth, c) == pytest.approx([0.0] * 8, abs=2e-15)
+    more = [
+        fifth @ c**4 - 1 / 5, (fifth * c**2) @ a @ c - 1 / 10, (fifth * c) @ a @ c**2 - 1 / 15,
+        (fifth * c) @ a @ a @ c - 1 / 30, fifth @ (a @ c) ** 2 - 1 / 20, fifth @ a @ c**3 - 1 / 20,
+        fifth @ a @ (c * (a @ c)) - 1 / 40, fifth @ a @ a @ c**2 - 1 / 60, fifth @ a @ a @ a @ c - 1 / 120,
+    ]  # fmt: skip
+    assert more == pytest.approx([0.0] * 9, abs=2e-15)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_where_a_layer_begins_the_difference_of_the_orders_is_a_tenth_of_the_error(turned: bool) -> None:
+    _, b, error, c = explicit_tableau()
+    way = (1.0 - c if turned else c) ** 1.5
+    true_error = abs(float(b @ way) - 0.4)
+    assert fehlberg.SINGULAR * abs(float(error @ way)) == pytest.approx(true_error, rel=0.4)
 
 
 def test_the_method_damps_what_is_infinitely_stiff() -> None:
-    a, b, _ = tableau()
+    a, b, _ = implicit_tableau()
 
     def amplification(z: float) -> float:
         return float(1 + z * b @ np.linalg.solve(np.eye(6) - z * a, np.ones(6)))
@@ -52,9 +104,20 @@ def test_the_method_damps_what_is_infinitely_stiff() -> None:
     assert amplification(-1e5) == pytest.approx(amplification(-1e4) / 10, rel=0.01)
 
 
-def spring(depth: float, rate: float) -> tuple[float, float, float]:
-    """A linear spring and dashpot."""
-    return SPRING * depth + DASHPOT * rate, SPRING, DASHPOT
+class Spring(NamedTuple):
+    """A linear spring and dashpot, that pull, too."""
+
+    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+        """See `LayerFormula`."""
+        return SPRING * depth + DASHPOT * rate, SPRING, DASHPOT
+
+    def remembers_impact(self) -> bool:
+        """See `LayerFormula`."""
+        return False
+
+
+METHODS = ("implicit", "explicit")
+SPRING_LAW = ContactLaw((Layer(-1.0, Spring()),))
 
 
 def oscillator(depth: float, rate: float, t: float) -> tuple[float, float]:
@@ -69,36 +132,43 @@ def oscillator(depth: float, rate: float, t: float) -> tuple[float, float]:
     )
 
 
-def integrate(steps: int, duration: float) -> tuple[float, Step]:
-    """Error of the depth after so many doubled steps, and the last step."""
-    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, 0.0, 0.0)
+def integrate(method: str, steps: int, duration: float) -> tuple[float, Step]:
+    """Error of the depth after so many steps, and the last step."""
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, 0.0, 0.0, math.nan)
     state = FemurState(RADIUS - 1e-3, -0.5)
     h = duration / steps
-
-    def single(s: float, state: FemurState, h: float) -> Step:
-        return esdirk4.esdirk4_step(interval, spring, MASS, s, state, h, 1e-18)
-
+    motion = Motion(interval, Regions(SPRING_LAW, True), Region(0, True), 0.0, MASS, NOWHERE)
     for i in range(steps):
-        step = doubled_step(single, esdirk4.ORDER, esdirk4.STAGE_ORDER, MASS, i * h, state, h)
+        if method == "explicit":
+            step = fehlberg.fehlberg_step(motion, i * h, state, h)
+        else:
+            step = doubled_step(motion, esdirk4.ORDER, esdirk4.STAGE_ORDER, i * h, state, h, 1e-18)
         state = step.state
     return abs(RADIUS - state.height - oscillator(1e-3, 0.5, duration)[0]), step
 
 
-def test_the_damped_oscillator_is_met_at_fourth_order() -> None:
-    errors = [integrate(steps, 4e-3)[0] for steps in (8, 16, 32)]
+@pytest.mark.parametrize("method", METHODS)
+def test_the_damped_oscillator_is_met_at_fourth_order(method: str) -> None:
+    errors = [integrate(method, steps, 4e-3)[0] for steps in (8, 16, 32)]
     orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
     assert min(orders) > 3.8
 
 
-def test_the_error_estimate_is_that_of_the_step() -> None:
-    error, step = integrate(1, 5e-4)
-    assert abs(step.error.height) == pytest.approx(error, rel=0.3)  # first neglected term of Richardson's estimate
+@pytest.mark.parametrize("method", METHODS)
+def test_the_error_estimate_is_that_of_the_step(method: str) -> None:
+    error, step = integrate(method, 1, 5e-4)
+    assert abs(step.error.height) == pytest.approx(error, rel=0.3)  # first neglected term of the estimate
+
+
+def flying(interval: Interval) -> Motion:
+    """A femur without contact."""
+    return Motion(interval, Regions(law("kelvin_voigt"), False), Region(APART, False), 0.0, MASS, NOWHERE)
 
 
 def test_free_flight_is_exact() -> None:
     load, load_rate, height, velocity, h = 300.0, -2e4, RADIUS + 1e-3, 0.4, 0.01
-    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, load, load_rate)
-    step = free_flight_step(interval, None, MASS, 0.0, FemurState(height, velocity), h)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, load, load_rate, math.nan)
+    step = free_flight_step(flying(interval), 0.0, FemurState(height, velocity), h)
     assert step.state.height == pytest.approx(
         height + velocity * h - (load * h**2 / 2 + load_rate * h**3 / 6) / MASS, abs=1e-16
     )
@@ -106,29 +176,40 @@ def test_free_flight_is_exact() -> None:
     assert step.evaluations == 0
 
 
-def test_a_flight_sees_a_turning_profile_brush_the_plateau() -> None:
+def test_a_flight_sees_a_turning_profile_brush_the_plateau(monkeypatch: pytest.MonkeyPatch) -> None:
     # Half axes of 34 and 28 mm: the longer one points down at a right angle, here between the stages at 0.5 and 0.75.
     geometry, turn, h, brush = ellipse(320), 0.6, 0.01, 0.62
     begin = 0.5 * math.pi - brush * turn
     deepest = geometry.support(0.5 * math.pi)[0]
     nearest = max(geometry.support(begin + fraction * turn)[0] for fraction in (0.5, 0.75))
     height = 0.5 * (deepest + nearest)  # apart at every quarter, and pressed between two
-    interval = Interval(OnPlane(geometry), Hinge(), h, begin, turn / h, 0.0, 0.0)
-    step = free_flight_step(interval, None, MASS, 0.0, FemurState(height, 0.0), h)
-    fractions = [stage.fraction for stage in step.stages]
-    assert fractions == sorted(fractions)
-    assert {0.25, 0.5, 0.75, 1.0} < set(fractions)
-    assert all(stage.depth < 0.0 for stage in step.stages if stage.fraction in {0.25, 0.5, 0.75, 1.0})
-    peak = min(step.stages, key=lambda stage: abs(stage.rate))
-    assert peak.fraction == pytest.approx(brush, abs=1e-5)  # the spline's lowest point there is the ellipse's to 1e-6
+    interval = Interval(OnPlane(geometry), Hinge(), h, begin, turn / h, 0.0, 0.0, math.nan)
+    stages: dict[float, Stage] = {}
+    look = free_flight.in_flight
+
+    def watched(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
+        stages[t / h] = look(motion, s, state, t)
+        return stages[t / h]
+
+    monkeypatch.setattr(free_flight, "in_flight", watched)
+    step = free_flight_step(flying(interval), 0.0, FemurState(height, 0.0), h)
+    quarters = {0.25, 0.5, 0.75, 1.0}
+    assert quarters < set(stages)
+    assert all(stages[fraction].depth < 0.0 for fraction in quarters)
+    assert step.crossing.boundary == BELOW
+    assert step.crossing.fraction == min(fraction for fraction, stage in stages.items() if stage.depth > 0.0)
+    assert 0.5 < step.crossing.fraction < 0.75
+    peak_at, peak = min(stages.items(), key=lambda item: abs(item[1].rate))
+    assert peak_at == pytest.approx(brush, abs=1e-5)  # the spline's lowest point there is the ellipse's to 1e-6
     # The first try, along an all but straight line, leaves 1.1e-5 m/s; all but the second of the others halve it.
     assert abs(peak.rate) <= 1.2e-5 / 2.0 ** (MAX_PEAK - 2)
     assert peak.depth == pytest.approx(deepest - height, abs=1e-15)  # that squared, over 2 x 39 m/s², and rounding
 
 
 def test_a_stiff_stage_is_solved() -> None:
-    stiff = law("kelvin_voigt", stiffness=1e13, damping=1e7).layers[0].force
-    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), 0.1, 0.0, 0.0, 2e4, 0.0)
-    step = esdirk4.esdirk4_step(interval, stiff, 1e-4, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12)
+    stiff = Regions(law("kelvin_voigt", stiffness=1e13, damping=1e7), False)
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), 0.1, 0.0, 0.0, 2e4, 0.0, math.nan)
+    motion = Motion(interval, stiff, Region(0, True), 0.0, 1e-4, NOWHERE)
+    step = esdirk4.esdirk4_step(motion, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12)
     assert step.solved
-    assert all(math.isfinite(value) for value in (*step.state, step.stages[-1].force))
+    assert all(math.isfinite(value) for value in (*step.state, step.end.force))

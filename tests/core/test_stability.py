@@ -108,3 +108,11 @@ def test_a_settled_lift_off_stays_in_doubt_while_the_femur_flies() -> None:
     short, long = run(scene, budget=500), run(scene, 1e-9, budget=100_000)
     off = np.abs(signed_depth(short) - signed_depth(long))
     assert np.all((off <= scene.tolerance) | (short.status & Status.NOT_CONVERGED != 0))
+
+
+@pytest.mark.parametrize("number", [23, 81, 135])
+def test_the_level_that_is_picked_meets_the_tolerance_or_says_so(number: int) -> None:
+    # A bumpy femur that turns within a tick; one that leaps; and an impact that the law still remembers at lift-off.
+    scene = random_scene(np.random.default_rng((0, number)).uniform)
+    assert not judge(scene).failures
+    assert not judge(scene, "auto").failures

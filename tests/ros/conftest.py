@@ -26,7 +26,7 @@ from knee_contact_ros.graph import private_graph
 from knee_contact_ros.publish import header
 from knee_contact_ros.ros_messages import RosMessages
 
-PATIENCE = 30.0
+PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
 
 

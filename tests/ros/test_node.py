@@ -108,7 +108,7 @@ def test_the_private_graph_stays_on_the_loopback_interface(peer: Peer, start_nod
 def test_replay_feeds_the_node_a_bag(start_node: Start, right_bag: Path, config: Path, tmp_path: Path) -> None:
     node = start_node("--params-file", config / "healthy.yaml", "-p", f"record.path:={tmp_path / 'live.mcap'}")
     command = [sys.executable, "-m", "knee_contact_ros.cli", "replay", str(right_bag), "--rate", "5", "--clock"]
-    replay = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    replay = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (replay.returncode, replay.stdout, replay.stderr) == (0, "", "")
     time.sleep(0.5)
     code, output = node.stop()

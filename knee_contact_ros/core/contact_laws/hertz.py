@@ -6,14 +6,29 @@ Nothing damps the knee under this law: it rings about its equilibrium for good.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+class HertzFormula(NamedTuple):
+    """F = K δⁿ."""
+
+    stiffness: float
+    """K [N/mⁿ]"""
+    exponent: float
+    """n"""
+
+    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+        """See `LayerFormula`."""
+        elastic, slope = power_law(self.stiffness, self.exponent, depth)
+        return elastic, slope, 0.0
+
+    def remembers_impact(self) -> bool:
+        """See `LayerFormula`."""
+        return False
 
 
 def hertz(*, stiffness: float, exponent: float) -> ContactLaw:
     """Elastic contact. `stiffness` K [N/mⁿ], `exponent` n (1.5 for two curved solids)."""
-
-    def force(depth: float, _rate: float) -> tuple[float, float, float]:
-        elastic, slope = power_law(stiffness, exponent, depth)
-        return elastic, slope, 0.0
-
-    return ContactLaw((Layer(0.0, force),))
+    return ContactLaw((Layer(0.0, HertzFormula(stiffness, exponent)),))

@@ -11,7 +11,35 @@ surfaces part at v₀/D, and no faster. Below the floor an impact loses less tha
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+class ImpactDamped(NamedTuple):
+    """F = K δⁿ (1 + D δ̇/v₀)."""
+
+    stiffness: float
+    """K [N/mⁿ]"""
+    exponent: float
+    """n"""
+    loss: float
+    """D"""
+    least_impact_speed: float
+    """Floor under v₀ [m/s]"""
+
+    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+        """See `LayerFormula`."""
+        loss_over_speed = self.loss / max(impact_speed, self.least_impact_speed)
+        elastic, slope = power_law(self.stiffness, self.exponent, depth)
+        factor = 1.0 + loss_over_speed * rate
+        # Where the factor is negative the formula pulls, and its true slope is negative: Newton's method needs one
+        # >= 0, and the integrator releases the contact at that boundary.
+        return elastic * factor, slope * max(factor, 0.0), elastic * loss_over_speed
+
+    def remembers_impact(self) -> bool:
+        """See `LayerFormula`."""
+        return True
 
 
 def impact_damped(*, stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
@@ -23,17 +51,4 @@ def impact_damped(*, stiffness: float, exponent: float, loss: float, least_impac
         loss: D >= 0.
         least_impact_speed: the smallest v₀ [m/s], > 0.
     """
-
-    def at_impact(speed: float) -> tuple[Layer, ...]:
-        loss_over_speed = loss / max(speed, least_impact_speed)
-
-        def force(depth: float, rate: float) -> tuple[float, float, float]:
-            elastic, slope = power_law(stiffness, exponent, depth)
-            factor = 1.0 + loss_over_speed * rate
-            # Where the factor is negative the formula pulls, and its true slope is negative: Newton's method needs
-            # one >= 0, and the integrator releases the contact at that boundary.
-            return elastic * factor, slope * max(factor, 0.0), elastic * loss_over_speed
-
-        return (Layer(0.0, force),)
-
-    return ContactLaw(at_impact(least_impact_speed), at_impact)
+    return ContactLaw((Layer(0.0, ImpactDamped(stiffness, exponent, loss, least_impact_speed)),))

@@ -6,14 +6,31 @@ integrator clamps the force at 0 unless tension is allowed.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+class KelvinVoigtFormula(NamedTuple):
+    """F = K δⁿ + C δ̇."""
+
+    stiffness: float
+    """K [N/mⁿ]"""
+    exponent: float
+    """n"""
+    damping: float
+    """C [N s/m]"""
+
+    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+        """See `LayerFormula`."""
+        elastic, slope = power_law(self.stiffness, self.exponent, depth)
+        return elastic + self.damping * rate, slope, self.damping
+
+    def remembers_impact(self) -> bool:
+        """See `LayerFormula`."""
+        return False
 
 
 def kelvin_voigt(*, stiffness: float, exponent: float, damping: float) -> ContactLaw:
     """Spring and dashpot in parallel. `stiffness` K [N/mⁿ], `exponent` n, `damping` C [N s/m]."""
-
-    def force(depth: float, rate: float) -> tuple[float, float, float]:
-        elastic, slope = power_law(stiffness, exponent, depth)
-        return elastic + damping * rate, slope, damping
-
-    return ContactLaw((Layer(0.0, force),))
+    return ContactLaw((Layer(0.0, KelvinVoigtFormula(stiffness, exponent, damping)),))

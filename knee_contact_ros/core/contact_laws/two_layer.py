@@ -6,7 +6,33 @@ nothing damps the knee above it: it rings there. `damp_first_layer` puts the sam
 
 from __future__ import annotations
 
-from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerForce, power_law
+from typing import NamedTuple
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
+
+
+class SpringAndDashpot(NamedTuple):
+    """One layer under others: F = F₀ + K (δ - h)ⁿ + C δ̇."""
+
+    begin: float
+    """h [m]"""
+    base_force: float
+    """F₀ [N] of the layers above, at h"""
+    stiffness: float
+    """K [N/mⁿ]"""
+    exponent: float
+    """n"""
+    damping: float
+    """C [N s/m]"""
+
+    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+        """See `LayerFormula`."""
+        elastic, slope = power_law(self.stiffness, self.exponent, depth - self.begin)
+        return self.base_force + elastic + self.damping * rate, slope, self.damping
+
+    def remembers_impact(self) -> bool:
+        """See `LayerFormula`."""
+        return False
 
 
 def two_layer_elastic(*, stiffness: float, exponent: float, layer_depth: float, stiffness_2: float) -> ContactLaw:
@@ -33,17 +59,7 @@ def two_layer_viscoelastic(
     """Two layers with a dashpot C [N s/m] in the second (Eq. 12) or, with `damp_first_layer`, in both."""
     force_at_layer, _ = power_law(stiffness, exponent, layer_depth)
 
-    def layer(begin: float, base_force: float, layer_stiffness: float, layer_damping: float) -> LayerForce:
-        def force(depth: float, rate: float) -> tuple[float, float, float]:
-            elastic, slope = power_law(layer_stiffness, exponent, depth - begin)
-            return base_force + elastic + layer_damping * rate, slope, layer_damping
-
-        return force
-
     first_damping = damping if damp_first_layer else 0.0
-    return ContactLaw(
-        (
-            Layer(0.0, layer(0.0, 0.0, stiffness, first_damping)),
-            Layer(layer_depth, layer(layer_depth, force_at_layer, stiffness_2, damping)),
-        )
-    )
+    cartilage = SpringAndDashpot(0.0, 0.0, stiffness, exponent, first_damping)
+    bone = SpringAndDashpot(layer_depth, force_at_layer, stiffness_2, exponent, damping)
+    return ContactLaw((Layer(0.0, cartilage), Layer(layer_depth, bone)))

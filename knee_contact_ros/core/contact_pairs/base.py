@@ -6,21 +6,20 @@ Generalized contact kinematics of the paper, Eqs. 1 to 6: at the two points of c
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.geometries.base import FemoralGeometry
+from knee_contact_ros.core.kernel_source import kernel_interface
 
 
+@kernel_interface
 class Closest(NamedTuple):
     """The common normal of femur and tibia in one pose; tibia frame, unit normal n from tibia to femur."""
 
     depth: float
     """Signed penetration depth along n [m]: > 0 in overlap, < 0 apart"""
-    support: float
+    extent: float
     """Distance of the femur's deepest point from the reference point, against n [m]: -r·n"""
     turning: float
     """Change of the depth when the femur turns about its reference point [m/rad]: -r·t, with t = (n_y, -n_x)"""
@@ -29,45 +28,62 @@ class Closest(NamedTuple):
 
     def point(self, x: float, height: float) -> tuple[float, float]:
         """Contact point on the tibia [m], for the femoral reference point at (x, height) [m]."""
-        along, across = -self.turning, self.depth - self.support
+        along, across = -self.turning, self.depth - self.extent
         return (
             x + along * self.normal_y + across * self.normal_x,
             height - along * self.normal_x + across * self.normal_y,
         )
 
 
-Touch = Callable[[float], tuple[float, float, float]]
-"""Height of the reference point [m] to (signed depth [m], its rate with the height held [m/s], n_y).
+@kernel_interface
+class Touch(Protocol):
+    """The contact of a pair at a moment: its pose but for the height, and how that pose changes."""
 
-The depth's rate is the second less n_y times the height's velocity; n_y of the contact force acts along the height.
-"""
+    def touch(self, height: float) -> tuple[float, float, float]:
+        """Signed depth [m], its rate with the height held [m/s], n_y; for the reference point's height [m].
+
+        The depth's rate is the second less n_y times the height's velocity; n_y of the contact force acts along the
+        height.
+        """
+        ...
 
 
-class ContactPair(Protocol):
-    """A femoral surface over a tibial one. All functions of the pose alone, the same bits for the same pose."""
+@kernel_interface
+class Kinematics(Protocol):
+    """The part of a contact pair that the kernel calls: functions of the pose alone, same bits for the same pose."""
+
+    def closest(self, angle: float, x: float, height: float) -> Closest:
+        """The common normal with the femur turned by `angle` [rad] and its reference point at (x, height) [m]."""
+        ...
+
+    def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> Touch:
+        """The contact at a moment, for any height; rates in rad/s and m/s."""
+        ...
+
+    def next_kink(self, start: float, end: float) -> float:
+        """First flexion angle [rad] strictly between two, seen from `start`, at which the depth's rate jumps.
+
+        Only those that are known beforehand; nan if there is none.
+        """
+        ...
+
+    def is_dented(self) -> bool:
+        """Whether the contact may leap from bump to bump where `next_kink` does not tell."""
+        ...
+
+    def grain(self) -> float:
+        """Of the femur, see `Support`."""
+        ...
+
+
+class ContactPair(Kinematics, Protocol):
+    """A femoral surface over a tibial one: a named tuple."""
 
     @property
     def femur(self) -> FemoralGeometry:
         """The femoral surface."""
         ...
 
-    @property
-    def dented(self) -> bool:
-        """Whether the contact may leap from bump to bump where `kinks` does not tell."""
-        ...
-
-    def closest(self, angle: float, x: float, height: float) -> Closest:
-        """The common normal with the femur turned by `angle` [rad] and its reference point at (x, height) [m]."""
-        ...
-
-    def touch(self, angle: float, angle_rate: float, x: float, x_rate: float) -> Touch:
-        """The contact at a moment, as a function of the height; rates in rad/s and m/s."""
-        ...
-
-    def kinks(self, start: float, end: float) -> list[float]:
-        """Flexion angles [rad] between two, in their order, at which the rate of `touch` is known to jump."""
-        ...
-
-    def outline(self, reach: float) -> NDArray[np.float64]:
+    def outline(self, reach: float) -> Floats:
         """Points along the tibial surface, shape (n, 2) [m] in the tibia frame, to `reach` [m] on both sides."""
         ...

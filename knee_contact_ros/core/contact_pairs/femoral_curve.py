@@ -2,23 +2,66 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.contact_pairs.least import Bends, Function, Sample
-from knee_contact_ros.core.contact_pairs.tibial_surface import Floats, TibialSurface, level_curvatures
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.contact_pairs.least import Sample, least_between
+from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface, level_curvatures
 from knee_contact_ros.core.geometries.profile import Profile
+from knee_contact_ros.core.kernel_source import in_kernel
 
 Cubic = tuple[float, float, float, float]
 
-TINY = 1e-300
-"""Keeps a straight segment, which has no sag, from a division by zero"""
+
+class FemoralCurve(NamedTuple):
+    """All segments of a profile, and a tree of blocks of them.
+
+    Block 1 is the whole curve, and blocks 2k and 2k + 1 are the halves of block k, down to single segments.
+    """
+
+    cubics: Floats
+    """Shape (segments + 1, 10), see `Curve`; in the last row the curve's last point stands as x0, y0"""
+    blocks: Floats
+    """Shape (2 x width, 3): length of the parameter u [m], and upper bounds of the lengths of p' and of p'' [1/m].
+
+    The width is the least power of 2 that has room for all segments; they are the blocks from there on.
+    """
+
+
+def femoral_curve(profile: Profile) -> FemoralCurve:
+    """Gather the segments of `profile` and their bounds."""
+    cubics = profile.curve.cubics
+    count, u = len(cubics), cubics[:, 0]
+    axes = cubics[:, 2:6].T, cubics[:, 6:].T
+    end = np.zeros((1, 10))
+    end[0, [2, 6]] = [np.polyval(axis[::-1, -1], u[-1]) for axis in axes]
+    controls = [(c1, c1 + u * c2, c1 + u * (2.0 * c2 + 3.0 * u * c3)) for _, c1, c2, c3 in axes]
+    bends = [(2.0 * c2, 2.0 * c2 + 6.0 * u * c3) for _, c1, c2, c3 in axes]  # the second derivative is linear in u
+    width = 1 << (count - 1).bit_length()
+    blocks = np.zeros((2 * width, 3))
+    blocks[width : width + count, 0] = u
+    blocks[width : width + count, 1] = np.hypot(*np.array(controls)).max(axis=0)
+    blocks[width : width + count, 2] = np.hypot(*np.array(bends)).max(axis=0)
+    for k in range(width - 1, 0, -1):
+        blocks[k] = np.maximum(blocks[2 * k], blocks[2 * k + 1])
+        blocks[k, 0] = blocks[2 * k, 0] + blocks[2 * k + 1, 0]
+    return FemoralCurve(np.concatenate([cubics, end]), blocks)
+
+
+@in_kernel
+def least_distance(curve: FemoralCurve, block: int, tibia: TibialSurface, begin: float, end: float) -> float:
+    """Lower bound of the signed distance of a block [m], from those of its ends [m]."""
+    length = float(curve.blocks[block, 0])
+    speed, bend = float(curve.blocks[block, 1]), float(curve.blocks[block, 2])
+    convex, _ = level_curvatures(tibia.curvatures(), min(begin, end) - 0.5 * speed * length, 0.0)
+    sag = 0.125 * length * length * (bend - convex * speed * speed)
+    return least_between(begin, end, sag)
 
 
 class Arc(NamedTuple):
-    """One cubic segment of the curve, relative to the reference point."""
+    """One cubic segment of the curve in the directions of the tibia, relative to the reference point."""
 
     length: float
     """Of the parameter u [m]"""
@@ -29,86 +72,74 @@ class Arc(NamedTuple):
     bend: float
     """Largest length of the second derivative p'' [1/m]; it is linear in u"""
 
-    def turned(self, angle: float) -> Arc:
-        """The same with the femur turned by `angle` [rad]."""
-        sine, cosine = math.sin(angle), math.cos(angle)
-        (x0, x1, x2, x3), (y0, y1, y2, y3) = self.x, self.y
-        return self._replace(
-            x=(cosine * x0 - sine * y0, cosine * x1 - sine * y1, cosine * x2 - sine * y2, cosine * x3 - sine * y3),
-            y=(sine * x0 + cosine * y0, sine * x1 + cosine * y1, sine * x2 + cosine * y2, sine * x3 + cosine * y3),
-        )
 
-    def point(self, u: float) -> tuple[float, float]:
-        """Place of a parameter, relative to the reference point [m]."""
-        (x0, x1, x2, x3), (y0, y1, y2, y3) = self.x, self.y
-        return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-
-    def distance(self, surface: TibialSurface, x: float, height: float) -> tuple[Function, Bends]:
-        """Signed distance [m] above a surface as a function of u, and bounds of its second derivative.
-
-        By the envelope theorem its slope is p'·n. The normal n turns with the curvature k of the line of equal
-        distance, so the second derivative is p''·n - k (p'·t)².
-        """
-        (_, x1, x2, x3), (_, y1, y2, y3) = self.x, self.y
-
-        def function(u: float) -> Sample:
-            p_x, p_y = self.point(u)
-            distance, n_x, n_y, curvature = surface.foot(x + p_x, height + p_y)
-            x_slope, y_slope = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
-            x_bend, y_bend = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
-            along, room = x_slope * n_y - y_slope * n_x, 1.0 - curvature * distance
-            turning = curvature / room * along * along if room > 0.0 else 0.0
-            slope, bend = x_slope * n_x + y_slope * n_y, x_bend * n_x + y_bend * n_y
-            return Sample(u, distance, slope, bend - turning, (n_x, n_y))
-
-        def bends(a: Sample, b: Sample) -> tuple[float, float]:
-            way = self.speed * (b.place - a.place)
-            middle = 0.5 * (a.value + b.value)
-            convex, concave = level_curvatures(surface, middle - 0.5 * way, middle + 0.5 * way)
-            n_x, n_y = a.normal
-            ends = [(2.0 * x2 + 6.0 * u * x3) * n_x + (2.0 * y2 + 6.0 * u * y3) * n_y for u in (a.place, b.place)]
-            turned = self.bend * min(max(-convex, concave) * way, 2.0)  # n turns by no more than curvature times way
-            squared = self.speed * self.speed
-            low = max(min(ends) - turned, -self.bend) - concave * squared
-            return low, min(max(ends) + turned, self.bend) - convex * squared
-
-        return function, bends
+@in_kernel
+def turned_arc(curve: FemoralCurve, i: int, sine: float, cosine: float) -> Arc:
+    """Segment i with the femur turned by the angle with this sine and cosine."""
+    cubics, block = curve.cubics, len(curve.blocks) // 2 + i
+    x0, x1, x2, x3 = float(cubics[i, 2]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
+    y0, y1, y2, y3 = float(cubics[i, 6]), float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
+    return Arc(
+        float(cubics[i, 0]),
+        (cosine * x0 - sine * y0, cosine * x1 - sine * y1, cosine * x2 - sine * y2, cosine * x3 - sine * y3),
+        (sine * x0 + cosine * y0, sine * x1 + cosine * y1, sine * x2 + cosine * y2, sine * x3 + cosine * y3),
+        float(curve.blocks[block, 1]),
+        float(curve.blocks[block, 2]),
+    )
 
 
-class FemoralCurve:
-    """All segments of a profile, also as arrays."""
+@in_kernel
+def place_on(arc: Arc, u: float) -> tuple[float, float]:
+    """Place of a parameter, relative to the reference point [m]."""
+    x0, x1, x2, x3 = arc.x
+    y0, y1, y2, y3 = arc.y
+    return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
 
-    def __init__(self, profile: Profile) -> None:
-        """Gather the segments of `profile` and their bounds."""
-        segments = profile.segments
-        u = np.array([segment.length for segment in segments])
-        x, y = (np.array([getattr(segment, axis) for segment in segments]).T for axis in "xy")
-        last = segments[-1]
-        self.nodes = np.array(
-            [[*axis[0], np.polyval(end[::-1], last.length)] for axis, end in ((x, last.x), (y, last.y))]
-        )
-        """All points of the profile, shape (2, segments + 1) [m]"""
-        self.lengths = u
-        controls = [
-            (axis[1], axis[1] + u * axis[2], axis[1] + u * (2.0 * axis[2] + 3.0 * u * axis[3])) for axis in (x, y)
-        ]
-        self.speeds = np.hypot(*np.array(controls)).max(axis=0)
-        bends = [(2.0 * axis[2], 2.0 * axis[2] + 6.0 * u * axis[3]) for axis in (x, y)]
-        self.bends = np.hypot(*np.array(bends)).max(axis=0)
-        self.arcs = [
-            Arc(*segment[:3], speed, bend)
-            for segment, speed, bend in zip(segments, self.speeds.tolist(), self.bends.tolist(), strict=True)
-        ]
 
-    def least_distances(self, surface: TibialSurface, angle: float, x: float, height: float) -> tuple[Floats, float]:
-        """Lower bounds of the signed distance of each segment [m], and an upper bound of the least of them."""
-        sine, cosine = math.sin(angle), math.cos(angle)
-        node_x, node_y = self.nodes
-        lower, upper = surface.distances(
-            x + (cosine * node_x - sine * node_y), height + (sine * node_x + cosine * node_y)
-        )
-        convex, _ = level_curvatures(surface, float(lower.min()) - float(self.lengths.max()), math.inf)
-        sag = 0.125 * self.lengths**2 * (self.bends - convex * self.speeds**2)
-        rise = np.abs(np.diff(lower))
-        tilt = np.maximum(1.0 - 0.25 * rise / (sag + TINY), 0.0)
-        return np.minimum(lower[:-1], lower[1:]) - sag * tilt * tilt, float(upper.min())
+class ArcDistance(NamedTuple):
+    """Signed distance [m] of an arc above a surface as a function of u; see `Problem`.
+
+    By the envelope theorem its slope is p'·n. The normal n turns with the curvature k of the line of equal distance, so
+    the second derivative is p''·n - k (p'·t)².
+    """
+
+    arc: Arc
+    tibia: TibialSurface
+    x: float
+    """Of the femur's reference point [m]"""
+    height: float
+    """[m]"""
+
+    def sample(self, place: float) -> Sample:
+        """See `Problem`; keeps the surface's normal."""
+        u = place
+        x0, x1, x2, x3 = self.arc.x
+        y0, y1, y2, y3 = self.arc.y
+        p_x, p_y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+        distance, n_x, n_y, curvature = self.tibia.foot(self.x + p_x, self.height + p_y)
+        x_slope, y_slope = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+        x_bend, y_bend = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+        along, room = x_slope * n_y - y_slope * n_x, 1.0 - curvature * distance
+        turning = curvature / room * along * along if room > 0.0 else 0.0
+        slope, bend = x_slope * n_x + y_slope * n_y, x_bend * n_x + y_bend * n_y
+        return Sample(u, distance, slope, bend - turning, (n_x, n_y))
+
+    def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
+        """See `Problem`."""
+        arc = self.arc
+        way = arc.speed * (b.place - a.place)
+        middle = 0.5 * (a.value + b.value)
+        convex, concave = level_curvatures(self.tibia.curvatures(), middle - 0.5 * way, middle + 0.5 * way)
+        first, last = bend_along(arc, a.place, a.normal), bend_along(arc, b.place, a.normal)
+        turned = arc.bend * min(max(-convex, concave) * way, 2.0)  # n turns by no more than curvature times way
+        squared = arc.speed * arc.speed
+        low = max(min(first, last) - turned, -arc.bend) - concave * squared
+        return low, min(max(first, last) + turned, arc.bend) - convex * squared
+
+
+@in_kernel
+def bend_along(arc: Arc, u: float, direction: tuple[float, float]) -> float:
+    """Part of the second derivative p'' [1/m] in a direction."""
+    _, _, x2, x3 = arc.x
+    _, _, y2, y3 = arc.y
+    return (2.0 * x2 + 6.0 * u * x3) * direction[0] + (2.0 * y2 + 6.0 * u * y3) * direction[1]

@@ -6,59 +6,80 @@ With the plane sloped by σ, n = (-sin σ, cos σ) and the depth is h(θ - σ) -
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_pairs.base import Closest, Touch
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.geometries.base import FemoralGeometry
 
 
-@dataclass(frozen=True)
-class OnPlane:
-    """A femur on a plane."""
+class PlaneTouch(NamedTuple):
+    """See `Touch`."""
+
+    surface: float
+    """Depth [m] at the height 0"""
+    rate: float
+    """Of the depth with the height held [m/s]"""
+    cosine: float
+    """Of the plane's slope"""
+
+    def touch(self, height: float) -> tuple[float, float, float]:
+        """See `Touch`."""
+        return self.surface - self.cosine * height, self.rate, self.cosine
+
+
+class _OnPlane(NamedTuple):
+    """What the contact on a plane consists of."""
 
     femur: FemoralGeometry
-    slope: float = 0.0
+    slope: float
     """[rad] > 0 when the plane's anterior edge is the higher one; less than a quarter turn"""
-    dented: ClassVar[bool] = False
-    _sine: float = field(init=False, repr=False)
-    _cosine: float = field(init=False, repr=False)
+    sine: float
+    """Of the slope"""
+    cosine: float
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_sine", math.sin(self.slope))
-        object.__setattr__(self, "_cosine", math.cos(self.slope))
+
+class OnPlane(_OnPlane):
+    """A femur on a plane."""
+
+    __slots__ = ()
+
+    def __new__(cls, femur: FemoralGeometry, slope: float = 0.0) -> OnPlane:
+        """Put `femur` on a plane with a `slope` [rad]."""
+        slope = float(slope)
+        return super().__new__(cls, femur, slope, math.sin(slope), math.cos(slope))
 
     def closest(self, angle: float, x: float, height: float) -> Closest:
+        """See `Kinematics`."""
+        extent, turning = self.femur.support(angle - self.slope)
+        depth = extent + x * self.sine - self.cosine * height
+        return Closest(depth, extent, turning, -self.sine, self.cosine)
+
+    def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> PlaneTouch:
+        """See `Kinematics`."""
+        extent, turning = self.femur.support(angle - self.slope)
+        return PlaneTouch(extent + x * self.sine, turning * angle_rate + x_rate * self.sine, self.cosine)
+
+    def next_kink(self, start: float, end: float) -> float:
+        """See `Kinematics`: that of the femur's support."""
+        forwards = 1.0 if start < end else -1.0
+        kink = self.femur.next_kink(start - self.slope, end - self.slope)
+        while forwards * (kink + self.slope - start) <= 0.0:  # by rounding: `start` is a kink itself
+            kink = self.femur.next_kink(kink, end - self.slope)
+        kink += self.slope
+        return kink if forwards * (end - kink) > 0.0 else math.nan
+
+    def is_dented(self) -> bool:
+        """See `Kinematics`."""
+        return False
+
+    def grain(self) -> float:
+        """See `Kinematics`."""
+        return self.femur.grain()
+
+    def outline(self, reach: float) -> Floats:
         """See `ContactPair`."""
-        support, turning = self.femur.support(angle - self.slope)
-        depth = support + x * self._sine - self._cosine * height
-        return Closest(depth, support, turning, -self._sine, self._cosine)
-
-    def touch(self, angle: float, angle_rate: float, x: float, x_rate: float) -> Touch:
-        """See `ContactPair`."""
-        support, turning = self.femur.support(angle - self.slope)
-        surface, cosine = support + x * self._sine, self._cosine
-        rate = turning * angle_rate + x_rate * self._sine
-
-        def touch(height: float) -> tuple[float, float, float]:
-            return surface - cosine * height, rate, cosine
-
-        return touch
-
-    def kinks(self, start: float, end: float) -> list[float]:
-        """See `ContactPair`: those of the femur's support, whole turns apart."""
-        if not self.femur.kinks:
-            return []
-        low, high = sorted((start - self.slope, end - self.slope))
-        turns = range(math.floor(low / math.tau), math.floor(high / math.tau) + 1)
-        angles = [kink + turn * math.tau for turn in turns for kink in self.femur.kinks]
-        found = [angle + self.slope for angle in angles if low < angle < high]
-        return found if start < end else found[::-1]
-
-    def outline(self, reach: float) -> NDArray[np.float64]:
-        """See `ContactPair`."""
-        along = np.array([[self._cosine, self._sine]])
+        along = np.array([[self.cosine, self.sine]])
         return np.concatenate([-reach * along, reach * along])

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_pairs.least import Bends, Function, Sample, least
-from knee_contact_ros.core.contact_pairs.tibial_surface import Floats, Foot
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
+from knee_contact_ros.core.contact_pairs.tibial_surface import Foot
+from knee_contact_ros.core.kernel_source import in_kernel
 
 RESOLUTION = 1e-9
 """Two nearest places that the bounds cannot tell apart are taken as one when they differ by less than this [m]"""
@@ -18,10 +19,33 @@ OUTLINE_POINTS = 201
 """Of a drawing, besides the measured ones"""
 
 
-class TibialProfile:
+class _TibialProfile(NamedTuple):
+    """What a tibial profile consists of."""
+
+    pieces: Floats
+    """Shape (points + 1, 6): base x, c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - base [m], and y'' there.
+
+    The first two have the first point as their base, the others the following ones; the outer two are straight. The
+    last column is the spline's y'' [1/m], also at the end points; it is linear between two points.
+    """
+    steepest: float
+    """Upper bound of the slope's size"""
+    least_bend: float
+    """Smallest y'' [1/m], <= 0"""
+    largest_bend: float
+    """Largest y'' [1/m], >= 0"""
+    convex: float
+    """Lower bound of the curvature [1/m], <= 0"""
+    concave: float
+    """Upper bound of the curvature [1/m], >= 0"""
+
+
+class TibialProfile(_TibialProfile):
     """A plateau through points of the tibia frame, concave or convex anywhere; x anterior, y superior."""
 
-    def __init__(self, x: Sequence[float] | NDArray[np.float64], y: Sequence[float] | NDArray[np.float64]) -> None:
+    __slots__ = ()
+
+    def __new__(cls, x: Sequence[float] | Floats, y: Sequence[float] | Floats) -> TibialProfile:
         """Fit a C2 cubic spline y(x) through all points `x`, `y` [m], ordered from posterior to anterior or back.
 
         A point that repeats the one before it counts once.
@@ -35,118 +59,167 @@ class TibialProfile:
         inner = CubicSpline(nodes, heights).c[::-1]  # ascending powers; shape (4, segments)
         widths = np.diff(nodes)
         end_slope = inner[1, -1] + widths[-1] * (2.0 * inner[2, -1] + 3.0 * widths[-1] * inner[3, -1])
-        before = [heights[0], inner[1, 0], 0.0, 0.0]
-        behind = [heights[-1], end_slope, 0.0, 0.0]
-        self._pieces = np.column_stack([before, inner, behind])
-        """Coefficients over the distance from the piece's base, shape (4, pieces); the outer two are straight"""
-        self._bases = np.concatenate([nodes[:1], nodes])
-        self._nodes = nodes
-        # The same as Python numbers, which are quicker one at a time.
-        self._piece_list = list(zip(self._bases.tolist(), *self._pieces.tolist(), strict=True))
-        self._node_list: list[float] = nodes.tolist()
-        self._bound(inner, widths)
-
-    def _bound(self, inner: Floats, widths: Floats) -> None:
-        """Bounds of slope, second derivative and curvature; the second derivative is linear in a segment."""
-        _, c1, c2, c3 = inner
-        slopes = np.abs([c1, c1 + c2 * widths, c1 + widths * (2.0 * c2 + 3.0 * c3 * widths)])  # Bezier control points
-        self._steepest = float(slopes.max())
-        bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * widths])
-        self._node_bends: list[float] = [*bends[0].tolist(), float(bends[1, -1])]
-        flattest = np.maximum(slopes[0] - np.abs(bends).max(axis=0) * widths, 0.0)
-        curvatures = bends / (1.0 + flattest**2) ** 1.5
-        self._curvatures = min(0.0, float(curvatures.min())), max(0.0, float(curvatures.max()))
-
-    @property
-    def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]."""
-        return self._curvatures
-
-    @property
-    def least_normal_y(self) -> float:
-        """Vertical part of the normal of the steepest place."""
-        return 1.0 / math.hypot(1.0, self._steepest)
+        bends = np.append(2.0 * inner[2], 2.0 * inner[2, -1] + 6.0 * inner[3, -1] * widths[-1])
+        before = [nodes[0], heights[0], inner[1, 0], 0.0, 0.0, bends[0]]
+        behind = [nodes[-1], heights[-1], end_slope, 0.0, 0.0, bends[-1]]
+        pieces = np.stack([before, *np.column_stack([nodes[:-1], inner.T, bends[:-1]]), behind])
+        return super().__new__(cls, pieces, *_bounds(inner, widths))
 
     def foot(self, x: float, y: float) -> Foot:
         """The nearest point of the surface to (x, y) [m]; it cannot be further to the side than the one below."""
-        reach = abs(y - self._at(x)[0])
-        function, bends = self._squared_distance(x, y)
-        first, last = self._node_list[0], self._node_list[-1]
-        best: Sample | None = None
-        for least_x, largest_x in ((first, last), (-math.inf, first), (last, math.inf)):
-            begin, end = max(least_x, x - reach), min(largest_x, x + reach)
-            if begin <= end:
-                best = least(function, bends, begin, end, best, RESOLUTION * reach)
-        place = best.place if best is not None else x
-        height, slope, bend = self._at(place)
-        norm = math.hypot(1.0, slope)
+        pieces = self.pieces
+        reach = abs(y - height_at(pieces, x)[0])
+        first, last = _ends(pieces)
+        problem = SquaredDistance(pieces, self.steepest, self.least_bend, self.largest_bend, x, y)
+        best = _nearest(problem, max(first, x - reach), min(last, x + reach), reach, NOTHING)
+        best = _nearest(problem, x - reach, min(first, x + reach), reach, best)
+        best = _nearest(problem, max(last, x - reach), x + reach, reach, best)
+        place = best.place if best.value < math.inf else x
+        height, slope, bend = height_at(pieces, place)
+        norm = math.sqrt(1.0 + slope * slope)
         return Foot(((y - height) - slope * (x - place)) / norm, -slope / norm, 1.0 / norm, bend / (norm * norm * norm))
 
-    def distances(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Bounds of the signed distances [m] of many points, close where one Newton step comes close to the foot.
+    def bounds(self, x: float, y: float) -> tuple[float, float]:
+        """Bounds of the signed distance [m] of (x, y) [m], close where one Newton step comes close to the foot.
 
         Balls that touch the surface there, with the radius of the largest curvature on either side, lie on their side
         altogether. So the distances of their centres are known, and that of the point differs by its way to them.
         """
-        height, slope, bend = self._over(x)
+        height, slope, bend = height_at(self.pieces, x)
         above = y - height
-        place = x + above * slope / np.maximum(1.0 + slope * slope - above * bend, 0.5)
-        height, slope, _ = self._over(place)
-        norm = np.hypot(1.0, slope)
+        place = x + above * slope / max(1.0 + slope * slope - above * bend, 0.5)
+        height, slope, _ = height_at(self.pieces, place)
+        squared_norm = 1.0 + slope * slope
+        norm = math.sqrt(squared_norm)
         aside, over = x - place, y - height
         along, across = (aside + slope * over) / norm, (over - slope * aside) / norm
-        squared = along * along + across * across
-        lower, upper = (
-            (2.0 * across - k * squared) / (1.0 + np.hypot(k * along, 1.0 - k * across)) for k in self._curvatures[::-1]
-        )
-        return np.maximum(lower, np.where(above > 0.0, above, -np.inf) * self.least_normal_y), upper
+        lower, upper = _from_ball(self.concave, along, across), _from_ball(self.convex, along, across)
+        return max(lower, above * self.least_normal_y()) if above > 0.0 else lower, upper
+
+    def curvatures(self) -> tuple[float, float]:
+        """Bounds of the curvature [1/m]."""
+        return self.convex, self.concave
+
+    def least_normal_y(self) -> float:
+        """Vertical part of the normal of the steepest place."""
+        return 1.0 / math.sqrt(1.0 + self.steepest * self.steepest)
 
     def outline(self, reach: float) -> Floats:
         """Points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
-        low, high = max(-reach, self._node_list[0]), min(reach, self._node_list[-1])
-        x = np.unique(np.concatenate([np.linspace(low, high, OUTLINE_POINTS), self._nodes]))
+        first, last = _ends(self.pieces)
+        low, high = max(-reach, first), min(reach, last)
+        x = np.unique(np.concatenate([np.linspace(low, high, OUTLINE_POINTS), self.pieces[:, 0]]))
         x = x[np.abs(x) <= reach]
-        return np.stack([x, self._over(x)[0]], axis=1)
+        return np.array([(place, height_at(self.pieces, place)[0]) for place in x.tolist()])
 
-    def _squared_distance(self, x: float, y: float) -> tuple[Function, Bends]:
-        """Half the squared distance from (x, y) as a function of the place on the surface, and bounds of its bend."""
 
-        def function(place: float) -> Sample:
-            height, slope, bend = self._at(place)
-            aside, over = place - x, height - y
-            return Sample(
-                place, 0.5 * (aside * aside + over * over), aside + over * slope, 1.0 + slope * slope + over * bend
-            )
+class SquaredDistance(NamedTuple):
+    """Half the squared distance from a point as a function of x along a plateau; see `Problem`."""
 
-        def bends(a: Sample, b: Sample) -> tuple[float, float]:
-            least_bend, largest_bend = self._bends_between(a.place, b.place)
-            middle = 0.5 * (self._at(a.place)[0] + self._at(b.place)[0]) - y
-            room = 0.5 * self._steepest * (b.place - a.place)
-            products = [over * bend for over in (middle - room, middle + room) for bend in (least_bend, largest_bend)]
-            return 1.0 + min(products), 1.0 + self._steepest * self._steepest + max(products)
+    pieces: Floats
+    """See `_TibialProfile`"""
+    steepest: float
+    least_bend: float
+    largest_bend: float
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
 
-        return function, bends
+    def sample(self, place: float) -> Sample:
+        """See `Problem`."""
+        height, slope, bend = height_at(self.pieces, place)
+        aside, over = place - self.x, height - self.y
+        value = 0.5 * (aside * aside + over * over)
+        return Sample(place, value, aside + over * slope, 1.0 + slope * slope + over * bend, (height, bend))
 
-    def _at(self, x: float) -> tuple[float, float, float]:
-        """Height [m], slope and second derivative [1/m] at x [m]."""
-        base, c0, c1, c2, c3 = self._piece_list[bisect_right(self._node_list, x)]
-        u = x - base
-        return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
+    def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
+        """See `Problem`."""
+        middle = 0.5 * (a.normal[0] + b.normal[0]) - self.y
+        room = 0.5 * self.steepest * (b.place - a.place)
+        low, high = _products(middle - room, middle + room, self.least_bend, self.largest_bend)
+        if low < -1.0:  # the whole plateau's bends do not tell that there is one dip
+            low, high = _products(middle - room, middle + room, *_bends_between(self.pieces, a, b))
+        return 1.0 + low, 1.0 + self.steepest * self.steepest + high
 
-    def _over(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """The same for many x."""
-        piece = np.searchsorted(self._nodes, x, side="right")
-        c0, c1, c2, c3 = self._pieces[:, piece]
-        u = x - self._bases[piece]
-        return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
 
-    def _bends_between(self, begin: float, end: float) -> tuple[float, float]:
-        """Smallest and largest second derivative [1/m] on an interval that no end of the profile divides."""
-        if end <= self._node_list[0] or begin >= self._node_list[-1]:
-            return 0.0, 0.0
-        inside = self._node_bends[bisect_right(self._node_list, begin) : bisect_right(self._node_list, end)]
-        bends = (self._at(begin)[2], self._at(end)[2], *inside)
-        return min(bends), max(bends)
+@in_kernel
+def _nearest(problem: SquaredDistance, begin: float, end: float, reach: float, best: Sample) -> Sample:
+    """The nearest place from `begin` to `end`, if there are any, or `best` if none is nearer."""
+    return least(problem, begin, end, best, RESOLUTION * reach) if begin <= end else best
+
+
+@in_kernel
+def height_at(pieces: Floats, x: float) -> tuple[float, float, float]:
+    """Height [m], slope and second derivative [1/m] at x [m]."""
+    i = _piece_at(pieces, x)
+    c0, c1, c2, c3 = float(pieces[i, 1]), float(pieces[i, 2]), float(pieces[i, 3]), float(pieces[i, 4])
+    u = x - float(pieces[i, 0])
+    return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
+
+
+@in_kernel
+def _piece_at(pieces: Floats, x: float) -> int:
+    """The piece that a place [m] belongs to."""
+    low, high = 1, len(pieces)
+    while low < high:
+        middle = (low + high) // 2
+        if x < pieces[middle, 0]:
+            high = middle
+        else:
+            low = middle + 1
+    return low - 1
+
+
+@in_kernel
+def _ends(pieces: Floats) -> tuple[float, float]:
+    """Smallest and largest measured x [m]."""
+    return float(pieces[0, 0]), float(pieces[len(pieces) - 1, 0])
+
+
+@in_kernel
+def _from_ball(curvature: float, along: float, across: float) -> float:
+    """Signed distance from a circle [m] of a point `along` its tangent and `across` it [m] from where it is touched."""
+    squared = along * along + across * across
+    aside, over = curvature * along, 1.0 - curvature * across
+    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(aside * aside + over * over))
+
+
+@in_kernel
+def _products(a: float, b: float, c: float, d: float) -> tuple[float, float]:
+    """Smallest and largest product of a number from a to b with one from c to d."""
+    return min(a * c, a * d, b * c, b * d), max(a * c, a * d, b * c, b * d)
+
+
+@in_kernel
+def _bends_between(pieces: Floats, a: Sample, b: Sample) -> tuple[float, float]:
+    """Smallest and largest second derivative [1/m] between two samples that no end of the profile divides."""
+    first, last = _ends(pieces)
+    if b.place <= first or a.place >= last:
+        return 0.0, 0.0
+    low, high = min(a.normal[1], b.normal[1]), max(a.normal[1], b.normal[1])
+    for i in range(_piece_at(pieces, a.place) + 1, _piece_at(pieces, b.place) + 1):
+        bend = float(pieces[i, 5])
+        if bend < low:
+            low = bend
+        elif bend > high:
+            high = bend
+    return low, high
+
+
+def _bounds(inner: Floats, widths: Floats) -> tuple[float, float, float, float, float]:
+    """Bounds of slope, second derivative and curvature as in `_TibialProfile`; `inner` has shape (4, segments)."""
+    _, c1, c2, c3 = inner
+    slopes = np.abs([c1, c1 + c2 * widths, c1 + widths * (2.0 * c2 + 3.0 * c3 * widths)])  # Bezier control points
+    bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * widths])
+    flattest = np.maximum(slopes[0] - np.abs(bends).max(axis=0) * widths, 0.0)
+    curvatures = bends / (1.0 + flattest**2) ** 1.5
+    return float(slopes.max()), *_range_with_0(bends), *_range_with_0(curvatures)
+
+
+def _range_with_0(values: Floats) -> tuple[float, float]:
+    """Smallest and largest of the values and 0."""
+    return min(0.0, float(values.min())), max(0.0, float(values.max()))
 
 
 def _usable(x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -161,4 +234,4 @@ def _usable(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         x, y = x[::-1], y[::-1]
     if not (np.diff(x) > 0.0).all():
         raise ValueError("a tibial profile must not turn back in x")
-    return x, y
+    return np.ascontiguousarray(x), np.ascontiguousarray(y)

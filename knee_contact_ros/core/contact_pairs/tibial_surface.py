@@ -7,12 +7,11 @@ touches the surface from above with a radius of at most 1/largest curvature lies
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 
 DEEPEST_PART = 0.9
 """Largest depth below a convex place of the surface that the bounds hold for, in radii of curvature"""
@@ -30,38 +29,42 @@ class Foot(NamedTuple):
     curvature: float
 
 
-class TibialSurface(Protocol):
-    """A tibial surface in the tibia frame, with the femur above it."""
-
-    @property
-    def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0."""
-        ...
-
-    @property
-    def least_normal_y(self) -> float:
-        """Lower bound of the vertical part of the unit normal, > 0."""
-        ...
+@kernel_interface
+class SignedDistance(Protocol):
+    """The part of a tibial surface that the kernel calls."""
 
     def foot(self, x: float, y: float) -> Foot:
         """The nearest point of the surface to (x, y) [m]."""
         ...
 
-    def distances(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Lower and upper bounds of the signed distances [m] of many points [m], of the shape of `x`."""
+    def bounds(self, x: float, y: float) -> tuple[float, float]:
+        """Lower and upper bound of the signed distance [m] of a point (x, y) [m]; quicker than `foot`."""
         ...
+
+    def curvatures(self) -> tuple[float, float]:
+        """Bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0."""
+        ...
+
+    def least_normal_y(self) -> float:
+        """Lower bound of the vertical part of the unit normal, > 0."""
+        ...
+
+
+class TibialSurface(SignedDistance, Protocol):
+    """A tibial surface in the tibia frame, with the femur above it: a named tuple."""
 
     def outline(self, reach: float) -> Floats:
         """Points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         ...
 
 
-def level_curvatures(surface: TibialSurface, lowest: float, highest: float) -> tuple[float, float]:
+@in_kernel
+def level_curvatures(curvatures: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
     """Bounds of the curvature [1/m] of the lines of equal signed distance between two distances [m].
 
-    A line at a distance d over a curvature k has the curvature k/(1 - k d). The upper bound is infinite where the
-    nearest point may not be the only one.
+    `curvatures` are those of the surface. A line at a distance d over a curvature k has the curvature k/(1 - k d). The
+    upper bound is infinite where the nearest point may not be the only one.
     """
-    convex, concave = surface.curvatures
+    convex, concave = curvatures
     room = 1.0 - concave * highest
-    return convex / max(1.0 - convex * lowest, 1.0 - DEEPEST_PART), concave / room if room > 0.0 else float("inf")
+    return convex / max(1.0 - convex * lowest, 1.0 - DEEPEST_PART), concave / room if room > 0.0 else math.inf

@@ -9,27 +9,33 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.kernel_source import kernel_interface
 
 
-class FemoralGeometry(Protocol):
-    """A femoral surface in the sagittal plane, about its reference point."""
-
-    @property
-    def kinks(self) -> tuple[float, ...]:
-        """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps: the lowest point leaps over a dent."""
-        ...
-
-    @property
-    def grain(self) -> float:
-        """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
-        ...
+@kernel_interface
+class Support(Protocol):
+    """The part of a femoral geometry that the kernel calls."""
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
         ...
 
-    def outline(self) -> NDArray[np.float64]:
+    def next_kink(self, start: float, end: float) -> float:
+        """First angle [rad] strictly between two, seen from `start`, at which dh/dangle jumps; nan if none.
+
+        There the lowest point leaps over a dent.
+        """
+        ...
+
+    def grain(self) -> float:
+        """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
+        ...
+
+
+class FemoralGeometry(Support, Protocol):
+    """A femoral surface in the sagittal plane, about its reference point: a named tuple."""
+
+    def outline(self) -> Floats:
         """Points along the surface, shape (n, 2) [m] in the femur frame, for drawing."""
         ...

@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knee_contact_ros.core.arrays import Floats
 
 
-@dataclass(frozen=True)
-class Circle:
+class Circle(NamedTuple):
     """A circle centred at the reference point: its depth does not depend on the flexion angle."""
 
     radius: float
     """[m]"""
-    kinks: ClassVar[tuple[float, ...]] = ()
-    grain: ClassVar[float] = math.inf
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return the radius and 0, whatever the angle [rad]."""
-        del angle  # a circle looks the same from everywhere
         return self.radius, 0.0
 
-    def outline(self) -> NDArray[np.float64]:
+    def next_kink(self, start: float, end: float) -> float:
+        """See `Support`: none."""
+        return math.nan
+
+    def grain(self) -> float:
+        """See `Support`: smooth everywhere."""
+        return math.inf
+
+    def outline(self) -> Floats:
         """Points around the circle, shape (n, 2) [m], for drawing."""
         angles = np.linspace(0.0, math.tau, 181)
         return self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)

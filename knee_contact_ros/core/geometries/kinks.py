@@ -11,6 +11,9 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.kernel_source import in_kernel
+
 CELLS = 2048
 """Angles at which the lowest point is looked at first"""
 RESOLUTION = 1e-13
@@ -33,6 +36,22 @@ class Segment(NamedTuple):
 
 Lowest = Callable[[float], tuple[float, float, float, float]]
 """Angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
+
+
+@in_kernel
+def next_kink(kinks: Floats, start: float, end: float) -> float:
+    """First of the `kinks` or of their repetitions by whole turns, strictly between two angles [rad]; nan if none.
+
+    `kinks` increase from 0 to 2π; `start` may be the larger of the two angles, and the first is that next to it.
+    """
+    count, forwards = len(kinks), start < end
+    way = 1 if forwards else -1
+    for turn in range(math.floor(start / math.tau), math.floor(end / math.tau) + way, way):
+        for i in range(count):
+            kink = float(kinks[i if forwards else count - 1 - i]) + turn * math.tau
+            if start < kink < end or end < kink < start:
+                return kink
+    return math.nan
 
 
 def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from knee_contact_ros.core.kernel_source import in_kernel
+from knee_contact_ros.core.prescribed import Interval, load_at
+from knee_contact_ros.core.regions import NOWHERE, Region, Regions, crossed
+
 
 class FemurState(NamedTuple):
     """The one free coordinate: height of the femoral reference point [m] and its velocity [m/s], superior positive."""
@@ -20,38 +24,121 @@ class StateError(NamedTuple):
 
 
 NO_ERROR = StateError(0.0, 0.0)
+LARGEST_RADIUS = 0.2
+"""Radius of curvature [m] of a contact that glides, femur and tibia taken together."""
+
+
+class Motion(NamedTuple):
+    """What a step computes with: all of it holds from one event to the next."""
+
+    interval: Interval
+    regions: Regions
+    region: Region
+    impact_speed: float
+    """Rate [m/s] at which the present contact began"""
+    mass: float
+    """[kg]"""
+    known: int
+    """The boundary on which the step is made to end: not being inside it there is no news; else `NOWHERE`"""
 
 
 class Stage(NamedTuple):
-    """The contact at a point inside a step or at its end; read to find out which boundary the step has crossed."""
+    """The contact at a point inside a step or at its end."""
 
-    fraction: float
-    """Part of the step, 0 to 1"""
     depth: float
     """[m] signed: < 0 apart"""
     rate: float
     """[m/s]"""
     force: float
     """[N] of the layer's formula, not clamped"""
-    stiffness: float = 0.0
-    """Slope of the force over depth there [N/m]; in steps under contact force only"""
-    surface_rate: float = 0.0
-    """Rate of the depth [m/s] if the height were held; likewise"""
+    stiffness: float
+    """Slope of the force over depth there [N/m]; 0 in flight"""
+    surface_rate: float
+    """Rate of the depth [m/s] if the height were held"""
+
+
+class Crossing(NamedTuple):
+    """The boundary that a step crosses first, and where."""
+
+    boundary: int
+    """`NOWHERE` if it stays inside its region"""
+    fraction: float
+    """Part of the step, 0 to 1"""
+
+
+INSIDE = Crossing(NOWHERE, 1.0)
 
 
 class Step(NamedTuple):
-    """A step's end, its estimated local error and its stages (the last one is its end)."""
+    """A step's end, its estimated local error and what it has met."""
 
     state: FemurState
     error: StateError
     """Estimated local error; 0 where the step is exact or its error is estimated elsewhere"""
     begin: Stage
     """The contact at its beginning"""
-    stages: tuple[Stage, ...]
+    end: Stage
+    """The contact at its end"""
+    crossing: Crossing
     stiffness: float
     """Slope of the force over depth [N/m], typical of the step: it carries errors over it"""
     damping: float
     """Slope of the force over rate [N s/m], likewise"""
+    leapt: float
+    """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within the step; 0 if none"""
     evaluations: int
     solved: bool
     """False if a stage's equation was not solved; the step must then be repeated with a smaller duration."""
+
+
+@in_kernel
+def earlier(crossing: Crossing, motion: Motion, stage: Stage, s: float, fraction: float) -> Crossing:
+    """The first crossing of a step, given the one found so far and a stage at s [s], a `fraction` of the step."""
+    known = motion.known if fraction == 1.0 else NOWHERE
+    if crossing.boundary != NOWHERE and crossing.fraction <= fraction:
+        return crossing
+    load = load_at(motion.interval, s)
+    boundary = crossed(motion.regions, motion.region, stage.depth, stage.force, load, known)
+    return Crossing(boundary, fraction) if boundary != NOWHERE else crossing
+
+
+@in_kernel
+def force_on(motion: Motion, depth: float, rate: float) -> tuple[float, float, float]:
+    """Force [N] of the present layer's formula and its slopes."""
+    return motion.regions.law.layers[motion.region.layer].formula.force_at(depth, rate, motion.impact_speed)
+
+
+@in_kernel
+def acceleration_of(motion: Motion, force: float) -> float:
+    """Acceleration [m/s²] under a sum of forces [N]; 0 without mass, where there is no such thing."""
+    return force / motion.mass if motion.mass > 0.0 else 0.0
+
+
+@in_kernel
+def knowing(motion: Motion, boundary: int) -> Motion:
+    """The same motion, made to end on a boundary."""
+    return Motion(motion.interval, motion.regions, motion.region, motion.impact_speed, motion.mass, boundary)
+
+
+@in_kernel
+def leap(before: float, after: float, angle_rate: float, duration: float) -> float:
+    """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within a `duration` [s]; 0 if none.
+
+    `before` and `after` [m/s] are the rates at a held height. A contact that glides changes its rate by the radius of
+    curvature times the turn: beyond `LARGEST_RADIUS` it has leapt.
+    """
+    jump = abs(after - before)
+    return jump if jump > LARGEST_RADIUS * angle_rate * angle_rate * duration else 0.0
+
+
+@in_kernel
+def staying(state: FemurState, contact: Stage) -> Step:
+    """A step of no duration."""
+    return Step(state, NO_ERROR, contact, contact, INSIDE, 0.0, 0.0, 0.0, 0, True)
+
+
+@in_kernel
+def no_step(state: FemurState) -> Step:
+    """In place of a step that is not to be taken any more."""
+    nothing = Stage(0.0, 0.0, 0.0, 0.0, 0.0)
+    return Step(state, NO_ERROR, nothing, nothing, INSIDE, 0.0, 0.0, 0.0, 0, False)

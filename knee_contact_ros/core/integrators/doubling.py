@@ -6,43 +6,45 @@ estimate is of the solution that goes on (no local extrapolation), so it is shar
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from knee_contact_ros.core.integrators.base import FemurState, StateError, Step
-
-SingleStep = Callable[[float, FemurState, float], Step]
-"""(begin s [s], state, duration [s]) to a step without error estimate."""
-
+from knee_contact_ros.core.integrators.base import Crossing, FemurState, Motion, StateError, Step, knowing
+from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
+from knee_contact_ros.core.kernel_source import aside
+from knee_contact_ros.core.regions import NOWHERE
 
 STIFF = 100.0
 """h² k/m + h c/m from which on the method's order is the reduced one"""
 
 
+@aside
 def doubled_step(
-    single: SingleStep, order: int, reduced: int, mass: float, s: float, state: FemurState, h: float
+    motion: Motion, order: int, reduced: int, s: float, state: FemurState, h: float, resolution: float
 ) -> Step:
-    """Two steps of h/2 [s] by a method of `order`, with their estimated error.
+    """Two ESDIRK steps of h/2 [s] with their estimated error; the method has the given `order`.
 
     In a contact that is stiff against the step only the order `reduced` is left (Prothero & Robinson; Hairer & Wanner,
     Solving Ordinary Differential Equations II, section IV.15), and Richardson's estimate must be that order's.
     """
-    whole = single(s, state, h)
-    first = single(s, state, 0.5 * h)
-    second = single(s + 0.5 * h, first.state, 0.5 * h)
-    stiff = h * (h * first.stiffness + first.damping) > STIFF * mass
-    gain = 2 ** (reduced if stiff else order) - 1
-    stages = [stage._replace(fraction=0.5 * stage.fraction) for stage in first.stages]
-    stages += [stage._replace(fraction=0.5 + 0.5 * stage.fraction) for stage in second.stages]
+    whole = esdirk4_step(motion, s, state, h, resolution)
+    first = esdirk4_step(knowing(motion, NOWHERE), s, state, 0.5 * h, resolution)
+    second = esdirk4_step(motion, s + 0.5 * h, first.state, 0.5 * h, resolution)
+    # A contact without mass is solved in this way only where it is stiff.
+    stiff = h * (h * first.stiffness + first.damping) > STIFF * motion.mass
+    gain = 2.0 ** (reduced if stiff else order) - 1.0
+    crossing = Crossing(second.crossing.boundary, 0.5 + 0.5 * second.crossing.fraction)
+    if first.crossing.boundary != NOWHERE:
+        crossing = Crossing(first.crossing.boundary, 0.5 * first.crossing.fraction)
     # The middle's slopes carry an error over the step at second order; the end's would do so at first.
-    return second._replace(
-        error=StateError(
-            (second.state.height - whole.state.height) / gain,
-            (second.state.velocity - whole.state.velocity) / gain,
+    return Step(
+        second.state,
+        StateError(
+            (second.state.height - whole.state.height) / gain, (second.state.velocity - whole.state.velocity) / gain
         ),
-        begin=first.begin,
-        stiffness=first.stiffness,
-        damping=first.damping,
-        stages=tuple(sorted(stages, key=lambda stage: stage.fraction)),
-        evaluations=whole.evaluations + first.evaluations + second.evaluations,
-        solved=whole.solved and first.solved and second.solved,
+        first.begin,
+        second.end,
+        crossing,
+        first.stiffness,
+        first.damping,
+        max(first.leapt, second.leapt),
+        whole.evaluations + first.evaluations + second.evaluations,
+        whole.solved and first.solved and second.solved,
     )

@@ -8,88 +8,161 @@ With one free coordinate every stage is one scalar equation in the stage's veloc
 at least 1, because a contact law's slopes are >= 0: there is one solution at any stiffness, damping, mass and step. The
 laws are convex in the depth (n >= 1), so Newton's method finds it from anywhere. On a curved tibia the normal turns
 with the height; Newton's slope leaves that out, for the force changes by far more.
+
+With a mass of 0 the same stages solve F(δ, δ̇) = L: the equation of the first-order level.
 """
 
 from __future__ import annotations
 
-from knee_contact_ros.core.contact_laws.base import LayerForce
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Stage, Step
-from knee_contact_ros.core.prescribed import Interval
+from typing import NamedTuple
+
+from knee_contact_ros.core.integrators.base import (
+    INSIDE,
+    NO_ERROR,
+    FemurState,
+    Motion,
+    Stage,
+    Step,
+    acceleration_of,
+    earlier,
+    force_on,
+    leap,
+)
+from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
 STAGE_ORDER = 2
 GAMMA = 1 / 4
-C = (0.0, 1 / 2, 83 / 250, 31 / 50, 17 / 20, 1.0)
-A = (
-    (),
-    (1 / 4,),
-    (8611 / 62500, -1743 / 31250),
-    (5012029 / 34652500, -654441 / 2922500, 174375 / 388108),
-    (15267082809 / 155376265600, -71443401 / 120774400, 730878875 / 902184768, 2285395 / 8070912),
-    (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211),
-)
-"""Below the diagonal; the diagonal is GAMMA. The last row is the weights."""
+C2, C3, C4, C5 = 1 / 2, 83 / 250, 31 / 50, 17 / 20
+A21 = 1 / 4
+A31, A32 = 8611 / 62500, -1743 / 31250
+A41, A42, A43 = 5012029 / 34652500, -654441 / 2922500, 174375 / 388108
+A51, A52, A53, A54 = 15267082809 / 155376265600, -71443401 / 120774400, 730878875 / 902184768, 2285395 / 8070912
+A61, A63, A64, A65 = 82889 / 524892, 15625 / 83664, 69875 / 102672, -2260 / 8211
+"""Below the diagonal, which is `GAMMA`; the last row is the weights, and A62 is 0."""
 MAX_NEWTON = 30
-DEPTH_SHARE = 1e-3
+DEPTH_SHARE = 1e-4
 """Share of the depth at which Newton's method has arrived at most: the force, too, must be met"""
 LEAST_CORRECTION = 1e-16
 """[m] that rounding of a height allows"""
+FIRST_DEPTH = 1e-6
+"""[m] from which Newton's method finds the depth of a contact without mass and damping"""
 
 
-def esdirk4_step(
-    interval: Interval, law: LayerForce, mass: float, s: float, state: FemurState, h: float, depth_resolution: float
-) -> Step:
+class Solved(NamedTuple):
+    """An implicit stage."""
+
+    velocity: float
+    """[m/s]"""
+    acceleration: float
+    """[m/s²]"""
+    stage: Stage
+    stiffness: float
+    """Slope of the force along the height over the height [N/m]"""
+    damping: float
+    """The same over the velocity [N s/m]"""
+    evaluations: int
+    arrived: bool
+
+
+@aside
+def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resolution: float) -> Step:
     """Take one step of `h` [s] under one layer's formula.
 
-    `depth_resolution` [m] is the change of depth below which Newton's method has arrived (its next correction would be
+    `resolution` [m] is the change of depth below which Newton's method has arrived (its next correction would be
     smaller by orders of magnitude).
     """
-    height, velocity = state
-    depth, surface_rate, cosine = interval.touch(s)(height)
-    rate = surface_rate - cosine * velocity
-    force, stiffness, damping = law(depth, rate)
-    begin = Stage(0.0, depth, rate, force, stiffness, surface_rate)
-    acceleration = (cosine * force - interval.load(s)) / mass
-    velocities, accelerations = [velocity], [acceleration]
-    stages = []
-    evaluations, solved = 1, True
-    diagonal = h * GAMMA
-    for c, row in zip(C[1:], A[1:], strict=True):
-        known_height = height + h * sum(a * v for a, v in zip(row, velocities, strict=True))
-        known_velocity = velocity + h * sum(a * v for a, v in zip(row, accelerations, strict=True))
-        touch, load = interval.touch(s + c * h), interval.load(s + c * h)
+    y, v = state.height, state.velocity
+    d = h * GAMMA
+    depth, surface_rate, cosine = touch_at(motion.interval, s).touch(y)
+    rate = surface_rate - cosine * v
+    force, stiffness, _ = force_on(motion, depth, rate)
+    begin = Stage(depth, rate, force, stiffness, surface_rate)
+    a = acceleration_of(motion, cosine * force - load_at(motion.interval, s))
 
-        unknown = known_velocity + diagonal * accelerations[-1]
-        for _ in range(MAX_NEWTON):
-            depth, surface_rate, cosine = touch(known_height + diagonal * unknown)
-            rate = surface_rate - cosine * unknown
-            force, stiffness, damping = law(depth, rate)
-            evaluations += 1
-            acceleration = (cosine * force - load) / mass
-            force_slope = cosine * (diagonal * stiffness + damping)
-            feedback = diagonal * cosine * force_slope / mass
-            correction = (unknown - known_velocity - diagonal * acceleration) / (1.0 + feedback)
-            unknown -= correction
-            if abs(correction) * diagonal <= max(min(depth_resolution, DEPTH_SHARE * depth), LEAST_CORRECTION):
-                # All else follows the last correction along the tangent, at no further evaluation.
-                acceleration += feedback / diagonal * correction
-                force += force_slope * correction
-                depth += cosine * diagonal * correction
-                rate += cosine * correction
-                break
-        else:
-            solved = False
-        velocities.append(unknown)
-        accelerations.append(acceleration)
-        stages.append(Stage(c, depth, rate, force, stiffness, surface_rate))
+    one = solve_stage(motion, s + C2 * h, y + h * (A21 * v), v + h * (A21 * a), d, a, resolution)
+    v2, a2 = one.velocity, one.acceleration
+    two = solve_stage(motion, s + C3 * h, y + h * (A31 * v + A32 * v2), v + h * (A31 * a + A32 * a2), d, a2, resolution)
+    v3, a3 = two.velocity, two.acceleration
+    three = solve_stage(
+        motion, s + C4 * h,
+        y + h * (A41 * v + A42 * v2 + A43 * v3), v + h * (A41 * a + A42 * a2 + A43 * a3), d, a3, resolution,
+    )  # fmt: skip
+    v4, a4 = three.velocity, three.acceleration
+    four = solve_stage(
+        motion, s + C5 * h,
+        y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4), v + h * (A51 * a + A52 * a2 + A53 * a3 + A54 * a4),
+        d, a4, resolution,
+    )  # fmt: skip
+    v5, a5 = four.velocity, four.acceleration
+    known_height = y + h * (A61 * v + A63 * v3 + A64 * v4 + A65 * v5)
+    known_velocity = v + h * (A61 * a + A63 * a3 + A64 * a4 + A65 * a5)
+    five = solve_stage(motion, s + h, known_height, known_velocity, d, a5, resolution)
 
+    crossing = earlier(INSIDE, motion, two.stage, s + C3 * h, C3)
+    crossing = earlier(crossing, motion, one.stage, s + C2 * h, C2)
+    crossing = earlier(crossing, motion, three.stage, s + C4 * h, C4)
+    crossing = earlier(crossing, motion, four.stage, s + C5 * h, C5)
+    crossing = earlier(crossing, motion, five.stage, s + h, 1.0)
+    leapt = 0.0
+    if motion.interval.pair.is_dented():
+        turn = motion.interval.angle_rate
+        leapt = max(
+            leap(begin.surface_rate, two.stage.surface_rate, turn, C3 * h),
+            leap(two.stage.surface_rate, one.stage.surface_rate, turn, (C2 - C3) * h),
+            leap(one.stage.surface_rate, three.stage.surface_rate, turn, (C4 - C2) * h),
+            leap(three.stage.surface_rate, four.stage.surface_rate, turn, (C5 - C4) * h),
+            leap(four.stage.surface_rate, five.stage.surface_rate, turn, (1.0 - C5) * h),
+        )
     return Step(
-        state=FemurState(known_height + diagonal * unknown, unknown),
-        error=NO_ERROR,
-        begin=begin,
-        stages=tuple(stages),
-        stiffness=cosine * cosine * stiffness,
-        damping=cosine * cosine * damping,
-        evaluations=evaluations,
-        solved=solved,
+        FemurState(known_height + d * five.velocity, five.velocity),
+        NO_ERROR,
+        begin,
+        five.stage,
+        crossing,
+        five.stiffness,
+        five.damping,
+        leapt,
+        1 + one.evaluations + two.evaluations + three.evaluations + four.evaluations + five.evaluations,
+        one.arrived and two.arrived and three.arrived and four.arrived and five.arrived,
+    )
+
+
+@in_kernel
+def solve_stage(
+    motion: Motion, s: float, height: float, velocity: float, diagonal: float, guess: float, resolution: float
+) -> Solved:
+    """Solve a stage at s [s]: its height is `height` + `diagonal` times its velocity, and so on with the acceleration.
+
+    Newton's method from the acceleration `guess` [m/s²].
+    """
+    touch, load = touch_at(motion.interval, s), load_at(motion.interval, s)
+    unknown = velocity + diagonal * guess
+    evaluations, arrived = 0, False
+    while not arrived and evaluations < MAX_NEWTON:
+        depth, surface_rate, cosine = touch.touch(height + diagonal * unknown)
+        rate = surface_rate - cosine * unknown
+        force, stiffness, damping = force_on(motion, depth, rate)
+        evaluations += 1
+        force_slope = cosine * (diagonal * stiffness + damping)
+        residual = motion.mass * (unknown - velocity) - diagonal * (cosine * force - load)
+        slope = motion.mass + diagonal * cosine * force_slope
+        # Without mass, and where nothing presses yet, there is no slope to follow: go into contact.
+        correction = residual / slope if slope > 0.0 else (FIRST_DEPTH - depth) / (cosine * diagonal)
+        unknown -= correction
+        arrived = abs(correction) * diagonal <= max(min(resolution, DEPTH_SHARE * depth), LEAST_CORRECTION)
+    if arrived:  # all else follows the last correction along the tangent, at no further evaluation
+        force += force_slope * correction
+        depth += cosine * diagonal * correction
+        rate += cosine * correction
+    acceleration = acceleration_of(motion, cosine * force - load)
+    return Solved(
+        unknown,
+        acceleration,
+        Stage(depth, rate, force, stiffness, surface_rate),
+        cosine * cosine * stiffness,
+        cosine * cosine * damping,
+        evaluations,
+        arrived,
     )

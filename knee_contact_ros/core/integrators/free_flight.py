@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
+from knee_contact_ros.core.integrators.base import (
+    INSIDE,
+    Crossing,
+    FemurState,
+    Motion,
+    Stage,
+    StateError,
+    Step,
+    earlier,
+    force_on,
+)
+from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.prescribed import load_at, touch_at
 
-from knee_contact_ros.core.contact_laws.base import LayerForce
-from knee_contact_ros.core.integrators.base import FemurState, Stage, StateError, Step
-from knee_contact_ros.core.prescribed import Interval
-
-FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
+PARTS = 4
+"""Of a flight, at whose ends the contact is looked at"""
 MAX_PEAK = 12
 """Tries to find the highest point between two stages."""
 PEAK_RATE = 1e-9
@@ -19,68 +27,78 @@ LAUNCH_ROUNDING = 2e-12
 """Part of the way flown that the rounding of the event before it may amount to."""
 
 
-def free_flight_step(
-    interval: Interval, law: LayerForce | None, mass: float, s: float, state: FemurState, h: float
-) -> Step:
-    """Fly for `h` [s]. With `law`, the force that the contact would give is watched; when apart there is none.
+@aside
+def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
+    """Fly for `h` [s]. While the surfaces overlap, the force that the contact would give is watched.
 
     The surfaces may meet and part again between two stages (a turning profile brushes the plateau): where the depth has
     a maximum between them, it becomes a stage too.
     """
-
-    def stage(fraction: float) -> Stage:
-        t = fraction * h
-        height, velocity = flight(interval, mass, s, state, t)
-        depth, rate, cosine = interval.touch(s + t)(height)
-        rate -= cosine * velocity
-        return Stage(fraction, depth, rate, law(depth, rate)[0] if law else 0.0)
-
-    stages = [stage(fraction) for fraction in FRACTIONS]
-    peaks = []
-    for before, after in itertools.pairwise(stages):
-        if before.rate > 0.0 > after.rate:
-            peaks += _towards_peak(stage, before, after)
-    visited = [*stages[1:], *peaks]
-    end = flight(interval, mass, s, state, h)
-    return Step(
-        state=end,
-        error=StateError(LAUNCH_ROUNDING * abs(end.height - state.height), 0.0),
-        begin=stages[0],
-        stages=tuple(sorted(visited, key=lambda stage: stage.fraction)),
-        stiffness=0.0,
-        damping=0.0,
-        evaluations=1 + len(visited) if law else 0,
-        solved=True,
-    )
+    begin = in_flight(motion, s, state, 0.0)
+    evaluations = 1 if motion.region.layer >= 0 else 0
+    crossing, before = INSIDE, begin
+    for part in range(1, PARTS + 1):
+        low, high = (part - 1) / PARTS, part / PARTS
+        stage = in_flight(motion, s, state, high * h)
+        evaluations += 1 if motion.region.layer >= 0 else 0
+        if before.rate > 0.0 > stage.rate:
+            crossing, looks = towards_peak(crossing, motion, s, state, h, low, high, before.rate, stage.rate)
+            evaluations += looks if motion.region.layer >= 0 else 0
+        crossing = earlier(crossing, motion, stage, s + high * h, high)
+        before = stage
+    end = flight(motion, s, state, h)
+    error = StateError(LAUNCH_ROUNDING * abs(end.height - state.height), 0.0)
+    return Step(end, error, begin, before, crossing, 0.0, 0.0, 0.0, evaluations, True)
 
 
-def flight(interval: Interval, mass: float, s: float, state: FemurState, t: float) -> FemurState:
+@aside
+def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
+    """The contact after flying for `t` [s] from s [s] on."""
+    there = flight(motion, s, state, t)
+    depth, surface_rate, cosine = touch_at(motion.interval, s + t).touch(there.height)
+    rate = surface_rate - cosine * there.velocity
+    force = 0.0
+    if motion.region.layer >= 0:
+        force, _, _ = force_on(motion, depth, rate)
+    return Stage(depth, rate, force, 0.0, surface_rate)
+
+
+@in_kernel
+def flight(motion: Motion, s: float, state: FemurState, t: float) -> FemurState:
     """Height and velocity after flying for `t` [s]."""
-    load, load_rate = interval.load(s), interval.load_rate
+    load, load_rate = load_at(motion.interval, s), motion.interval.load_rate
     return FemurState(
-        state.height + t * (state.velocity - t * (0.5 * load + load_rate * t / 6.0) / mass),
-        state.velocity - t * (load + 0.5 * load_rate * t) / mass,
+        state.height + t * (state.velocity - t * (0.5 * load + load_rate * t / 6.0) / motion.mass),
+        state.velocity - t * (load + 0.5 * load_rate * t) / motion.mass,
     )
 
 
-def _towards_peak(stage: Callable[[float], Stage], before: Stage, after: Stage) -> list[Stage]:
-    """Stages that close in on the maximum of the depth between two, where the rate changes its sign (Illinois)."""
-    low, high = before.fraction, after.fraction
-    rising, falling = before.rate, after.rate
-    found: list[Stage] = []
-    last = 0.0
+@aside
+def towards_peak(
+    crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
+    low: float, high: float, rising: float, falling: float,
+) -> tuple[Crossing, int]:  # fmt: skip
+    """Look at stages that close in on the maximum of the depth between two, where its rate changes sign (Illinois).
+
+    `low` and `high` are the parts of the step, `rising` and `falling` the rates [m/s] there. Returns the first crossing
+    so far, and the number of stages.
+    """
+    last, looks = 0.0, 0
     for _ in range(MAX_PEAK):
         middle = low + (high - low) * rising / (rising - falling)
         if not low < middle < high:
             break
-        found.append(stage(middle))
-        rate = found[-1].rate
-        if abs(rate) <= PEAK_RATE:
+        stage = in_flight(motion, s, state, middle * h)
+        looks += 1
+        crossing = earlier(crossing, motion, stage, s + middle * h, middle)
+        if abs(stage.rate) <= PEAK_RATE:
             break
-        again = rate * last > 0.0  # the other end has been kept twice: count it half
-        if rate > 0.0:
-            low, rising, falling = middle, rate, 0.5 * falling if again else falling
+        again = stage.rate * last > 0.0  # the other end has been kept twice: count it half
+        if stage.rate > 0.0:
+            low, rising = middle, stage.rate
+            falling = 0.5 * falling if again else falling
         else:
-            high, falling, rising = middle, rate, 0.5 * rising if again else rising
-        last = rate
-    return found
+            high, falling = middle, stage.rate
+            rising = 0.5 * rising if again else rising
+        last = stage.rate
+    return crossing, looks

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
 
-class Hinge:
-    """The reference point stays above the tibia's origin at every flexion angle."""
+
+class Hinge(NamedTuple):
+    """The reference point stays above one place of the tibia at every flexion angle."""
+
+    x: float = 0.0
+    """Of that place [m], anterior positive; 0: the tibia's origin"""
 
     def translation(self, angle: float) -> tuple[float, float]:
-        """Return x = 0 [m] and dx/dangle = 0 [m/rad], whatever the angle [rad]."""
-        del angle  # the axis is fixed
-        return 0.0, 0.0
+        """Return x [m] and dx/dangle = 0 [m/rad], whatever the angle [rad]."""
+        return self.x, 0.0

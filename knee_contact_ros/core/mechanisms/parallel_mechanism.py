@@ -52,7 +52,10 @@ The default knee stays below 0.001. More means that Newton's method has found an
 
 
 class ParallelMechanism:
-    """Translation of the medial sphere's centre, which is the reference point of a circular condyle."""
+    """Translation of the medial sphere's centre, which is the reference point of a circular condyle.
+
+    A model gets the `table` of it.
+    """
 
     def __init__(self, knee: Knee = SANCISI_2017, start: float = START, stop: float = STOP) -> None:
         """Solve the mechanism from full extension outwards over `start` < 0 < `stop` [rad]; straight beyond.
@@ -69,11 +72,12 @@ class ParallelMechanism:
         self._angles = np.array(list(poses))
         self._poses = tuple(poses.values())
         anterior = np.array([_anterior(knee, angle, pose) for angle, pose in poses.items()])
-        self._table = Table(self._angles, anterior - _anterior(knee, 0.0, extension))
+        self.table = Table(self._angles, anterior - _anterior(knee, 0.0, extension))
+        """The translation as a `Mechanism`"""
 
     def translation(self, angle: float) -> tuple[float, float]:
         """Return x [m], anterior positive and 0 at full extension, and dx/dangle [m/rad] at a flexion angle [rad]."""
-        return self._table.translation(angle)
+        return self.table.translation(angle)
 
     def pose(self, angle: float) -> Pose:
         """Solve for the whole pose of the femur at a flexion angle [rad] inside the range, to the last digit.

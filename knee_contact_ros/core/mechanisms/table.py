@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from knee_contact_ros.core.arrays import Floats, count_up_to
 
 LARGEST = 0.1
 """Translations beyond this [m] are longer than a tibial plateau: most likely a table in mm."""
@@ -24,32 +24,44 @@ class Cubic(NamedTuple):
     c3: float
 
 
-class Table:
+class _Table(NamedTuple):
+    """What a table consists of."""
+
+    pieces: Floats
+    """Shape (points + 1, 5): a `Cubic` in each row; the outer two are straight"""
+    angles: Floats
+    """Shape (points,) [rad]: where each piece but the first begins"""
+
+
+class Table(_Table):
     """The natural cubic spline through the points, straight beyond its ends: C2 at every angle.
 
     A natural spline has no curvature at its ends, so the straight continuation joins it smoothly.
     """
 
-    def __init__(self, angle: Sequence[float] | NDArray[np.float64], x: Sequence[float] | NDArray[np.float64]) -> None:
+    __slots__ = ()
+
+    def __new__(cls, angle: Sequence[float] | Floats, x: Sequence[float] | Floats) -> Table:
         """Fit the spline through flexion angles `angle` [rad] and translations `x` [m], anterior positive.
 
         Raises:
             ValueError: fewer than 2 points, different lengths, a number that is not finite, angles that do not
                 increase strictly, or a translation beyond 0.1 m.
         """
-        angles, values = np.asarray(angle, float), np.asarray(x, float)
+        angles, values = np.array(angle, float), np.asarray(x, float)
         _check(angles, values)
-        self._pieces = _pieces(angles.tolist(), values.tolist())
-        self._starts = [piece.start for piece in self._pieces[1:]]
+        return super().__new__(cls, np.array(_pieces(angles.tolist(), values.tolist())), angles)
 
     def translation(self, angle: float) -> tuple[float, float]:
         """Return x [m] and dx/dangle [m/rad] at a flexion angle [rad]."""
-        start, c0, c1, c2, c3 = self._pieces[bisect_right(self._starts, angle)]
-        u = angle - start
+        i = count_up_to(self.angles, angle)
+        c0, c1 = float(self.pieces[i, 1]), float(self.pieces[i, 2])
+        c2, c3 = float(self.pieces[i, 3]), float(self.pieces[i, 4])
+        u = angle - float(self.pieces[i, 0])
         return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3)
 
 
-def _check(angle: NDArray[np.float64], x: NDArray[np.float64]) -> None:
+def _check(angle: Floats, x: Floats) -> None:
     """Refuse what is no table of translations."""
     if angle.ndim != 1 or angle.shape != x.shape:
         raise ValueError("a translation table needs as many translations as angles")

@@ -1,0 +1,81 @@
+"""A stream's tick, called by address.
+
+A call with a scene as its argument spends microseconds on taking the scene apart. So a stream lays its scene down once,
+as compiled code sees it, and ticks with the addresses of scene, memory and answer.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+from cffi import FFI
+from numba import carray, cfunc, njit, types
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+
+from knee_contact_ros.compiled.functions import ENTRY, compiled_function
+from knee_contact_ros.core import ticks
+from knee_contact_ros.core.scene import Scene
+from knee_contact_ros.core.ticks import ANSWER, MEMORY, Floats
+
+TICK = "void (*)(uintptr_t, double, double, double, double)"
+"""C type of the tick: address of the addresses of memory, answer and scene; duration, angle, load and height"""
+_KEPT: list[Any] = []
+"""Compiled code that is called by address"""
+
+
+def bind(scene: Scene, memory: Floats, answer: Floats) -> Callable[[float, float, float, float], None]:
+    """See `Kernel.bind`."""
+    size, put, call = _by_address(numba.typeof(scene))
+    block = np.zeros(size, dtype=np.uint8)
+    put(scene, block.ctypes.data)
+    addresses = np.array([memory.ctypes.data, answer.ctypes.data, block.ctypes.data], dtype=np.uintp)
+    tick = functools.partial(call, addresses.ctypes.data)
+    tick.keeps = scene, addresses, block, memory, answer  # type: ignore[attr-defined]
+    return tick
+
+
+@functools.cache
+def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..., None]]:
+    """For a kind of scene: its size in bytes, a function that lays one down, and one that ticks with it."""
+    context = cpu_target.target_context
+    compiled_tick = compiled_function(ticks.tick)
+
+    @intrinsic
+    def laid_down(_typing: Any, scene: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            builder.store(arguments[0], _pointer(context, builder, kind, arguments[1]))
+            return context.get_dummy_value()
+
+        return types.void(scene, address), generate
+
+    @intrinsic
+    def taken_up(_typing: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            return builder.load(_pointer(context, builder, kind, arguments[0]))
+
+        return kind(address), generate
+
+    def put(scene: Any, address: Any) -> None:
+        laid_down(scene, address)
+
+    def tick(addresses: Any, duration: float, angle: float, load: float, height: float) -> None:
+        memory, answer = carray(addresses[0], MEMORY), carray(addresses[1], ANSWER)
+        compiled_tick(taken_up(addresses[2]), memory, duration, angle, load, height, answer)
+
+    numbers = types.CPointer(types.float64)
+    signature = types.void(types.CPointer(numbers), *[types.float64] * 4)
+    pointer = cfunc(signature)(tick)
+    call = FFI().cast(TICK, pointer.address)
+    _KEPT.append(pointer)
+    return context.get_abi_sizeof(context.get_value_type(kind)), njit(**ENTRY)(put), call
+
+
+def _pointer(context: Any, builder: Any, kind: types.Type, address: Any) -> Any:
+    """An address, a number or a pointer to anything, as a pointer to a scene."""
+    scene = context.get_value_type(kind).as_pointer()
+    return builder.bitcast(address, scene) if address.type.is_pointer else builder.inttoptr(address, scene)

@@ -1,0 +1,55 @@
+"""The marked functions and methods (`core/kernel_source.py`), compiled by Numba for the types of a scene."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit, types
+from numba.extending import overload_method, register_jitable
+
+from knee_contact_ros.compiled.apart import CompilerApart
+from knee_contact_ros.compiled.cache import cache_folder
+from knee_contact_ros.core.kernel_source import ASIDE, FUNCTIONS, INLINED, METHODS
+
+OPTIONS = {"error_model": "numpy", "forceinline": False, "_nrt": True}
+"""Divisions are not checked: the functions are written so that none by zero happens. Callers' options are inherited,
+so both are said"""
+ENTRY = OPTIONS | {"_nrt": False}
+"""What Python calls borrows the arrays of its arguments: counting references to them took longer than the contact"""
+INLINE = OPTIONS | {"forceinline": True}
+APART = OPTIONS | {"pipeline_class": CompilerApart}
+
+
+def compiled_function(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The compiled form of a function; compiling, or loading, happens at its first call with new types."""
+    _register()
+    made: Callable[..., Any]
+    with cache_folder():
+        try:
+            made = njit(cache=True, **ENTRY)(function)
+        except RuntimeError:  # no folder to keep it in
+            made = njit(**ENTRY)(function)
+    return made
+
+
+@functools.cache
+def _register() -> None:
+    """Tell Numba about the marked functions and methods."""
+    for function in FUNCTIONS:
+        options = INLINE if function in INLINED else APART if function in ASIDE else OPTIONS
+        register_jitable(**options)(function)
+    for name, signature in METHODS.items():
+        _register_method(name, signature)
+
+
+def _register_method(name: str, signature: inspect.Signature) -> None:
+    """Let compiled code call a method of any named tuple that has it."""
+
+    def method(self: Any, *_arguments: Any) -> Any:
+        return getattr(self.instance_class, name, None)
+
+    method.__signature__ = signature  # type: ignore[attr-defined]
+    overload_method(types.BaseNamedTuple, name, jit_options=INLINE)(method)

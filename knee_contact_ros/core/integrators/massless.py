@@ -1,0 +1,121 @@
+"""Fehlberg's pair for a contact without mass: n_y F(δ, δ̇) = L gives the velocity, where a dashpot answers it.
+
+Every law is F₀(δ) + c(δ) δ̇, so the penetration rate is (L / n_y - F₀) / c; see `fehlberg.py` for the method.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from knee_contact_ros.core.integrators.base import (
+    INSIDE,
+    FemurState,
+    Motion,
+    Stage,
+    StateError,
+    Step,
+    earlier,
+    force_on,
+)
+from knee_contact_ros.core.integrators.fehlberg import (
+    A21,
+    A31,
+    A32,
+    A41,
+    A42,
+    A43,
+    A51,
+    A52,
+    A53,
+    A54,
+    A61,
+    A62,
+    A63,
+    A64,
+    A65,
+    B1,
+    B3,
+    B4,
+    B5,
+    C2,
+    C3,
+    C4,
+    C6,
+    E1,
+    E3,
+    E4,
+    E5,
+    E6,
+    EVALUATIONS,
+    SINGULAR,
+    begins_layer,
+)
+from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.prescribed import load_at, touch_at
+
+
+class Flow(NamedTuple):
+    """What the contact without mass does at a height."""
+
+    velocity: float
+    """Of the femur [m/s]"""
+    stage: Stage
+    stiffness: float
+    """Slope of the force along the height over the height [N/m]"""
+    damping: float
+    """The same over the velocity [N s/m]"""
+
+
+@aside
+def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
+    """Take one step of `h` [s] under one layer's formula, with its estimated error. The velocity before is not used."""
+    y = state.height
+    one = flow_at(motion, s, y)
+    v = one.velocity
+    two = flow_at(motion, s + C2 * h, y + h * (A21 * v))
+    v2 = two.velocity
+    three = flow_at(motion, s + C3 * h, y + h * (A31 * v + A32 * v2))
+    v3 = three.velocity
+    four = flow_at(motion, s + C4 * h, y + h * (A41 * v + A42 * v2 + A43 * v3))
+    v4 = four.velocity
+    five = flow_at(motion, s + h, y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4))
+    v5 = five.velocity
+    six = flow_at(motion, s + C6 * h, y + h * (A61 * v + A62 * v2 + A63 * v3 + A64 * v4 + A65 * v5))
+    v6 = six.velocity
+    height = y + h * (B1 * v + B3 * v3 + B4 * v4 + B5 * v5)
+    end = flow_at(motion, s + h, height)
+
+    crossing = earlier(INSIDE, motion, two.stage, s + C2 * h, C2)
+    crossing = earlier(crossing, motion, three.stage, s + C3 * h, C3)
+    crossing = earlier(crossing, motion, six.stage, s + C6 * h, C6)
+    crossing = earlier(crossing, motion, four.stage, s + C4 * h, C4)
+    crossing = earlier(crossing, motion, end.stage, s + h, 1.0)
+    least = min(one.damping, two.damping, three.damping, four.damping, five.damping, six.damping, end.damping)
+    estimate = h * SINGULAR if begins_layer(motion, one.stage.depth, end.stage.depth) else h
+    return Step(
+        FemurState(height, end.velocity),
+        StateError(estimate * (E1 * v + E3 * v3 + E4 * v4 + E5 * v5 + E6 * v6), 0.0),
+        one.stage,
+        end.stage,
+        crossing,
+        six.stiffness,
+        six.damping,
+        0.0,
+        EVALUATIONS + 1,
+        least > 0.0,
+    )
+
+
+@in_kernel
+def flow_at(motion: Motion, s: float, height: float) -> Flow:
+    """The velocity that carries the load at s [s]."""
+    depth, surface_rate, cosine = touch_at(motion.interval, s).touch(height)
+    at_rest, stiffness, damping = force_on(motion, depth, 0.0)
+    force = load_at(motion.interval, s) / cosine
+    rate = (force - at_rest) / damping if damping > 0.0 else 0.0
+    return Flow(
+        (surface_rate - rate) / cosine,
+        Stage(depth, rate, force, stiffness, surface_rate),
+        cosine * cosine * stiffness,
+        cosine * cosine * damping,
+    )

@@ -1,0 +1,286 @@
+"""The first-order level: n_y F(δ, δ̇) = max(L, 0), the contact without the femur's inertia.
+
+Where a layer has no dashpot this is the quasi-static equation. Its steps are those of the dynamic level, without mass;
+they end on a layer's ends and where the load changes its sign.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from knee_contact_ros.core.contact_laws.base import layer_at
+from knee_contact_ros.core.error_estimate import SAFETY
+from knee_contact_ros.core.events import end_on_boundary
+from knee_contact_ros.core.integrators.base import FemurState, StateError, Step, force_on
+from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.levels.deviation import Deviation, LeftOut, deviate, deviation_of_depth
+from knee_contact_ros.core.levels.dynamic import settled
+from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
+from knee_contact_ros.core.regions import ABOVE, BELOW, NOWHERE, Region, Regions
+from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
+from knee_contact_ros.core.statics import height_at, static_contact
+from knee_contact_ros.core.stepping import EXPLICIT, LOCAL_SHARE, MOST_EXPLICIT, Going, attempt, giving_up, motion_in
+from knee_contact_ros.core.types import Fidelity
+
+FIRST_ORDER = int(Fidelity.FIRST_ORDER)
+SUDDEN = 3.0
+"""Ticks that are longer than this many times C/K see the level's velocity jump"""
+
+
+class FirstOrder(NamedTuple):
+    """The level as a part of a scene."""
+
+    rank: int = FIRST_ORDER
+
+    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+        """See `Level`."""
+        return first_order_tick(scene, interval, start, 0)
+
+
+@aside
+def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    """Carry the contact without mass over the interval, or answer with the static solution if that takes too much."""
+    massless = without_mass(scene)
+    impact_speed, impact_error = impact_of(start)
+    going = Going(
+        0.0,
+        start.state,
+        StateError(0.0, 0.0),
+        start.try_step,
+        math.inf,
+        impact_speed,
+        impact_error,
+        0.0,
+        spent,
+        0,
+        False,
+    )
+    begin, first = 0.0, FemurState(math.nan, math.nan)
+    while begin < interval.duration and not going.given_up:
+        until, following = stretch_from(interval, begin)
+        turn = sign_change(interval, begin)
+        if begin < turn < until:
+            until, following = turn, turn
+        part = pressed(interval, begin, until)
+        going, region = begin_part(massless, part, going, begin)
+        if math.isnan(first.height):
+            first = going.state
+        while going.s < until and not going.given_up:
+            going, region = step_on(massless, part, going, region, until)
+        begin = following
+    if going.given_up or not abs(going.state.height) < math.inf:
+        return settled(scene, interval, going)
+    return result(scene, interval, start, going, region, first)
+
+
+@in_kernel
+def without_mass(scene: Scene) -> Scene:
+    """The same scene with a mass of 0, where the contact always exerts what the load asks for."""
+    regions = Regions(scene.regions.law, True)
+    return Scene(scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.budget, scene.level)
+
+
+@in_kernel
+def sign_change(interval: Interval, begin: float) -> float:
+    """When the load changes its sign [s]; `begin` if it does not after that."""
+    if load_at(interval, begin) * load_at(interval, interval.duration) >= 0.0:
+        return begin
+    return -interval.start_load / interval.load_rate
+
+
+@in_kernel
+def pressed(interval: Interval, begin: float, until: float) -> Interval:
+    """The interval with no load where the load would pull; `begin` and `until` [s] are on the same side of that."""
+    if load_at(interval, 0.5 * (begin + until)) >= 0.0:
+        return interval
+    return Interval(
+        interval.pair, interval.mechanism, interval.duration, interval.angle, interval.angle_rate, 0.0, 0.0,
+        interval.end_height,
+    )  # fmt: skip
+
+
+@in_kernel
+def begin_part(scene: Scene, part: Interval, going: Going, s: float) -> tuple[Going, Region]:
+    """Go on at s [s]; surfaces that are apart meet at once, for without mass nothing flies."""
+    touch = touch_at(part, s)
+    height = going.state.height + going.state.velocity * (s - going.s)
+    depth, _, _ = touch.touch(height)
+    if depth < 0.0:
+        height = height_at(touch, 0.0, height)
+    going = at_height(going, s, FemurState(height, going.state.velocity), 0)
+    return enter_layer(scene, part, going, max(0, layer_at(scene.regions.law, max(0.0, depth))))
+
+
+@aside
+def enter_layer(scene: Scene, part: Interval, going: Going, layer: int) -> tuple[Going, Region]:
+    """Go on in a layer with the velocity that its equation asks for; one without a dashpot carries the load at once.
+
+    That may lead to another layer, but not past the beginning of one with a dashpot.
+    """
+    touch, load, height = touch_at(part, going.s), load_at(part, going.s), going.state.height
+    depth, surface_rate, cosine = touch.touch(height)
+    formula = scene.regions.law.layers[layer].formula
+    at_rest, stiffness, damping = formula.force_at(depth, 0.0, going.impact_speed)
+    evaluations = 1
+    if damping <= 0.0:
+        static = static_contact(scene.regions.law, touch, load, height, max(depth, 0.0), 0.0)
+        layer, depth = stopped(scene, layer, static.depth)
+        height = height_at(touch, depth, static.height)
+        going = jumped(going, height - going.state.height)
+        depth, surface_rate, cosine = touch.touch(height)
+        formula = scene.regions.law.layers[layer].formula
+        at_rest, stiffness, damping = formula.force_at(depth, 0.0, going.impact_speed)
+        evaluations += static.evaluations + 1
+    swift, sinking = math.inf, 0.0
+    if damping > 0.0:
+        swift, sinking = stiffness / damping, (load / cosine - at_rest) / damping
+    elif stiffness > 0.0:
+        sinking = part.load_rate / cosine / stiffness
+    state = FemurState(height, (surface_rate - sinking) / cosine)
+    return at_height(quick_as(going, swift), going.s, state, evaluations), Region(layer, True)
+
+
+@in_kernel
+def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
+    """Layer and depth [m] at which a contact that goes from a layer to a static depth is stopped by a dashpot."""
+    layers = scene.regions.law.layers
+    for deeper in range(layer + 1, len(layers)):
+        begin = layers[deeper].begin
+        if begin < depth and layers[deeper].formula.force_at(begin, 0.0, 0.0)[2] > 0.0:
+            return deeper, begin
+    return max(0, layer_at(scene.regions.law, depth)), depth
+
+
+@in_kernel
+def jumped(going: Going, jump: float) -> Going:
+    """The same tick behind a jump of the height [m], which the femur with its mass does not follow."""
+    return Going(
+        going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.error_at_events + abs(jump), going.evaluations, going.events, going.given_up,
+    )  # fmt: skip
+
+
+@in_kernel
+def quick_as(going: Going, swift: float) -> Going:
+    """The same tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
+    return Going(
+        going.s, going.state, going.error, going.try_step, swift, going.impact_speed, going.impact_error,
+        going.error_at_events, going.evaluations, going.events, going.given_up,
+    )  # fmt: skip
+
+
+@in_kernel
+def at_height(going: Going, s: float, state: FemurState, evaluations: int) -> Going:
+    """The same tick at another time and state, with more evaluations spent."""
+    return Going(
+        s, state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.error_at_events, going.evaluations + evaluations, going.events, going.given_up,
+    )  # fmt: skip
+
+
+@in_kernel
+def step_on(scene: Scene, part: Interval, going: Going, region: Region, until: float) -> tuple[Going, Region]:
+    """Take a step towards `until` [s]; return the region behind it."""
+    going, step, h = controlled_step(scene, part, going, region, until)
+    boundary = NOWHERE
+    while h > 0.0 and leaves(region, step) and not going.given_up:
+        going, step, h, boundary = end_on_boundary(scene, part, going, region, step, h)
+    if going.given_up:
+        return going, region
+    remembered = memory(step, h)
+    error = StateError(remembered * going.error.height + step.error.height, 0.0)
+    swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
+    events = going.events + (0 if boundary == NOWHERE else 1)
+    going = Going(
+        until if h == until - going.s else going.s + h, step.state, error, going.try_step, swift, going.impact_speed,
+        going.impact_error, going.error_at_events, going.evaluations, events, going.given_up,
+    )  # fmt: skip
+    if boundary == NOWHERE:
+        return going, region
+    return enter_layer(scene, part, going, region.layer + (1 if boundary == BELOW else -1))
+
+
+@in_kernel
+def leaves(region: Region, step: Step) -> bool:
+    """Whether a step leaves its layer; the surface itself it can only touch."""
+    return step.crossing.boundary == BELOW or (step.crossing.boundary == ABOVE and region.layer > 0)
+
+
+@in_kernel
+def memory(step: Step, h: float) -> float:
+    """Part of an error of the height that is left after a step of `h` [s]."""
+    return math.exp(-h * step.stiffness / step.damping) if step.damping > 0.0 else 0.0
+
+
+@aside
+def controlled_step(
+    scene: Scene, part: Interval, going: Going, region: Region, until: float
+) -> tuple[Going, Step, float]:
+    """A step whose estimated error fits the tolerance, and its duration [s]; not yet taken."""
+    remaining = until - going.s
+    h = min(going.try_step, remaining)
+    if going.swiftness * h > EXPLICIT and going.swiftness * remaining <= MOST_EXPLICIT * EXPLICIT:
+        h = remaining / math.ceil(going.swiftness * remaining / EXPLICIT)
+    going, step = attempt(scene, part, going, region, h, NOWHERE)
+    while not going.given_up:
+        error = abs(step.error.height) / max(1.0 - memory(step, h), 1e-3)
+        ratio = error / (LOCAL_SHARE * scene.tolerance) if step.solved else math.inf
+        factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
+        if ratio <= 1.0:
+            return going, step, h
+        h *= max(0.1, factor)
+        if not going.s + h > going.s:
+            return giving_up(going), step, h
+        going, step = attempt(scene, part, going, region, h, NOWHERE)
+    return going, step, h
+
+
+@in_kernel
+def result(
+    scene: Scene, interval: Interval, start: Progress, going: Going, region: Region, first: FemurState
+) -> Advance:
+    """The contact at the end of the interval, in doubt by its steps and by the inertia that is left out.
+
+    `first` is the level's state at the interval's beginning.
+    """
+    h = interval.duration
+    depth, surface_rate, cosine = touch_at(interval, h).touch(going.state.height)
+    rate = surface_rate - cosine * going.state.velocity
+    force, stiffness, damping = force_on(motion_in(scene, interval, going, region, NOWHERE), depth, rate)
+    stiffness, damping = cosine * cosine * stiffness, cosine * cosine * damping
+    change, blow = going.state.velocity - first.velocity, 0.0
+    if h * stiffness > SUDDEN * damping and start.stiffness > 0.0:
+        # The dashpot answers within the tick: but for the softer or stiffer contact, the level's velocity changes as by
+        # a blow at the beginning.
+        blow = change + interval.load_rate * (1.0 / stiffness - 1.0 / start.stiffness)
+    left_out = LeftOut(
+        0.5 * (start.stiffness + stiffness),
+        0.5 * (start.damping + damping),
+        (change - blow) / h,
+        0.0,
+        load_at(interval, 0.0),
+        load_at(interval, h),
+        max(0.0, depth) / cosine,
+    )
+    jump = StateError(
+        first.height - start.state.height + start.error.height,
+        first.velocity + blow - start.state.velocity + start.error.velocity,
+    )
+    deviation = deviate(Deviation(jump, start.unrest), left_out, scene.mass, h)
+    # The steps' error and what the level leaves out may not cancel: the signs of both are weak.
+    deviation = Deviation(deviation.state, deviation.unrest + abs(going.error.height) + going.error_at_events)
+    error = deviation_of_depth(deviation, stiffness, damping, scene.mass)
+    return Advance(
+        Progress(
+            going.state, deviation.state, going.try_step, going.impact_speed, going.impact_error, FIRST_ORDER,
+            deviation.unrest, stiffness, damping,
+            cosine * force - load_at(interval, h), rate / cosine,
+        ),
+        depth,
+        rate,
+        max(force, 0.0),
+        SAFETY * error,
+        going.evaluations + 1,
+        True,
+    )  # fmt: skip

@@ -1,0 +1,66 @@
+"""The displacement drive: the femoral height is prescribed, linear in time between two ticks, and the force follows."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from knee_contact_ros.core.kernel_source import in_kernel
+from knee_contact_ros.core.prescribed import Interval, touch_at
+from knee_contact_ros.core.scene import Advance, Progress, Scene, at_height
+from knee_contact_ros.core.types import Fidelity
+
+MAX_LOCATE = 60
+"""Tries to find the moment of touch."""
+
+
+class PrescribedHeight(NamedTuple):
+    """The level as a part of a scene."""
+
+    rank: int = int(Fidelity.DYNAMIC)
+
+    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+        """See `Level`."""
+        return follow(scene, interval, start)
+
+
+@in_kernel
+def follow(scene: Scene, interval: Interval, start: Progress) -> Advance:
+    """The contact at the end of an interval in which the height goes from the last one to the prescribed one.
+
+    Exact: pose and velocity are prescribed. A law that remembers its impact speed gets the one at the touch inside the
+    interval, if femur and tibia were apart at its beginning.
+    """
+    height = start.state.height
+    velocity = (interval.end_height - height) / interval.duration
+    depth, rate = contact_on_way(interval, height, velocity, interval.duration)
+    impact_speed = start.impact_speed
+    if depth <= 0.0:
+        impact_speed = math.nan
+    elif math.isnan(impact_speed):
+        touched = moment_of_touch(interval, height, velocity)
+        _, impact_speed = contact_on_way(interval, height, velocity, touched)
+    return at_height(scene, interval.end_height, velocity, depth, rate, impact_speed)
+
+
+@in_kernel
+def contact_on_way(interval: Interval, height: float, velocity: float, s: float) -> tuple[float, float]:
+    """Depth [m] and its rate [m/s] at s [s] on a way that begins at `height` [m]."""
+    depth, rate, cosine = touch_at(interval, s).touch(height + velocity * s)
+    return depth, rate - cosine * velocity
+
+
+@in_kernel
+def moment_of_touch(interval: Interval, height: float, velocity: float) -> float:
+    """When [s] the depth turns positive in an interval at whose end it is (bisection to rounding)."""
+    low, high = 0.0, interval.duration
+    for _ in range(MAX_LOCATE):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        depth, _ = contact_on_way(interval, height, velocity, middle)
+        if depth > 0.0:
+            high = middle
+        else:
+            low = middle
+    return high

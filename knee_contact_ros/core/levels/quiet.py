@@ -1,0 +1,87 @@
+"""The quiet ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
+
+A few equal explicit steps carry the femur over the interval, with the same error control as in `dynamic.py`. Where
+anything else turns up, this gives up and leaves the tick to it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from knee_contact_ros.core.error_estimate import SAFETY, carry, depth_error, swiftness
+from knee_contact_ros.core.integrators.base import Motion, Stage, StateError
+from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS, Slope, fehlberg_stride
+from knee_contact_ros.core.kernel_source import in_kernel, inlined
+from knee_contact_ros.core.prescribed import Interval, stretch_from, touch_at
+from knee_contact_ros.core.regions import NOWHERE, enter
+from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
+from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, local_ratio
+
+FINEST = 8.0
+"""Most steps of a tick that are tried here"""
+
+
+@inlined
+def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no quiet tick.
+
+    `spent` are the evaluations that the tick has cost already.
+    """
+    h, state, error = interval.duration, start.state, start.error
+    until, _ = stretch_from(interval, 0.0)
+    law = scene.regions.law
+    if until < h or math.isnan(start.impact_speed) or law.layers[0].formula.remembers_impact():
+        return not_quiet(start, spent)
+    depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
+    rate, load = surface_rate - cosine * state.velocity, interval.start_load
+    entry = enter(scene.regions, depth, rate, load, start.impact_speed)
+    spent += 1 if entry.region.layer >= 0 else 0
+    if not entry.region.pressing:
+        return not_quiet(start, spent)
+    stiffness, damping = cosine * cosine * entry.stiffness, cosine * cosine * entry.damping
+    swift = swiftness(stiffness, damping, scene.mass)
+    parts = math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step))
+    most = min(FINEST, MOST_EXPLICIT if h * swift > EXPLICIT else FINEST)
+    if parts > most or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget):
+        return not_quiet(start, spent)
+
+    motion = Motion(interval, scene.regions, entry.region, start.impact_speed, scene.mass, NOWHERE)
+    begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
+    slope = Slope((cosine * entry.force - load) / scene.mass, begin, stiffness, damping, cosine)
+    part, largest = h / parts, 0.0
+    for i in range(parts):
+        stride = fehlberg_stride(motion, i * part, state, part, slope)
+        spent += EVALUATIONS
+        middle = stride.middle
+        ratio = local_ratio(
+            scene, stride.state, stride.error, slope.stage.force, stride.end.stage.force, middle.stiffness,
+            middle.damping, stride.leapt, part,
+        )  # fmt: skip
+        if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
+            return not_quiet(start, spent)
+        carried = carry(error, middle.stiffness, middle.damping, scene.mass, part)
+        error = StateError(carried.height + stride.error.height, carried.velocity + stride.error.velocity)
+        state, slope, largest = stride.state, stride.end, max(largest, ratio)
+
+    factor = 0.9 / math.sqrt(math.sqrt(max(largest, 1e-4)))
+    end = slope.stage
+    doubt = depth_error(error, end.stiffness, slope.damping / (slope.cosine * slope.cosine), scene.mass)
+    return Advance(
+        Progress(
+            state, error, max(start.try_step, part * factor) if parts == 1 else part * factor, start.impact_speed,
+            start.impact_error, DYNAMIC, 0.0, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
+            end.rate / slope.cosine,
+        ),
+        end.depth,
+        end.rate,
+        end.force if scene.regions.allow_tension else max(end.force, 0.0),
+        SAFETY * doubt,
+        spent,
+        True,
+    )  # fmt: skip
+
+
+@in_kernel
+def not_quiet(start: Progress, spent: int) -> Advance:
+    """Word that a tick is none of this kind, with what it has cost."""
+    return Advance(start, 0.0, 0.0, 0.0, 0.0, spent, False)

@@ -1,0 +1,112 @@
+"""The scene: what does not change from tick to tick; and what goes from one tick to the next."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+from knee_contact_ros.core.contact_pairs.base import ContactPair
+from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, StateError
+from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
+from knee_contact_ros.core.mechanisms.base import Mechanism
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.types import Fidelity
+
+DYNAMIC = int(Fidelity.DYNAMIC)
+
+
+@kernel_interface
+class Level(Protocol):
+    """The equations that a tick solves, of the table `LEVELS` (`levels/__init__.py`)."""
+
+    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+        """Carry the femur over an interval."""
+        ...
+
+
+class Scene(NamedTuple):
+    """A knee, and how exactly to solve it."""
+
+    pair: ContactPair
+    mechanism: Mechanism
+    regions: Regions
+    mass: float
+    """[kg]"""
+    tolerance: float
+    """Wanted error of the depth [m]"""
+    budget: int
+    """Contact law evaluations a tick may cost; 0: no limit"""
+    level: Level
+    """The equations that a tick solves"""
+
+
+class Progress(NamedTuple):
+    """Where a run stands: all that one tick hands to the next."""
+
+    state: FemurState
+    """Its velocity is not a number at the static start: the femur follows its turning surface"""
+    error: StateError
+    """Estimated error of the state, or its deviation from the dynamic one where a simpler level computed it"""
+    try_step: float
+    """Duration [s] that the next step should try"""
+    impact_speed: float
+    """Rate [m/s] at which the present contact began; not a number while apart"""
+    impact_error: float
+    """Its error [m/s]"""
+    fidelity: int
+    """The level that computed the last tick"""
+    unrest: float
+    """Error [m] of no known sign that a simpler level has left: of its steps, and a swing after a flight left out"""
+    stiffness: float
+    """Slope of the contact force along the height over the height [N/m] at the end of the last tick"""
+    damping: float
+    """The same over the velocity [N s/m]"""
+    excess: float
+    """Contact force along the height less the load [N] at the end of the last tick"""
+    sinking: float
+    """Rate of the depth over n_y [m/s] there"""
+
+
+class Advance(NamedTuple):
+    """The contact at the end of a tick."""
+
+    progress: Progress
+    depth: float
+    """[m] signed: < 0 apart"""
+    rate: float
+    """[m/s]"""
+    force: float
+    """[N]"""
+    error_estimate: float
+    """[m]"""
+    evaluations: int
+    converged: bool
+    """False if the tick was given up and the contact is the static one"""
+
+
+@in_kernel
+def impact_of(start: Progress) -> tuple[float, float]:
+    """How the contact of a level that never flies began [m/s], and its error: as the present one did, else at rest."""
+    if math.isnan(start.impact_speed):
+        return 0.0, start.error.velocity
+    return start.impact_speed, start.impact_error
+
+
+@in_kernel
+def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float) -> Advance:
+    """The contact in a prescribed state: height [m] and velocity [m/s] with their depth [m] and its rate [m/s]."""
+    layers = scene.regions.law.layers
+    index = -1
+    for layer in layers:
+        if layer.begin < depth:
+            index += 1
+    force = 0.0
+    if index >= 0:
+        touched = 0.0 if math.isnan(impact_speed) else impact_speed
+        force, _, _ = layers[index].formula.force_at(depth, rate, touched)
+    progress = Progress(
+        FemurState(height, velocity), NO_ERROR, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
+    exerted = force if scene.regions.allow_tension else max(force, 0.0)
+    return Advance(progress, depth, rate, exerted, 0.0, 1 if depth > 0.0 else 0, True)

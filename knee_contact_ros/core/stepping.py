@@ -1,0 +1,211 @@
+"""One step of a tick: with the cheapest method that fits the contact, as long as the tolerance allows."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import NamedTuple
+
+from knee_contact_ros.core.error_estimate import TINY, decay_rate, depth_error, lost_swing
+from knee_contact_ros.core.integrators.base import FemurState, Motion, StateError, Step, force_on, no_step
+from knee_contact_ros.core.integrators.doubling import doubled_step
+from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER
+from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
+from knee_contact_ros.core.integrators.free_flight import free_flight_step
+from knee_contact_ros.core.integrators.massless import massless_step
+from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.prescribed import Interval, load_at
+from knee_contact_ros.core.regions import NOWHERE, Region
+from knee_contact_ros.core.scene import Scene
+
+LOCAL_SHARE = 0.1
+"""Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
+MEMORY = 1.0
+"""How long [s] an error is taken to count where nothing damps it."""
+ROUNDING = 4.0 * sys.float_info.epsilon
+"""Part of a height or a velocity below which an estimated error is rounding, which no smaller step can cure."""
+NEWTON_SHARE = 0.01
+"""Share of the tolerance at which Newton's method has arrived."""
+RELEASE = 8.0
+"""Steps more after which a falling force counts as about to end"""
+MAX_EVALUATIONS = 100_000
+"""Contact law evaluations after which a tick is answered with the static solution, and says so."""
+MAX_EVENTS = 1_000
+"""The same for the boundaries that a tick crosses."""
+EXPLICIT = 1.0
+"""Steps up to this part of the contact's shortest time are taken explicitly"""
+MOST_EXPLICIT = 6.0
+"""So many explicit steps cost less than an implicit one with its halves"""
+
+
+class Going(NamedTuple):
+    """A tick on its way."""
+
+    s: float
+    """[s] since its beginning"""
+    state: FemurState
+    error: StateError
+    try_step: float
+    """Duration [s] that the next step should try"""
+    swiftness: float
+    """Largest rate [1/s] of the contact as it is now"""
+    impact_speed: float
+    """Rate [m/s] at which the present contact began; not a number while apart"""
+    impact_error: float
+    """Its error [m/s]"""
+    error_at_events: float
+    """Largest error of the height [m] at an event so far"""
+    evaluations: int
+    events: int
+    given_up: bool
+    """Whether it takes more evaluations or events than it may"""
+
+
+@in_kernel
+def controlled_step(
+    scene: Scene, interval: Interval, going: Going, region: Region, until: float
+) -> tuple[Going, Step, float]:
+    """A step towards `until` [s] whose estimated error fits the tolerance, and its duration [s]; not yet taken."""
+    remaining = until - going.s
+    h = min(going.try_step, remaining) if region.pressing else remaining
+    if going.swiftness * h > EXPLICIT and going.swiftness * remaining <= MOST_EXPLICIT * EXPLICIT:
+        h = remaining / math.ceil(going.swiftness * remaining / EXPLICIT) if region.pressing else h
+    while True:
+        going, step = attempt(scene, interval, going, region, h, NOWHERE)
+        if not region.pressing or going.given_up:
+            return going, step, h
+        ratio = error_ratio(scene, interval, going, step, h)
+        factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
+        if ratio <= 1.0:
+            try_step = h * factor if h < remaining else max(going.try_step, h * factor)
+            return trying(going, try_step), step, h
+        h *= max(0.1, factor)
+        if not going.s + h > going.s:
+            return giving_up(going), step, h
+
+
+@aside
+def attempt(scene: Scene, interval: Interval, going: Going, region: Region, h: float, known: int) -> tuple[Going, Step]:
+    """One step of `h` [s] by the region's formula, wherever it leads; `known` is the boundary it is to end on."""
+    most = scene.budget if scene.budget > 0 else MAX_EVALUATIONS
+    if going.evaluations >= most or going.events >= MAX_EVENTS:
+        return giving_up(going), no_step(going.state)
+    motion = motion_in(scene, interval, going, region, known)
+    if not region.pressing:
+        step = free_flight_step(motion, going.s, going.state, h)
+    elif going.swiftness * h <= EXPLICIT:
+        if scene.mass > 0.0:
+            step = fehlberg_step(motion, going.s, going.state, h)
+        else:
+            step = massless_step(motion, going.s, going.state, h)
+    else:
+        order, reduced = orders(interval, h)
+        step = doubled_step(motion, order, reduced, going.s, going.state, h, NEWTON_SHARE * scene.tolerance)
+    return spending(going, step.evaluations, False), step
+
+
+@in_kernel
+def motion_in(scene: Scene, interval: Interval, going: Going, region: Region, known: int) -> Motion:
+    """What a step computes with."""
+    impact_speed = 0.0 if math.isnan(going.impact_speed) else going.impact_speed
+    return Motion(interval, scene.regions, region, impact_speed, scene.mass, known)
+
+
+@in_kernel
+def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
+    """Estimated error of a step over what it may be: all steps that still count share the tolerance."""
+    if not step.solved:
+        return math.inf
+    ratio = local_ratio(
+        scene, step.state, step.error, step.begin.force, step.end.force, step.stiffness, step.damping, step.leapt, h
+    )
+    lost = StateError(0.0, lost_in(scene, interval, going, step, h))
+    ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (LOCAL_SHARE * scene.tolerance)
+    return ratio if ratio < math.inf else math.inf
+
+
+@in_kernel
+def local_ratio(
+    scene: Scene, state: FemurState, error: StateError, begin_force: float, force: float, stiffness: float,
+    damping: float, leapt: float, h: float,
+) -> float:  # fmt: skip
+    """The same without what a step has damped away: its end, local error, and the forces [N] at both ends are given."""
+    mass = scene.mass
+    speed = abs(state.velocity) + h * abs(force) / mass
+    above_rounding = StateError(
+        max(abs(error.height) - ROUNDING * abs(state.height), 0.0),
+        max(abs(error.velocity) - ROUNDING * speed, 0.0),
+    )
+    # A leap is met once: its error is not one of many that add up while the contact remembers them.
+    memory = max(decay_rate(stiffness, damping, mass), 1.0 / MEMORY)
+    forgotten = 1.0 if leapt > 0.0 else min(1.0, h * memory)
+    whole = depth_error(above_rounding, stiffness, damping, mass) / forgotten + h * leapt
+    if not scene.regions.allow_tension and force < RELEASE * (begin_force - force):
+        # The contact is about to let go: what errs in the velocity then is carried into the flight.
+        whole = max(whole, depth_error(above_rounding, 0.0, 0.0, mass))
+    return whole / (LOCAL_SHARE * scene.tolerance)
+
+
+@in_kernel
+def lost_in(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
+    """Speed [m/s] of the oscillation that a step has lost."""
+    return lost_swing(step, load_at(interval, going.s), interval.load_rate, scene.mass, h)
+
+
+@in_kernel
+def orders(interval: Interval, h: float) -> tuple[int, int]:
+    """Order of an implicit step of `h` [s], and that of one that is stiff.
+
+    A spline's third derivative jumps at its points, and its first over a dent: steps across have lost their order.
+    """
+    if abs(interval.angle_rate) * h > interval.pair.grain():
+        return 1, 1
+    return (STAGE_ORDER, STAGE_ORDER) if interval.pair.is_dented() else (ORDER, STAGE_ORDER)
+
+
+@in_kernel
+def impact_doubt(
+    scene: Scene, interval: Interval, going: Going, region: Region, depth: float, rate: float, force: float
+) -> float:
+    """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
+    law = scene.regions.law
+    if not law.layers[0].formula.remembers_impact() or math.isnan(going.impact_speed) or going.impact_error == 0.0:
+        return 0.0
+    motion = motion_in(scene, interval, going, region, NOWHERE)
+    other = going.impact_speed + going.impact_error
+    motion = Motion(interval, scene.regions, region, other, motion.mass, motion.known)
+    return abs(force_on(motion, depth, rate)[0] - force)
+
+
+@in_kernel
+def doubtful_push(scene: Scene, interval: Interval, going: Going, region: Region, step: Step, h: float) -> float:
+    """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it."""
+    if h == 0.0 or not region.pressing:
+        return 0.0
+    end, mass = step.end, scene.mass
+    answered = max(math.sqrt(step.stiffness / mass), step.damping / mass, 1.0 / h)
+    return impact_doubt(scene, interval, going, region, end.depth, end.rate, end.force) / max(mass * answered, TINY)
+
+
+@in_kernel
+def spending(going: Going, evaluations: int, given_up: bool) -> Going:
+    """The same tick with more evaluations spent."""
+    return Going(
+        going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.error_at_events, going.evaluations + evaluations, going.events, going.given_up or given_up,
+    )  # fmt: skip
+
+
+@in_kernel
+def giving_up(going: Going) -> Going:
+    """The same tick, given up."""
+    return spending(going, 0, True)
+
+
+@in_kernel
+def trying(going: Going, try_step: float) -> Going:
+    """The same tick with another duration [s] to try."""
+    return Going(
+        going.s, going.state, going.error, try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.error_at_events, going.evaluations, going.events, going.given_up,
+    )  # fmt: skip

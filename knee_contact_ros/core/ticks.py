@@ -1,0 +1,148 @@
+"""One tick after another: what the samples prescribe, the level's answer, and what is told about it.
+
+A run's state and its answer lie in arrays of numbers that the caller keeps, so that a tick allocates nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, StateError
+from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
+from knee_contact_ros.core.prescribed import Interval, touch_at
+from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
+from knee_contact_ros.core.statics import START_HEIGHT, static_contact
+from knee_contact_ros.core.types import Status
+
+Floats = NDArray[np.float64]
+
+MEMORY = 16
+"""Numbers that a run keeps from tick to tick: whether it has begun, the last angle and load, and its progress"""
+ANSWER = 19
+"""Numbers of an answer, in the order of `write_answer`"""
+PLACING = slice(16, 19)
+"""Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
+NOT_CONVERGED = int(Status.NOT_CONVERGED)
+
+
+@in_kernel
+def run(
+    scene: Scene, memory: Floats, durations: Floats, angles: Floats, loads: Floats, heights: Floats, answers: Floats
+) -> None:
+    """Take ticks one after another; see `tick`. All arrays have shape (n,), `answers` (n, `ANSWER`)."""
+    for i in range(len(durations)):
+        duration, angle, load, height = float(durations[i]), float(angles[i]), float(loads[i]), float(heights[i])
+        tick(scene, memory, duration, angle, load, height, answers[i])
+
+
+@inlined
+def tick(
+    scene: Scene, memory: Floats, duration: float, angle: float, load: float, height: float, answer: Floats
+) -> None:
+    """Advance by `duration` [s] to an angle [rad], a load [N] and, if it is prescribed, a femoral height [m].
+
+    `memory`, shape (`MEMORY`,), is all zeros before the first tick, whose duration does not count: it is answered with
+    the contact at rest. `answer`, shape (`ANSWER`,), is filled.
+    """
+    if float(memory[0]) == 0.0:
+        advance = start(scene, angle, load, height)
+    else:
+        last_angle, last_load = float(memory[1]), float(memory[2])
+        interval = Interval(
+            scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
+            (load - last_load) / duration, height,
+        )  # fmt: skip
+        progress = read_progress(memory)
+        if math.isnan(progress.state.velocity):
+            progress = following_surface(interval, progress)
+        advance = scene.level.advance(scene, interval, progress)
+    memory[0], memory[1], memory[2] = 1.0, angle, load
+    write_progress(memory, advance.progress)
+    write_answer(answer, scene, angle, load, advance)
+
+
+@aside
+def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
+    """Contact at rest: under the load, or at the prescribed height; the penetration rate is 0."""
+    x, _ = scene.mechanism.translation(angle)
+    touch = scene.pair.at(angle, 0.0, x, 0.0)
+    if not math.isnan(height):
+        depth, _, _ = touch.touch(height)
+        return at_height(scene, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
+    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0)
+    _, _, cosine = touch.touch(static.height)
+    progress = Progress(
+        FemurState(static.height, math.nan), NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0,
+        cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0,
+    )  # fmt: skip
+    return Advance(progress, static.depth, 0.0, static.force, 0.0, static.evaluations, True)
+
+
+@aside
+def following_surface(interval: Interval, progress: Progress) -> Progress:
+    """The progress behind the static start: the femur follows its turning surface."""
+    _, rate, cosine = touch_at(interval, 0.0).touch(progress.state.height)
+    return Progress(
+        FemurState(progress.state.height, rate / cosine), progress.error, progress.try_step, progress.impact_speed,
+        progress.impact_error, progress.fidelity, progress.unrest, progress.stiffness, progress.damping,
+        progress.excess, progress.sinking,
+    )  # fmt: skip
+
+
+@in_kernel
+def read_progress(memory: Floats) -> Progress:
+    """Take the progress out of a run's memory."""
+    return Progress(
+        FemurState(float(memory[3]), float(memory[4])),
+        StateError(float(memory[5]), float(memory[6])),
+        float(memory[7]),
+        float(memory[8]),
+        float(memory[9]),
+        int(memory[10]),
+        float(memory[11]),
+        float(memory[12]),
+        float(memory[13]),
+        float(memory[14]),
+        float(memory[15]),
+    )
+
+
+@in_kernel
+def write_progress(memory: Floats, progress: Progress) -> None:
+    """Put the progress into a run's memory."""
+    memory[3], memory[4] = progress.state.height, progress.state.velocity
+    memory[5], memory[6] = progress.error.height, progress.error.velocity
+    memory[7] = progress.try_step
+    memory[8], memory[9] = progress.impact_speed, progress.impact_error
+    memory[10], memory[11] = progress.fidelity, progress.unrest
+    memory[12], memory[13] = progress.stiffness, progress.damping
+    memory[14], memory[15] = progress.excess, progress.sinking
+
+
+@in_kernel
+def write_answer(answer: Floats, scene: Scene, angle: float, load: float, advance: Advance) -> None:
+    """Put the answer to a tick into the terms of the message, in the order of `types.Contact` and then `PLACING`."""
+    depth, height = max(0.0, advance.depth), advance.progress.state.height
+    layers = scene.regions.law.layers
+    bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
+    x, _ = scene.mechanism.translation(angle)
+    closest = scene.pair.closest(angle, x, height)
+    point_x, point_y = closest.point(x, height)
+    missed = not advance.converged or advance.error_estimate > scene.tolerance
+    answer[0], answer[1] = angle, load
+    answer[2] = advance.force
+    answer[3], answer[4] = depth, max(0.0, -advance.depth)
+    answer[5] = advance.rate
+    answer[6], answer[7] = point_x, point_y
+    answer[8] = height
+    answer[9], answer[10] = depth - bone, bone
+    answer[11] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
+    answer[12] = advance.progress.fidelity
+    answer[13] = NOT_CONVERGED if missed else 0
+    answer[14] = advance.error_estimate
+    answer[15] = advance.evaluations
+    answer[16] = x
+    answer[17], answer[18] = closest.normal_x, closest.normal_y

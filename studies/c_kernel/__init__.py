@@ -1,0 +1,1 @@
+"""The compiled kernel against the same algorithm in C."""
