@@ -61,6 +61,10 @@ class Forwards(NamedTuple):
         """See `Mechanism`."""
         return self.reach * math.sin(angle), self.reach * math.cos(angle)
 
+    def largest_slope(self) -> float:
+        """See `Mechanism`."""
+        return self.reach
+
 
 class Knee(NamedTuple):
     """Surfaces and mechanism in both forms: the model's and the reference's."""

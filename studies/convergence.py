@@ -186,7 +186,7 @@ def static_start(case: Case) -> Progress:
     """At rest under the first load."""
     depth = static_depth(case.law, case.loads[0], 0.0, 0.0).depth
     state = FemurState(RADIUS - depth, 0.0)
-    return Progress(state, NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Progress(state, NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def stepped_across(case: Case, steps: int, method: str) -> list[float]:

@@ -32,6 +32,10 @@ class Ellipse(NamedTuple):
         """See `FemoralGeometry`."""
         return math.inf
 
+    def farthest(self) -> float:
+        """See `FemoralGeometry`."""
+        return max(self.a, self.b)
+
     def outline(self) -> NDArray[np.float64]:
         """See `FemoralGeometry`."""
         turn = np.linspace(0.0, math.tau, 181)

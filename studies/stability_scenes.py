@@ -178,7 +178,7 @@ def run(
         return model.run(scene.time, scene.angle, scene.load)
     touching = model.pair.at(scene.angle[0], 0.0, 0.0, 0.0).touch(0.0)[0]
     state = FemurState(touching + scene.start_gap, -scene.thrown)
-    progress = Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0)
+    progress = Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, -scene.start_gap)
     memory, answers = np.zeros(ticks.MEMORY), np.zeros((len(scene.time), ticks.ANSWER))
     memory[:3] = 1.0, scene.angle[0], scene.load[0]
     ticks.write_progress(memory, progress)

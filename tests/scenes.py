@@ -106,4 +106,4 @@ def advance(
 
 def moving(state: FemurState) -> Progress:
     """A run that has come to a state without error, apart so far."""
-    return Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -66,6 +66,8 @@ class Progress(NamedTuple):
     """Contact force along the height less the load [N] at the end of the last tick"""
     sinking: float
     """Rate of the depth over n_y [m/s] there"""
+    depth: float
+    """Signed depth [m] there"""
 
 
 class Advance(NamedTuple):
@@ -106,7 +108,8 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
         touched = 0.0 if math.isnan(impact_speed) else impact_speed
         force, _, _ = layers[index].formula.force_at(depth, rate, touched)
     progress = Progress(
-        FemurState(height, velocity), NO_ERROR, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0
-    )
+        FemurState(height, velocity), NO_ERROR, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0,
+        depth,
+    )  # fmt: skip
     exerted = force if scene.regions.allow_tension else max(force, 0.0)
     return Advance(progress, depth, rate, exerted, 0.0, 1 if depth > 0.0 else 0, True)

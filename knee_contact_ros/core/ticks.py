@@ -19,7 +19,7 @@ from knee_contact_ros.core.types import Status
 
 Floats = NDArray[np.float64]
 
-MEMORY = 16
+MEMORY = 17
 """Numbers that a run keeps from tick to tick: whether it has begun, the last angle and load, and its progress"""
 ANSWER = 19
 """Numbers of an answer, in the order of `write_answer`"""
@@ -77,6 +77,7 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
     progress = Progress(
         FemurState(static.height, math.nan), NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0,
         cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0,
+        static.depth,
     )  # fmt: skip
     return Advance(progress, static.depth, 0.0, static.force, 0.0, static.evaluations, True)
 
@@ -88,7 +89,7 @@ def following_surface(interval: Interval, progress: Progress) -> Progress:
     return Progress(
         FemurState(progress.state.height, rate / cosine), progress.error, progress.try_step, progress.impact_speed,
         progress.impact_error, progress.fidelity, progress.unrest, progress.stiffness, progress.damping,
-        progress.excess, progress.sinking,
+        progress.excess, progress.sinking, progress.depth,
     )  # fmt: skip
 
 
@@ -107,6 +108,7 @@ def read_progress(memory: Floats) -> Progress:
         float(memory[13]),
         float(memory[14]),
         float(memory[15]),
+        float(memory[16]),
     )
 
 
@@ -119,7 +121,7 @@ def write_progress(memory: Floats, progress: Progress) -> None:
     memory[8], memory[9] = progress.impact_speed, progress.impact_error
     memory[10], memory[11] = progress.fidelity, progress.unrest
     memory[12], memory[13] = progress.stiffness, progress.damping
-    memory[14], memory[15] = progress.excess, progress.sinking
+    memory[14], memory[15], memory[16] = progress.excess, progress.sinking, progress.depth
 
 
 @in_kernel

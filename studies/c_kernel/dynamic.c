@@ -38,7 +38,7 @@ typedef struct {
     int evaluations;
     bool solved;
 } Step;
-typedef struct { State state, error; double try_step; bool touching; } Progress;
+typedef struct { State state, error; double try_step, depth; bool touching; } Progress;
 typedef struct { Progress progress; double depth, error_estimate; int evaluations; bool quiet; } Advance;
 typedef struct {
     double s;
@@ -381,6 +381,13 @@ static State flight(const Motion *motion, double s, State state, double t) {
     };
 }
 
+static State carry_in_flight(State error, double h) {
+    double reached = error.height + h * error.velocity;
+    return (State){copysign(fabs(error.height) + h * fabs(error.velocity), reached), error.velocity};
+}
+
+static double launch_rounding(State begin, State end) { return 2e-12 * fabs(end.height - begin.height); }
+
 static Stage in_flight(const Motion *motion, double s, State state, double t) {
     State there = flight(motion, s, state, t);
     double depth = depth_at(motion->scene, there.height), rate = -motion->scene->cosine * there.velocity;
@@ -426,7 +433,7 @@ static Step free_flight_step(const Motion *motion, double s, State state, double
         crossing = earlier(crossing, motion, &stage, s + high * h, high);
         before = stage;
     }
-    State end = flight(motion, s, state, h), error = {2e-12 * fabs(end.height - state.height), 0.0};
+    State end = flight(motion, s, state, h), error = {launch_rounding(state, end), 0.0};
     return (Step){end, error, begin, before, crossing, 0.0, 0.0, motion->region.layer >= 0 ? looks : 0, true};
 }
 
@@ -529,12 +536,8 @@ static void accept(
     State carried;
     double lost = lost_swing(step, interval, going->s, scene->mass, h);
     State error = going->error;
-    if (region.pressing) {
-        carried = carry(error, step->stiffness, step->damping, scene->mass, h);
-    } else {
-        double reached = error.height + h * error.velocity;
-        carried = (State){copysign(fabs(error.height) + h * fabs(error.velocity), reached), error.velocity};
-    }
+    if (region.pressing) carried = carry(error, step->stiffness, step->damping, scene->mass, h);
+    else carried = carry_in_flight(error, h);
     double velocity = carried.velocity + step->error.velocity;
     going->swiftness = region.pressing ? swiftness(step->stiffness, step->damping, scene->mass) : 0.0;
     going->s = h == interval->duration - going->s ? interval->duration : going->s + h;
@@ -598,7 +601,7 @@ static Advance stepwise(const Scene *scene, const Interval *interval, const Prog
         going.evaluations++;
         error = depth_error(going.error, force.stiffness, force.damping, scene->mass);
     }
-    Progress progress = {going.state, going.error, going.try_step, going.touching};
+    Progress progress = {going.state, going.error, going.try_step, depth, going.touching};
     return (Advance){progress, depth, SAFETY * larger(error, going.error_at_events), going.evaluations, true};
 }
 
@@ -638,14 +641,30 @@ static Advance quiet_tick(const Scene *scene, const Interval *interval, const Pr
     }
     double try_step = part * (0.9 / sqrt(sqrt(larger(largest, 1e-4))));
     if (parts == 1.0) try_step = larger(start->try_step, try_step);
-    advance.progress = (Progress){state, error, try_step, true};
+    advance.progress = (Progress){state, error, try_step, slope.stage.depth, true};
     advance.depth = slope.stage.depth;
     advance.error_estimate = SAFETY * depth_error(error, slope.stage.stiffness, slope.damping, mass);
     advance.quiet = true;
     return advance;
 }
 
+static bool flies_freely(const Scene *scene, const Interval *interval, const Progress *start) {
+    double h = interval->duration, load = larger(fabs(interval->load), fabs(load_at(interval, h)));
+    return !start->touching && -start->depth > h * (fabs(start->state.velocity) + 0.5 * load * h / scene->mass);
+}
+
+static Advance flying_tick(const Scene *scene, const Interval *interval, const Progress *start) {
+    Motion motion = {scene, interval, {APART, false}, NOWHERE};
+    State state = flight(&motion, 0.0, start->state, interval->duration);
+    State error = carry_in_flight(start->error, interval->duration);
+    error.height += launch_rounding(start->state, state);
+    double depth = depth_at(scene, state.height);
+    Progress progress = {state, error, start->try_step, depth, false};
+    return (Advance){progress, depth, SAFETY * fabs(error.height), 0, true};
+}
+
 static Advance dynamic_tick(const Scene *scene, const Interval *interval, const Progress *start) {
+    if (flies_freely(scene, interval, start)) return flying_tick(scene, interval, start);
     Advance advance = quiet_tick(scene, interval, start);
     return advance.quiet ? advance : stepwise(scene, interval, start, advance.evaluations);
 }
@@ -684,7 +703,7 @@ static Advance start_at_rest(const Scene *scene, double load) {
         evaluations++;
     }
     double height = height_at(scene, depth, height_at(scene, 0.0, 0.1));
-    Progress progress = {{height, 0.0}, {0.0, 0.0}, INFINITY, true};
+    Progress progress = {{height, 0.0}, {0.0, 0.0}, INFINITY, depth, true};
     return (Advance){progress, depth, 0.0, evaluations, true};
 }
 

@@ -46,7 +46,7 @@ def contacts(pair: ContactPair, poses: np.ndarray, moves: np.ndarray, answers: n
         answers[i, 0], answers[i, 1], answers[i, 2] = found.depth, found.extent, found.turning
         answers[i, 3], answers[i, 4] = found.normal_x, found.normal_y
         answers[i, 5] = pair.next_kink(angle, angle + way)
-        answers[i, 6], answers[i, 7] = pair.grain(), 1.0 if pair.is_dented() else 0.0
+        answers[i, 6], answers[i, 7] = pair.grain(), pair.farthest() + (1.0 if pair.is_dented() else 0.0)
         at = pair.at(angle, way, x, -0.2)
         for k in range(len(moves)):
             depth, rate, cosine = at.touch(height + float(moves[k]))
@@ -56,6 +56,7 @@ def contacts(pair: ContactPair, poses: np.ndarray, moves: np.ndarray, answers: n
 def translations(mechanism: Mechanism, angles: np.ndarray, answers: np.ndarray) -> None:
     for i in range(len(angles)):
         answers[i, 0], answers[i, 1] = mechanism.translation(float(angles[i]))
+        answers[i, 2] = mechanism.largest_slope()
 
 
 @cache
@@ -105,7 +106,7 @@ def test_a_compiled_pair_gives_the_same_bits(pair: ContactPair) -> None:
 @pytest.mark.parametrize("mechanism", MECHANISMS.values(), ids=MECHANISMS)
 def test_a_compiled_mechanism_gives_the_same_bits(mechanism: Mechanism) -> None:
     angles = np.concatenate([np.random.default_rng(8).uniform(-1.0, 3.0, POSES), [-0.2, 0.0, 0.3, 1.1, 10.0, math.nan]])
-    plain, fast = np.zeros((2, len(angles), 2))
+    plain, fast = np.zeros((2, len(angles), 3))
     translations(mechanism, angles, plain)
     kernel(translations)(mechanism, angles, fast)
     assert same_bits(plain, fast)

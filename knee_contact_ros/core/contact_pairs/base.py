@@ -75,6 +75,10 @@ class Kinematics(Protocol):
         """Of the femur, see `Support`."""
         ...
 
+    def farthest(self) -> float:
+        """Of the femur, see `Support`."""
+        ...
+
 
 class ContactPair(Kinematics, Protocol):
     """A femoral surface over a tibial one: a named tuple."""

@@ -99,6 +99,10 @@ class CurveContact(_CurveContact):
         """See `Kinematics`."""
         return self.femur.grain()
 
+    def farthest(self) -> float:
+        """See `Kinematics`."""
+        return self.femur.farthest()
+
     def outline(self, reach: float) -> Floats:
         """See `ContactPair`."""
         return self.tibia.outline(reach)

@@ -79,6 +79,10 @@ class OnPlane(_OnPlane):
         """See `Kinematics`."""
         return self.femur.grain()
 
+    def farthest(self) -> float:
+        """See `Kinematics`."""
+        return self.femur.farthest()
+
     def outline(self, reach: float) -> Floats:
         """See `ContactPair`."""
         along = np.array([[self.cosine, self.sine]])

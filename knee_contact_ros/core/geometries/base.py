@@ -32,6 +32,10 @@ class Support(Protocol):
         """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
         ...
 
+    def farthest(self) -> float:
+        """Bound of the distance [m] of the surface's points from the reference point."""
+        ...
+
 
 class FemoralGeometry(Support, Protocol):
     """A femoral surface in the sagittal plane, about its reference point: a named tuple."""

@@ -28,6 +28,10 @@ class Circle(NamedTuple):
         """See `Support`: smooth everywhere."""
         return math.inf
 
+    def farthest(self) -> float:
+        """See `Support`."""
+        return self.radius
+
     def outline(self) -> Floats:
         """Points around the circle, shape (n, 2) [m], for drawing."""
         angles = np.linspace(0.0, math.tau, 181)

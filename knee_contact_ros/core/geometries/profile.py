@@ -40,6 +40,8 @@ class _Profile(NamedTuple):
     """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps"""
     turn_between_points: float
     """On average [rad]"""
+    largest_reach: float
+    """Bound of the points' distance from the reference point [m]"""
 
 
 class Profile(_Profile):
@@ -60,7 +62,7 @@ class Profile(_Profile):
         curve = Curve(cubics, *_candidates(cubics))
         kinks = find_kinks(_segments(cubics), lambda angle: lowest_point(curve, angle))
         directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
-        return super().__new__(cls, curve, np.array(kinks), float(np.abs(np.diff(directions)).mean()))
+        return super().__new__(cls, curve, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics))
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -80,6 +82,10 @@ class Profile(_Profile):
         """See `Support`."""
         return self.turn_between_points
 
+    def farthest(self) -> float:
+        """See `Support`."""
+        return self.largest_reach
+
     def lowest(self, angle: float) -> tuple[float, float, float, float]:
         """Lowest point at an angle [rad]: its depth h, its x and y in the femur frame, its place on the curve [m]."""
         return lowest_point(self.curve, angle)
@@ -92,6 +98,17 @@ class Profile(_Profile):
             for segment in self.segments
         ]
         return np.concatenate(strips)
+
+
+def _reach(cubics: Floats) -> float:
+    """Bound of the points' distance from the origin [m]: a cubic lies in the hull of its Bézier points."""
+    length, _, *coefficients = cubics.T
+    hull = [
+        np.stack([c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0,
+                  c0 + length * (c1 + length * (c2 + length * c3))])
+        for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
+    ]  # fmt: skip
+    return float(np.hypot(*hull).max())
 
 
 @aside

@@ -14,7 +14,7 @@ from knee_contact_ros.core.integrators.base import (
     force_on,
 )
 from knee_contact_ros.core.kernel_source import aside, in_kernel
-from knee_contact_ros.core.prescribed import load_at, touch_at
+from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 
 PARTS = 4
 """Of a flight, at whose ends the contact is looked at"""
@@ -46,15 +46,15 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
             evaluations += looks if motion.region.layer >= 0 else 0
         crossing = earlier(crossing, motion, stage, s + high * h, high)
         before = stage
-    end = flight(motion, s, state, h)
-    error = StateError(LAUNCH_ROUNDING * abs(end.height - state.height), 0.0)
+    end = flight(motion.interval, motion.mass, s, state, h)
+    error = StateError(launch_rounding(state, end), 0.0)
     return Step(end, error, begin, before, crossing, 0.0, 0.0, 0.0, evaluations, True)
 
 
 @aside
 def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
     """The contact after flying for `t` [s] from s [s] on."""
-    there = flight(motion, s, state, t)
+    there = flight(motion.interval, motion.mass, s, state, t)
     depth, surface_rate, cosine = touch_at(motion.interval, s + t).touch(there.height)
     rate = surface_rate - cosine * there.velocity
     force = 0.0
@@ -64,13 +64,19 @@ def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
 
 
 @in_kernel
-def flight(motion: Motion, s: float, state: FemurState, t: float) -> FemurState:
-    """Height and velocity after flying for `t` [s]."""
-    load, load_rate = load_at(motion.interval, s), motion.interval.load_rate
+def flight(interval: Interval, mass: float, s: float, state: FemurState, t: float) -> FemurState:
+    """Height and velocity after flying for `t` [s] from s [s] on."""
+    load, load_rate = load_at(interval, s), interval.load_rate
     return FemurState(
-        state.height + t * (state.velocity - t * (0.5 * load + load_rate * t / 6.0) / motion.mass),
-        state.velocity - t * (load + 0.5 * load_rate * t) / motion.mass,
+        state.height + t * (state.velocity - t * (0.5 * load + load_rate * t / 6.0) / mass),
+        state.velocity - t * (load + 0.5 * load_rate * t) / mass,
     )
+
+
+@in_kernel
+def launch_rounding(begin: FemurState, end: FemurState) -> float:
+    """Error [m] of a flight's end by the rounding of the event before it."""
+    return LAUNCH_ROUNDING * abs(end.height - begin.height)
 
 
 @aside

@@ -58,9 +58,24 @@ def deviate(deviation: Deviation, left_out: LeftOut, mass: float, h: float) -> D
         return Deviation(error, max(unrest, abs(error.height)))
     spring = max(left_out.stiffness, SOFTEST * mass / (h * h))
     rest = (mass * left_out.acceleration - left_out.dashpot) / spring
-    moved = carry(StateError(error.height - rest, error.velocity), spring, left_out.damping, mass, h)
+    behind = error.height - lagging(error.velocity, left_out, mass, h)
+    moved = carry(StateError(behind - rest, error.velocity), spring, left_out.damping, mass, h)
     error = StateError(moved.height + rest, moved.velocity)
     return Deviation(error, max(calmed(unrest, left_out, spring, mass, h), thrown(error, left_out, spring, mass)))
+
+
+@in_kernel
+def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
+    """By how much [m] the femur falls behind a level that sinks away from it, at most in `h` [s]; `velocity` is theirs.
+
+    The dashpot would hold it back by more than presses it, but the contact does not pull: the load alone must speed the
+    femur up.
+    """
+    load = 0.5 * (left_out.begin_load + left_out.end_load)
+    if left_out.damping * -velocity <= load:
+        return 0.0
+    speed = -velocity - load / left_out.damping
+    return min(speed * h, 0.5 * mass * speed * speed / load) if load > 0.0 else speed * h
 
 
 @in_kernel

@@ -23,6 +23,7 @@ from knee_contact_ros.core.error_estimate import (
 from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, StateError, Step, force_on
 from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
+from knee_contact_ros.core.levels.flight import flies_freely, flying_tick
 from knee_contact_ros.core.levels.quiet import quiet_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.regions import (
@@ -70,6 +71,8 @@ def dynamic_tick(scene: Scene, interval: Interval, start: Progress, spent: int) 
 
     `spent` are the evaluations that the tick has cost already.
     """
+    if flies_freely(interval, start, scene.mass):
+        return flying_tick(interval, start, scene.mass, spent)
     advance = quiet_tick(scene, interval, start, spent)
     return advance if advance.converged else stepwise(scene, interval, start, advance.evaluations)
 
@@ -218,7 +221,7 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region) -> Ad
     return Advance(
         Progress(
             going.state, going.error, going.try_step, going.impact_speed, going.impact_error, DYNAMIC, 0.0,
-            cosine * cosine * stiffness, cosine * cosine * damping, cosine * force - load, rate / cosine,
+            cosine * cosine * stiffness, cosine * cosine * damping, cosine * force - load, rate / cosine, depth,
         ),
         depth,
         rate,
@@ -245,7 +248,7 @@ def settled(scene: Scene, interval: Interval, going: Going) -> Advance:
         # How the contact began is lost with the motion: it may have begun as fast as all of this doubt.
         Progress(
             FemurState(static.height, surface_rate / cosine), doubt, math.inf, 0.0, doubt.velocity, GIVEN_UP,
-            0.0, 0.0, 0.0, 0.0, 0.0,
+            0.0, 0.0, 0.0, 0.0, 0.0, static.depth,
         ),
         static.depth,
         0.0,

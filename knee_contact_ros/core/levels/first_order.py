@@ -275,7 +275,7 @@ def result(
         Progress(
             going.state, deviation.state, going.try_step, going.impact_speed, going.impact_error, FIRST_ORDER,
             deviation.unrest, stiffness, damping,
-            cosine * force - load_at(interval, h), rate / cosine,
+            cosine * force - load_at(interval, h), rate / cosine, depth,
         ),
         depth,
         rate,

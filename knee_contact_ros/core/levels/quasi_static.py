@@ -62,7 +62,7 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         Progress(
             FemurState(static.height, velocity), deviation.state, math.inf, impact_speed, impact_error, QUASI_STATIC,
             deviation.unrest,
-            stiffness, damping, damping * sinking, sinking,
+            stiffness, damping, damping * sinking, sinking, static.depth,
         ),
         static.depth,
         cosine * sinking,

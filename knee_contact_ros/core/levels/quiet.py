@@ -70,7 +70,7 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         Progress(
             state, error, max(start.try_step, part * factor) if parts == 1 else part * factor, start.impact_speed,
             start.impact_error, DYNAMIC, 0.0, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
-            end.rate / slope.cosine,
+            end.rate / slope.cosine, end.depth,
         ),
         end.depth,
         end.rate,

@@ -14,3 +14,7 @@ class Mechanism(Protocol):
     def translation(self, angle: float) -> tuple[float, float]:
         """Return x [m], anterior positive, and dx/dangle [m/rad] at a flexion angle [rad]; C1 for all finite angles."""
         ...
+
+    def largest_slope(self) -> float:
+        """Bound of |dx/dangle| [m/rad] over all angles."""
+        ...

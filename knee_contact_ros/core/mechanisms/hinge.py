@@ -14,3 +14,7 @@ class Hinge(NamedTuple):
     def translation(self, angle: float) -> tuple[float, float]:
         """Return x [m] and dx/dangle = 0 [m/rad], whatever the angle [rad]."""
         return self.x, 0.0
+
+    def largest_slope(self) -> float:
+        """See `Mechanism`."""
+        return 0.0

@@ -79,6 +79,10 @@ class ParallelMechanism:
         """Return x [m], anterior positive and 0 at full extension, and dx/dangle [m/rad] at a flexion angle [rad]."""
         return self.table.translation(angle)
 
+    def largest_slope(self) -> float:
+        """See `Mechanism`."""
+        return self.table.largest_slope()
+
     def pose(self, angle: float) -> Pose:
         """Solve for the whole pose of the femur at a flexion angle [rad] inside the range, to the last digit.
 

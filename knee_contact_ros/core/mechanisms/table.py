@@ -31,6 +31,8 @@ class _Table(NamedTuple):
     """Shape (points + 1, 5): a `Cubic` in each row; the outer two are straight"""
     angles: Floats
     """Shape (points,) [rad]: where each piece but the first begins"""
+    steepest_slope: float
+    """Bound of |dx/dangle| [m/rad]"""
 
 
 class Table(_Table):
@@ -50,7 +52,8 @@ class Table(_Table):
         """
         angles, values = np.array(angle, float), np.asarray(x, float)
         _check(angles, values)
-        return super().__new__(cls, np.array(_pieces(angles.tolist(), values.tolist())), angles)
+        pieces = _pieces(angles.tolist(), values.tolist())
+        return super().__new__(cls, np.array(pieces), angles, _steepest(pieces, np.diff(angles).tolist()))
 
     def translation(self, angle: float) -> tuple[float, float]:
         """Return x [m] and dx/dangle [m/rad] at a flexion angle [rad]."""
@@ -59,6 +62,19 @@ class Table(_Table):
         c2, c3 = float(self.pieces[i, 3]), float(self.pieces[i, 4])
         u = angle - float(self.pieces[i, 0])
         return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3)
+
+    def largest_slope(self) -> float:
+        """See `Mechanism`."""
+        return self.steepest_slope
+
+
+def _steepest(pieces: Sequence[Cubic], widths: Sequence[float]) -> float:
+    """Bound of the slope: that of a cubic lies in the hull of its Bézier points."""
+    hull = [
+        (piece.c1, piece.c1 + piece.c2 * width, piece.c1 + width * (2.0 * piece.c2 + 3.0 * piece.c3 * width))
+        for piece, width in zip(pieces, (0.0, *widths, 0.0), strict=True)
+    ]
+    return max(abs(slope) for slopes in hull for slope in slopes)
 
 
 def _check(angle: Floats, x: Floats) -> None:
