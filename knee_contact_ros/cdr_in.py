@@ -193,6 +193,19 @@ _joint_states = _Decoder(_joint_state_layout)
 _wrenches = _Decoder(_wrench_layout)
 
 
+def stamp_in(data: bytes) -> int:
+    """Stamp [ns] of a message that begins with a header.
+
+    Raises:
+        ValueError: the bytes are too short, or no plain CDR.
+    """
+    order = _BYTE_ORDERS.get(data[:2])
+    if order is None or len(data) < _ENCAPSULATION + 8:
+        raise ValueError("no stamp in these bytes")
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, _ENCAPSULATION)
+    return int(seconds * SECOND + nanoseconds)
+
+
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
     """The JointState in these bytes; None if ROS's own deserializer should look at them."""
     return _joint_states.decode(data)

@@ -26,13 +26,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import private_graph
-from knee_contact_ros.messages import stamp_to_ns
+from knee_contact_ros.messages import deserialize, stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.stream_in.bag import BagMessage, BagReader
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
@@ -59,10 +60,10 @@ class Listener:
     latencies: list[float] = field(default_factory=list)
     """[s] from publishing a force to receiving its answer"""
 
-    def on_published(self, message: BagMessage) -> None:
+    def on_published(self, message: RawMessage) -> None:
         """Note a published input."""
         if message.topic == f"/{JOINT_REACTION_FORCE}":
-            self.published[stamp_to_ns(message.message.header.stamp)] = time.perf_counter()
+            self.published[stamp_in(message.data)] = time.perf_counter()
 
     def on_contact(self, message: KneeContact) -> None:
         """Note an answer."""
@@ -101,11 +102,11 @@ def check_before(bag: Path, parameters: Parameters) -> None:
     Raises:
         UsageError: one of these.
     """
-    pipeline = Pipeline(parameters, compiled=False)
+    pipeline = Pipeline(parameters, deserialize, compiled=False)
     with BagReader(bag) as reader:
-        angle = next(message.message for message in reader.messages() if message.topic == f"/{JOINT_STATES}")
+        angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
     try:
-        angle_sample(angle, pipeline.parameters.knee, pipeline.model.height_prescribed)
+        angle_sample(pipeline.decoder.joint_state(angle), pipeline.parameters.knee, pipeline.model.height_prescribed)
     except RefusedSampleError as refused:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
 
@@ -131,7 +132,7 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
 
-            def published(message: BagMessage, number: int) -> None:
+            def published(message: RawMessage, number: int) -> None:
                 listener.on_published(message)
                 advance(number, len(replayer.messages))
 

@@ -1,16 +1,22 @@
-"""The way of the data without ROS: messages in, answers out. The node and `solve` both feed it."""
+"""The way of the data without ROS: bytes of messages in, answers out. The node and `solve` both feed it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from knee_contact_ros.build import load_model
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Status
 from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.stream_in.decode import Decoder, Deserialize
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.synchronise import PairedSample, Synchroniser
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
+
+Input = tuple[str, int, JointState | WrenchStamped]
+"""Topic, stamp [ns] and content of an input message"""
 
 
 class Answer(NamedTuple):
@@ -25,15 +31,19 @@ class Answer(NamedTuple):
     """[m] of the femoral reference point along the tibia's x axis"""
     normal: tuple[float, float]
     """Of the tibial surface at the contact point, from tibia to femur (x, y)"""
-    inputs: tuple[tuple[str, int, Any], ...]
-    """(topic, stamp [ns], message): the angles up to this stamp, then the load"""
+    inputs: tuple[Input, ...]
+    """The angles up to this stamp, then the load"""
+    message: bytes
+    """The answer as a `KneeContact`, as it is published and recorded"""
+    wrench: bytes
+    """The contact force on the tibia as a `WrenchStamped`, likewise"""
 
 
 class Ending(NamedTuple):
     """What is left to say when a stream ends."""
 
-    inputs: tuple[tuple[str, int, Any], ...]
-    """(topic, stamp [ns], message) that belong to no answer"""
+    inputs: tuple[Input, ...]
+    """Those that belong to no answer"""
     refused: dict[str, int]
     """Refused samples by reason"""
 
@@ -41,10 +51,11 @@ class Ending(NamedTuple):
 class Pipeline:
     """Samples, pairing and model in one line."""
 
-    def __init__(self, parameters: Parameters, *, compiled: bool) -> None:
-        """Build the model; see `load_model` for `compiled`."""
+    def __init__(self, parameters: Parameters, deserialize: Deserialize, *, compiled: bool) -> None:
+        """Build the model; see `load_model` for `compiled` and `Decoder` for `deserialize`."""
         self.parameters = parameters
         self.model = load_model(parameters, compiled=compiled)
+        self.decoder = Decoder(deserialize)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()
         self.ticks = 0
@@ -62,18 +73,18 @@ class Pipeline:
         """Number of refused samples."""
         return self.synchroniser.refused.total()
 
-    def joint_state(self, message: Any) -> Iterator[Answer]:
-        """Take a JointState; give the answers that it makes possible."""
+    def joint_state(self, data: bytes) -> Iterator[Answer]:
+        """Take the bytes of a JointState; give the answers that it makes possible."""
         try:
-            sample = angle_sample(message, self.parameters.knee, self.model.height_prescribed)
+            sample = angle_sample(self.decoder.joint_state(data), self.parameters.knee, self.model.height_prescribed)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_angle(sample))
 
-    def joint_reaction_force(self, message: Any) -> Iterator[Answer]:
-        """Take a WrenchStamped on the tibia; give the answers that it makes possible."""
+    def joint_reaction_force(self, data: bytes) -> Iterator[Answer]:
+        """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible."""
         try:
-            sample = load_sample(message, self.parameters.load)
+            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_load(sample))
@@ -98,16 +109,22 @@ class Pipeline:
     def _answer(self, pair: PairedSample) -> Answer:
         if pair.status & Status.TIME_RESET:
             self.stream = self.model.stream()
-        contact = self.stream.tick_ns(pair.load.stamp, pair.angle, pair.load.load, pair.height)
+        stamp, frame_id = pair.load.stamp, pair.load.frame_id
+        contact = self.stream.tick_ns(stamp, pair.angle, pair.load.load, pair.height)
+        if pair.status:
+            contact = contact._replace(status=contact.status | pair.status)
         self.ticks += 1
         femoral_x, normal_x, normal_y = self.stream.placing
-        inputs = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
+        normal = normal_x, normal_y
+        inputs: list[Input] = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
         inputs.append((JOINT_REACTION_FORCE, pair.load.stamp, pair.load.message))
         return Answer(
-            stamp=pair.load.stamp,
-            frame_id=pair.load.frame_id,
-            contact=contact._replace(status=contact.status | pair.status),
+            stamp=stamp,
+            frame_id=frame_id,
+            contact=contact,
             femoral_x=femoral_x,
-            normal=(normal_x, normal_y),
+            normal=normal,
             inputs=tuple(inputs),
+            message=encode_contact(stamp, frame_id, contact),
+            wrench=encode_contact_wrench(stamp, frame_id, contact, normal),
         )

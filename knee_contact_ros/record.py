@@ -14,9 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
-from mcap_ros2_support_fast.writer import ROS2EncoderFactory
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -48,7 +46,7 @@ OFFERED_QOS = [
 class BagWriter:
     """An MCAP file that appears under its final name when it is complete.
 
-    Until `close` the file carries the suffix `.partial`. Messages are plain or ROS ones; only their fields are read.
+    Until `close` the file carries the suffix `.partial`.
     """
 
     def __init__(
@@ -64,9 +62,8 @@ class BagWriter:
         self.counts: Counter[str] = Counter()
         self._first = self._last = 0
         self._types: dict[str, str] = {}  # topic to message type
-        self._schemas: dict[str, tuple[int, Any]] = {}  # message type to schema id and encoder
-        self._channels: dict[str, tuple[int, Any]] = {}  # topic to channel id and encoder
-        self._encoders = ROS2EncoderFactory()
+        self._schemas: dict[str, int] = {}  # message type to schema id
+        self._channels: dict[str, int] = {}  # topic to channel id
         self._file = self.partial.open("wb")
         self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=LIBRARY)
@@ -77,27 +74,22 @@ class BagWriter:
             return
         if type_name not in self._schemas:
             text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
-            schema_id = self._writer.register_schema(name=type_name, encoding="ros2msg", data=text)
-            encode = self._encoders.encoder_for(Schema(id=schema_id, data=text, encoding="ros2msg", name=type_name))
-            self._schemas[type_name] = (schema_id, encode)
-        schema_id, encode = self._schemas[type_name]
-        channel = self._writer.register_channel(
+            self._schemas[type_name] = self._writer.register_schema(name=type_name, encoding="ros2msg", data=text)
+        self._channels[topic] = self._writer.register_channel(
             topic=topic,
             message_encoding="cdr",
-            schema_id=schema_id,
+            schema_id=self._schemas[type_name],
             metadata={
                 "offered_qos_profiles": _yaml(OFFERED_QOS),
                 "topic_type_hash": typestore().hash_rihs01(type_name),
             },
         )
-        self._channels[topic] = (channel, encode)
         self._types[topic] = type_name
         self.counts[topic] = 0
 
-    def write(self, topic: str, stamp: int, message: Any) -> None:
-        """Write a message under its stamp [ns], which is log time and publish time alike."""
-        channel, encode = self._channels[topic]
-        self._writer.add_message(channel, stamp, bytes(encode(message)), stamp, self.counts[topic])
+    def write(self, topic: str, stamp: int, data: bytes) -> None:
+        """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
+        self._writer.add_message(self._channels[topic], stamp, data, stamp, self.counts[topic])
         if not self.counts.total():
             self._first = self._last = stamp
         self._first, self._last = min(self._first, stamp), max(self._last, stamp)

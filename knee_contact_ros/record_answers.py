@@ -9,11 +9,10 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
-from knee_contact_ros.messages import PlainMessages
-from knee_contact_ros.pipeline import Answer, Ending
-from knee_contact_ros.publish import contact_message, wrench_message
+from knee_contact_ros.cdr_in import JointState
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.pipeline import Answer, Ending, Input
 from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter
 from knee_contact_ros.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
@@ -27,18 +26,14 @@ class AnswerWriter:
         """`names` gives the absolute name under which each topic is recorded."""
         self.bag = bag
         self._names = names
-        self._types = PlainMessages()
         for topic, type_name in MESSAGE_TYPES.items():
             bag.add_topic(names[topic], type_name)
 
     def write(self, answer: Answer) -> None:
         """Write an answer's inputs and outputs."""
         self.write_inputs(answer.inputs)
-        stamp, frame_id, contact = answer.stamp, answer.frame_id, answer.contact
-        message = contact_message(self._types, stamp, frame_id, contact)
-        wrench = wrench_message(self._types, stamp, frame_id, contact, answer.normal)
-        self.bag.write(self._names[KNEE_CONTACT], stamp, message)
-        self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
+        self.bag.write(self._names[KNEE_CONTACT], answer.stamp, answer.message)
+        self.bag.write(self._names[KNEE_CONTACT_WRENCH], answer.stamp, answer.wrench)
 
     def finish(self, ending: Ending) -> None:
         """Write the inputs without an answer, and how many samples were refused and why."""
@@ -46,10 +41,11 @@ class AnswerWriter:
         counts = {"total": sum(ending.refused.values())} | ending.refused
         self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
 
-    def write_inputs(self, inputs: Iterable[tuple[str, int, Any]]) -> None:
-        """Write input messages: (topic, stamp [ns], message)."""
+    def write_inputs(self, inputs: Iterable[Input]) -> None:
+        """Write input messages anew: what came may hold leftovers of the sender's memory between the fields."""
         for topic, stamp, message in inputs:
-            self.bag.write(self._names[topic], stamp, message)
+            encoded = encode_joint_state(message) if isinstance(message, JointState) else encode_wrench_stamped(message)
+            self.bag.write(self._names[topic], stamp, encoded)
 
 
 class RecorderThread:

@@ -14,16 +14,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.diagnostics import InputMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import NODE_NAME, Parameters
 from knee_contact_ros.pipeline import Answer, Ending, Pipeline
-from knee_contact_ros.publish import contact_message, wrench_message
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter, RecorderThread
-from knee_contact_ros.ros_messages import RosMessages
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
 INPUT_QOS = QoSProfile(depth=1000)
@@ -33,6 +32,14 @@ REFUSAL_LOG_PERIOD = 5.0
 SILENCE = 5.0
 """How long [s] an input may be silent after the start before the log says so."""
 SILENCE_LOG_PERIOD = 30.0
+
+
+ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
+
+
+def deserialize(data: bytes, topic: str) -> Any:
+    """An input message the ordinary way."""
+    return deserialize_message(data, ROS_TYPES[topic])
 
 
 class Sink(Protocol):
@@ -61,7 +68,7 @@ class Session:
         """
         self.node = node
         self.parameters = parameters
-        self.pipeline = Pipeline(parameters, compiled=False)
+        self.pipeline = Pipeline(parameters, deserialize, compiled=False)
         self.inputs = {topic: InputMeter() for topic in INPUTS}
         self.ticks = TickMeter()
         self.sinks = self._open_sinks()
@@ -82,7 +89,7 @@ class Session:
             (WrenchStamped, JOINT_REACTION_FORCE, self._on_force),
         ):
             subscription = node.create_subscription(
-                message_type, topic, callback, INPUT_QOS, qos_overriding_options=qos
+                message_type, topic, callback, INPUT_QOS, qos_overriding_options=qos, raw=True
             )
             self._subscriptions.append(subscription)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # both must run on when simulated time stands still
@@ -134,13 +141,13 @@ class Session:
             sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
         return sinks
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, data: bytes) -> None:
         self.inputs[JOINT_STATES].count()
-        self._publish(self.pipeline.joint_state(message))
+        self._publish(self.pipeline.joint_state(data))
 
-    def _on_force(self, message: WrenchStamped) -> None:
+    def _on_force(self, data: bytes) -> None:
         self.inputs[JOINT_REACTION_FORCE].count()
-        self._publish(self.pipeline.joint_reaction_force(message))
+        self._publish(self.pipeline.joint_reaction_force(data))
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late."""
@@ -152,13 +159,12 @@ class Session:
         """Compute and publish answers, then hand them to the sinks."""
         begin = time.perf_counter()
         for answer in answers:
-            stamp, frame_id, contact = answer.stamp, answer.frame_id, answer.contact
-            self._contact.publish(contact_message(RosMessages, stamp, frame_id, contact))
-            self._wrench.publish(wrench_message(RosMessages, stamp, frame_id, contact, answer.normal))
+            self._contact.publish(answer.message)
+            self._wrench.publish(answer.wrench)
             for sink in self.sinks.values():
                 sink.put(answer)
             end = time.perf_counter()
-            self.ticks.count(contact, end - begin)
+            self.ticks.count(answer.contact, end - begin)
             begin = end
         if not self.pipeline.synchroniser.waiting:
             self._waiting_since = None

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record import BagWriter
@@ -32,13 +33,13 @@ def solve(
     """
     with ExitStack() as opened:
         reader = opened.enter_context(BagReader(bag))
-        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING)
+        pipeline = Pipeline(parameters, deserialize, compiled=reader.count >= WORTH_COMPILING)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer)
         summary = Summary(parameters.body_weight)
-        for done, (topic, _, message) in enumerate(reader.messages(), start=1):
+        for done, (topic, _, data) in enumerate(reader.raw_messages(), start=1):
             feed = pipeline.joint_state if topic == f"/{JOINT_STATES}" else pipeline.joint_reaction_force
-            for answer in feed(message):
+            for answer in feed(data):
                 recorder.write(answer)
                 summary.add(answer.stamp, answer.contact)
             advance(done, reader.count)

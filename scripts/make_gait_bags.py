@@ -15,10 +15,10 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
+from knee_contact_ros.publish import header
 from mcap.writer import CompressionType
 
 from knee_contact_ros.messages import PlainMessages, message_class
-from knee_contact_ros.publish import header
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 

@@ -25,9 +25,8 @@ from knee_contact_ros.cdr_out import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.core.types import Contact, Point, Status
-from knee_contact_ros.messages import PlainMessages, message_class, stamp_to_ns, typestore
-from knee_contact_ros.publish import contact_message, header, wrench_message
-from knee_contact_ros.ros_messages import RosMessages
+from knee_contact_ros.messages import stamp_to_ns, typestore
+from tests.messages import PlainMessages, RosMessages, contact_message, header, message_class, wrench_message
 
 PLAIN = PlainMessages()
 ROS = RosMessages()

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-import numpy as np
 import pytest
 
-from knee_contact_ros.messages import PlainMessages, message_class
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.parameters import Knee, Load
-from knee_contact_ros.publish import header
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
 
-TYPES = PlainMessages()
+STAMP = 1_500_000_000
 
 
-def joint_state(**positions: float) -> Any:
-    return message_class("sensor_msgs/msg/JointState")(
-        header=header(TYPES, 1_500_000_000, ""),
-        name=list(positions),
-        position=np.array(list(positions.values())),
-        velocity=np.array([]),
-        effort=np.array([]),
-    )
+def joint_state(**positions: float) -> JointState:
+    return JointState(STAMP, "", tuple(positions), tuple(positions.values()), (), ())
 
 
-def force(y: float) -> Any:
-    wrench = TYPES.Wrench(force=TYPES.Vector3(x=1.0, y=y, z=2.0), torque=TYPES.Vector3(x=0.0, y=0.0, z=0.0))
-    return TYPES.WrenchStamped(header=header(TYPES, 1_500_000_000, "tibia_r"), wrench=wrench)
+def force(y: float, stamp: int = STAMP) -> WrenchStamped:
+    return WrenchStamped(stamp, "tibia_r", (1.0, y, 2.0), (0.0, 0.0, 0.0))
 
 
 def test_the_joint_is_found_by_its_name() -> None:
@@ -74,10 +64,8 @@ def test_a_missing_joint_is_refused_with_those_that_are_there() -> None:
 
 
 def test_a_joint_without_position_is_refused() -> None:
-    message = joint_state(knee=1.0)
-    message.position = np.array([])
     with pytest.raises(RefusedSampleError, match="no position"):
-        angle_sample(message, Knee())
+        angle_sample(joint_state(knee=1.0)._replace(position=()), Knee())
 
 
 def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
@@ -98,3 +86,12 @@ def test_heights_that_cannot_be_used_are_refused(positions: dict[str, float], re
     with pytest.raises(RefusedSampleError, match=words) as caught:
         angle_sample(joint_state(**positions), Knee(), height_prescribed=True)
     assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize("stamp", [-1, 2**31 * 1_000_000_000])
+def test_a_stamp_that_no_recording_can_hold_is_refused(stamp: int) -> None:
+    with pytest.raises(RefusedSampleError, match="stamp") as caught:
+        load_sample(force(-1.0, stamp), Load())
+    assert caught.value.reason == "bad_stamp"
+    with pytest.raises(RefusedSampleError, match="stamp"):
+        angle_sample(joint_state(knee=1.0)._replace(stamp=stamp), Knee())

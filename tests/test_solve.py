@@ -9,19 +9,18 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.core.types import Contact, Status
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import PlainMessages, message_class
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.publish import header
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
 from knee_contact_ros.summary import read_summary
 from knee_contact_ros.topics import MESSAGE_TYPES
 
-TYPES = PlainMessages()
 OUTPUTS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 WRENCH = list(OUTPUTS)[-1]
 
@@ -32,21 +31,17 @@ def silent(_done: int, _total: int) -> None:
 
 def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None) -> Path:
     """A bag of (stamp [ns], angle [rad], axial force [N]) and, as a second joint, femoral heights [m]."""
-    joint_state = message_class("sensor_msgs/msg/JointState")
-    zero = TYPES.Vector3(x=0.0, y=0.0, z=0.0)
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
         for i, (stamp, angle, force) in enumerate(rows):
-            head = header(TYPES, stamp, "tibia_r")
-            none = np.array([])
-            names, positions = [joint], [angle]
+            names, positions = (joint,), (angle,)
             if heights is not None:
-                names, positions = [*names, "knee_height"], [*positions, heights[i]]
-            state = joint_state(header=head, name=names, position=np.array(positions), velocity=none, effort=none)
-            wrench = TYPES.Wrench(force=TYPES.Vector3(x=0.0, y=-force, z=0.0), torque=zero)
-            bag.write("/joint_states", stamp, state)
-            bag.write("/joint_reaction_force", stamp, TYPES.WrenchStamped(header=head, wrench=wrench))
+                names, positions = (*names, "knee_height"), (*positions, heights[i])
+            state = JointState(stamp, "tibia_r", names, positions, (), ())
+            wrench = WrenchStamped(stamp, "tibia_r", (0.0, -force, 0.0), (0.0, 0.0, 0.0))
+            bag.write("/joint_states", stamp, encode_joint_state(state))
+            bag.write("/joint_reaction_force", stamp, encode_wrench_stamped(wrench))
     return path
 
 

@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import typestore
+from knee_contact_ros.messages import deserialize, typestore
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
@@ -27,6 +27,15 @@ class BagMessage(NamedTuple):
     """[ns]"""
     message: Any
     """A plain message"""
+
+
+class RawMessage(NamedTuple):
+    """The same, not decoded."""
+
+    topic: str
+    log_time: int
+    data: bytes
+    """CDR"""
 
 
 class BagReader:
@@ -61,17 +70,33 @@ class BagReader:
         """Number of messages on the topics asked for."""
         return sum(connection.msgcount for connection in self._connections)
 
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """Messages in the order of log time, as their bytes.
+
+        Raises:
+            UsageError: the bag breaks off.
+        """
+        try:
+            for connection, log_time, data in self._reader.messages(connections=self._connections):
+                yield RawMessage(connection.topic, log_time, bytes(data))
+        except Exception as error:  # whatever a broken file provokes in the reader
+            raise self._damaged(error) from None
+
     def messages(self) -> Iterator[BagMessage]:
         """Decoded messages in the order of log time.
 
         Raises:
             UsageError: the bag breaks off or a message cannot be decoded.
         """
-        try:
-            for connection, log_time, data in self._reader.messages(connections=self._connections):
-                yield BagMessage(connection.topic, log_time, self._reader.deserialize(data, connection.msgtype))
-        except Exception as error:  # whatever a broken file provokes in the reader
-            raise UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}") from None
+        for topic, log_time, data in self.raw_messages():
+            try:
+                message = deserialize(data, topic.removeprefix("/"))
+            except Exception as error:  # likewise
+                raise self._damaged(error) from None
+            yield BagMessage(topic, log_time, message)
+
+    def _damaged(self, error: Exception) -> UsageError:
+        return UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}")
 
     def close(self) -> None:
         """Close the bag."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -18,8 +19,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.messages import NANOSECONDS
-from knee_contact_ros.ros_messages import RosMessages
-from knee_contact_ros.stream_in.bag import BagMessage, BagReader
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.terminal import progress
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
@@ -43,7 +43,7 @@ class Replayer:
 
     def __init__(self, node: Node, bag: BagReader, clock: bool = False) -> None:
         """Read the whole bag; with `clock`, /clock will be published too."""
-        self.messages = list(bag.messages())
+        self.messages = list(bag.raw_messages())
         self.publishers = {
             f"/{JOINT_STATES}": node.create_publisher(JointState, JOINT_STATES, QOS),
             f"/{JOINT_REACTION_FORCE}": node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS),
@@ -59,42 +59,22 @@ class Replayer:
             spin(0.02)
         return True
 
-    def run(self, rate: float, spin: Callable[[float], None], published: Callable[[BagMessage, int], None]) -> None:
+    def run(self, rate: float, spin: Callable[[float], None], published: Callable[[RawMessage, int], None]) -> None:
         """Publish all messages, each when its log time comes, at `rate` seconds of the bag per second.
 
         `spin` is called with the time [s] to the next message; `published` after each, with how many it makes.
         """
-        messages = [(self._ros_message(message), message) for message in self.messages]
         begin = time.perf_counter()
         first = self.messages[0].log_time
-        for number, (ros_message, message) in enumerate(messages, start=1):
+        for number, message in enumerate(self.messages, start=1):
             due = begin + (message.log_time - first) / NANOSECONDS / rate
             while (left := due - time.perf_counter()) > 0.0:
                 spin(left)
             if self._clock:
                 seconds, nanoseconds = divmod(message.log_time, NANOSECONDS)
-                self._clock.publish(Clock(clock=RosMessages.Time(sec=seconds, nanosec=nanoseconds)))
-            self.publishers[message.topic].publish(ros_message)
+                self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+            self.publishers[message.topic].publish(message.data)
             published(message, number)
-
-    def _ros_message(self, bag_message: BagMessage) -> Any:
-        """A plain message as ROS's own."""
-        plain = bag_message.message
-        stamp = RosMessages.Time(sec=plain.header.stamp.sec, nanosec=plain.header.stamp.nanosec)
-        header = RosMessages.Header(stamp=stamp, frame_id=plain.header.frame_id)
-        if bag_message.topic == f"/{JOINT_STATES}":
-            return JointState(
-                header=header,
-                name=list(plain.name),
-                position=list(plain.position),
-                velocity=list(plain.velocity),
-                effort=list(plain.effort),
-            )
-        force, torque = (
-            RosMessages.Vector3(x=vector.x, y=vector.y, z=vector.z)
-            for vector in (plain.wrench.force, plain.wrench.torque)
-        )
-        return WrenchStamped(header=header, wrench=RosMessages.Wrench(force=force, torque=torque))
 
 
 def run_replay(bag: Path, timing: Timing) -> None:
@@ -125,7 +105,7 @@ def run_once(replayer: Replayer, name: str, rate: float) -> None:
     total = len(replayer.messages)
     with progress(f"Replaying {name}") as advance:
 
-        def published(_message: BagMessage, number: int) -> None:
+        def published(_message: RawMessage, number: int) -> None:
             advance(number, total)
 
         replayer.run(rate, time.sleep, published)

@@ -1,16 +1,16 @@
-"""Messages to samples: the one place where joint names, signs and the compartment's share are applied.
-
-Works on ROS messages and on plain ones alike, for it only reads their fields.
-"""
+"""Messages to samples: the one place where joint names, signs and the compartment's share are applied."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.parameters import Knee, Load
+
+LAST_STAMP = 2**31 * SECOND - 1
+"""The last one [ns] that a ROS message can hold"""
 
 
 class RefusedSampleError(Exception):
@@ -28,7 +28,7 @@ class AngleSample(NamedTuple):
     """[ns]"""
     angle: float
     """[rad] positive in flexion"""
-    message: Any
+    message: JointState
     """The message it came in"""
     height: float | None = None
     """[m] of the femoral reference point; None with the force drive"""
@@ -43,15 +43,16 @@ class LoadSample(NamedTuple):
     """[N] > 0 when it presses the femur onto the tibia"""
     frame_id: str
     """The tibia frame"""
-    message: Any
+    message: WrenchStamped
     """The message it came in"""
 
 
-def angle_sample(message: Any, knee: Knee, height_prescribed: bool = False) -> AngleSample:
+def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = False) -> AngleSample:
     """Flexion angle from a JointState: sign x position + offset; with `height_prescribed` also the femoral height.
 
     Raises:
-        RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees.
+        RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees; or the
+            stamp is none.
     """
     angle = knee.flexion_sign * _position(message, knee.joint_name) + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
@@ -61,30 +62,30 @@ def angle_sample(message: Any, knee: Knee, height_prescribed: bool = False) -> A
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(stamp_to_ns(message.header.stamp), angle, message, height)
+    return AngleSample(_checked(message.stamp, "joint_states"), angle, message, height)
 
 
-def _position(message: Any, joint: str) -> float:
+def _position(message: JointState, joint: str) -> float:
     """Position of a joint in a JointState [rad or m]; raises RefusedSampleError if it has none that is finite."""
-    names = list(message.name)
-    if joint not in names:
-        raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {', '.join(names)}")
-    index = names.index(joint)
+    if joint not in message.name:
+        known = ", ".join(message.name)
+        raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
+    index = message.name.index(joint)
     if index >= len(message.position):
         raise RefusedSampleError("joint_missing", f"joint_states gives no position for joint {joint!r}")
-    position = float(message.position[index])
+    position = message.position[index]
     if not math.isfinite(position):
         raise RefusedSampleError("not_finite", f"joint_states: position of joint {joint!r} is {position}")
     return position
 
 
-def load_sample(message: Any, load: Load) -> LoadSample:
+def load_sample(message: WrenchStamped, load: Load) -> LoadSample:
     """Compressive load from a WrenchStamped on the tibia: L = -F_y, times the compartment's share.
 
     Raises:
-        RefusedSampleError: the axial force is not finite or beyond all knees.
+        RefusedSampleError: the axial force is not finite or beyond all knees, or the stamp is none.
     """
-    axial = float(message.wrench.force.y)
+    axial = message.force[1]
     if not math.isfinite(axial):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
     if abs(axial) > LARGEST_LOAD:
@@ -92,4 +93,11 @@ def load_sample(message: Any, load: Load) -> LoadSample:
             "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
         )
     share = load.share if load.compartment == "fixed_share" else 1.0
-    return LoadSample(stamp_to_ns(message.header.stamp), share * -axial, message.header.frame_id, message)
+    return LoadSample(_checked(message.stamp, "joint_reaction_force"), share * -axial, message.frame_id, message)
+
+
+def _checked(stamp: int, topic: str) -> int:
+    """A stamp [ns] that a recording can hold; raises RefusedSampleError if it is none."""
+    if not 0 <= stamp <= LAST_STAMP:
+        raise RefusedSampleError("bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns")
+    return stamp

@@ -23,8 +23,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.graph import private_graph
-from knee_contact_ros.publish import header
-from knee_contact_ros.ros_messages import RosMessages
+from tests.messages import RosMessages, header
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
