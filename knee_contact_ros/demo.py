@@ -29,7 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import private_graph
-from knee_contact_ros.messages import deserialize, stamp_to_ns
+from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
@@ -102,7 +102,7 @@ def check_before(bag: Path, parameters: Parameters) -> None:
     Raises:
         UsageError: one of these.
     """
-    pipeline = Pipeline(parameters, deserialize, compiled=False)
+    pipeline = Pipeline(parameters, compiled=False)
     with BagReader(bag) as reader:
         angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
     try:

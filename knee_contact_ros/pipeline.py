@@ -9,6 +9,7 @@ from knee_contact_ros.build import load_model
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.stream_in.decode import Decoder, Deserialize
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
@@ -51,7 +52,7 @@ class Ending(NamedTuple):
 class Pipeline:
     """Samples, pairing and model in one line."""
 
-    def __init__(self, parameters: Parameters, deserialize: Deserialize, *, compiled: bool) -> None:
+    def __init__(self, parameters: Parameters, deserialize: Deserialize = deserialize, *, compiled: bool) -> None:
         """Build the model; see `load_model` for `compiled` and `Decoder` for `deserialize`."""
         self.parameters = parameters
         self.model = load_model(parameters, compiled=compiled)

@@ -12,8 +12,8 @@ from rerun.chunk import RrdReader
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Answer, Pipeline
-from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
 from knee_contact_ros.visualise import SERIES, RerunFile, RerunThread
+from tests.messages import raw_inputs
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def knee(config: Path, right_bag: Path) -> tuple[Pipeline, list[Answer]]:
     """The osteoarthritic knee with its MRI profile, and its gait."""
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
     answers: list[Answer] = []
-    for topic, _, message in read_bag(right_bag, INPUT_TYPES):
+    for topic, _, message in raw_inputs(right_bag):
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
     return pipeline, answers
 
@@ -58,7 +58,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
     pipeline = Pipeline(load_parameters(names), compiled=False)
     answers: list[Answer] = []
-    for topic, _, message in read_bag(right_bag, INPUT_TYPES)[:240]:
+    for topic, _, message in raw_inputs(right_bag)[:240]:
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
     path, model = tmp_path / "knee.rrd", pipeline.model
     scene = RerunFile(path, model, 737.068)
