@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from knee_contact_ros.build import load_model
+from knee_contact_ros.build import load_model, retuned
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Status
@@ -38,6 +38,8 @@ class Answer(NamedTuple):
     """The answer as a `KneeContact`, as it is published and recorded"""
     wrench: bytes
     """The contact force on the tibia as a `WrenchStamped`, likewise"""
+    arrived: float
+    """When the load came, by the caller's clock [s]"""
 
 
 class Ending(NamedTuple):
@@ -82,13 +84,26 @@ class Pipeline:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_angle(sample))
 
-    def joint_reaction_force(self, data: bytes) -> Iterator[Answer]:
-        """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible."""
+    def joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> Iterator[Answer]:
+        """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible.
+
+        `arrived` [s] by the caller's clock is handed on to the answer.
+        """
         try:
-            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load)
+            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load, arrived)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self._answers(self.synchroniser.push_load(sample))
+
+    def retune(self, parameters: Parameters) -> None:
+        """Go on with other numbers, between two ticks; see `retuned` for those that count."""
+        self.parameters = parameters
+        self.model = retuned(self.model, parameters)
+        self.stream.go_on_with(self.model)
+
+    def reset(self) -> None:
+        """Start anew from rest at the next tick, which says so (`TIME_RESET`)."""
+        self.synchroniser.start_anew()
 
     def give_up(self) -> Iterator[Answer]:
         """Answer the loads that wait for an angle with the last angle."""
@@ -128,4 +143,5 @@ class Pipeline:
             inputs=tuple(inputs),
             message=encode_contact(stamp, frame_id, contact),
             wrench=encode_contact_wrench(stamp, frame_id, contact, normal),
+            arrived=pair.load.arrived,
         )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,8 +17,10 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
-from knee_contact_ros.diagnostics import InputMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.input_stream import InputStream
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import NODE_NAME, Parameters
 from knee_contact_ros.pipeline import Answer, Ending, Pipeline
@@ -25,12 +28,11 @@ from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter, RecorderThread
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
-INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 DIAGNOSTICS_PERIOD = 1.0
 REFUSAL_LOG_PERIOD = 5.0
 SILENCE = 5.0
-"""How long [s] an input may be silent after the start before the log says so."""
+"""How long [s] an input may be silent before the log says so"""
 SILENCE_LOG_PERIOD = 30.0
 
 
@@ -50,6 +52,9 @@ class Sink(Protocol):
     def put(self, answer: Answer) -> None:
         """Hand over an answer; never waits."""
 
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Hand over something that is worth a remark between two answers; never waits."""
+
     def diagnostics(self) -> dict[str, str]:
         """What `/diagnostics` shall say."""
 
@@ -60,8 +65,8 @@ class Sink(Protocol):
 class Session:
     """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters) -> None:
-        """Build the model and open the outputs.
+    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
+        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
 
         Raises:
             UsageError: a profile cannot be used or an output file cannot be written.
@@ -69,44 +74,61 @@ class Session:
         self.node = node
         self.parameters = parameters
         self.pipeline = Pipeline(parameters, deserialize, compiled=False)
-        self.inputs = {topic: InputMeter() for topic in INPUTS}
+        self.inputs = {
+            stream.topic: stream
+            for stream in (
+                InputStream(node, JointState, JOINT_STATES, self._on_joint_state, qos_given),
+                InputStream(node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given),
+            )
+        }
         self.ticks = TickMeter()
+        self.lag = LagMeter(0.0)
+        self._missed_before = 0
         self.sinks = self._open_sinks()
-        self._contact = node.create_lifecycle_publisher(KneeContact, KNEE_CONTACT, OUTPUT_QOS)
-        self._wrench = node.create_lifecycle_publisher(WrenchStamped, KNEE_CONTACT_WRENCH, OUTPUT_QOS)
-        self._diagnostics = node.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", OUTPUT_QOS)
-        self._subscriptions: list[Any] = []
+        by_user = QoSOverridingOptions.with_default_policies()
+        self._contact, self._wrench, self._diagnostics = (
+            node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
+            for message_type, topic in (
+                (KneeContact, KNEE_CONTACT), (WrenchStamped, KNEE_CONTACT_WRENCH), (DiagnosticArray, "/diagnostics"),
+            )
+        )  # fmt: skip
+        self._reset = node.create_service(Trigger, "~/reset", self._on_reset)
         self._timers: list[Any] = []
         self._waiting_since: float | None = None
-        self._started = 0.0
 
     def start(self) -> None:
         """Listen."""
-        self._started = time.monotonic()
-        node, qos = self.node, QoSOverridingOptions.with_default_policies()
-        for message_type, topic, callback in (
-            (JointState, JOINT_STATES, self._on_joint_state),
-            (WrenchStamped, JOINT_REACTION_FORCE, self._on_force),
-        ):
-            subscription = node.create_subscription(
-                message_type, topic, callback, INPUT_QOS, qos_overriding_options=qos, raw=True
-            )
-            self._subscriptions.append(subscription)
+        for stream in self.inputs.values():
+            stream.open()
+        self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # both must run on when simulated time stands still
         self._timers = [
-            node.create_timer(max(0.25 * self.parameters.pairing.wait, 0.01), self._on_wait_timer, clock=steady),
-            node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
+            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=steady),
+            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
         ]
+        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
 
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
-        if self._subscriptions:
+        if self._timers:
             self._publish(self.pipeline.give_up())
-        for subscription in self._subscriptions:
-            self.node.destroy_subscription(subscription)
+            gc.enable()
+            gc.unfreeze()
+        for stream in self.inputs.values():
+            stream.close()
         for timer in self._timers:
             self.node.destroy_timer(timer)
-        self._subscriptions, self._timers = [], []
+        self._timers = []
+
+    def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
+        """Go on with parameters of which some have changed."""
+        self.parameters = parameters
+        self.pipeline.retune(parameters)
+        for sink in self.sinks.values():
+            sink.note("parameters_changed", {name: str(value) for name, value in changes.items()})
 
     def close(self) -> None:
         """Complete the files."""
@@ -115,8 +137,9 @@ class Session:
             sink.close(ending)
         self.sinks = {}
 
-    def destroy_publishers(self) -> None:
-        """Offer the topics no more."""
+    def destroy_endpoints(self) -> None:
+        """Offer topics and services no more."""
+        self.node.destroy_service(self._reset)
         for publisher in (self._contact, self._wrench, self._diagnostics):
             self.node.destroy_publisher(publisher)
 
@@ -142,18 +165,27 @@ class Session:
         return sinks
 
     def _on_joint_state(self, data: bytes) -> None:
-        self.inputs[JOINT_STATES].count()
         self._publish(self.pipeline.joint_state(data))
 
     def _on_force(self, data: bytes) -> None:
-        self.inputs[JOINT_REACTION_FORCE].count()
-        self._publish(self.pipeline.joint_reaction_force(data))
+        self._publish(self.pipeline.joint_reaction_force(data, time.perf_counter()))
+
+    def _on_reset(self, _request: Any, response: Any) -> Any:
+        """Service `~/reset`."""
+        self.pipeline.reset()
+        for sink in self.sinks.values():
+            sink.note("reset", {"tick": str(self.ticks.ticks)})
+        response.success, response.message = True, "the next tick starts from rest"
+        return response
 
     def _on_wait_timer(self) -> None:
-        """Answer loads whose angle is late."""
+        """Answer loads whose angle is late; listen to publishers that could not be heard."""
+        self.lag.count()
         since = self._waiting_since
         if since is not None and time.monotonic() - since >= self.parameters.pairing.wait:
             self._publish(self.pipeline.give_up())
+        for stream in self.inputs.values():
+            stream.adapt()
 
     def _publish(self, answers: Iterator[Answer]) -> None:
         """Compute and publish answers, then hand them to the sinks."""
@@ -164,7 +196,8 @@ class Session:
             for sink in self.sinks.values():
                 sink.put(answer)
             end = time.perf_counter()
-            self.ticks.count(answer.contact, end - begin)
+            late = end - answer.arrived + self.lag.now > self.parameters.deadline
+            self.ticks.count(answer.contact, end - begin, late)
             begin = end
         if not self.pipeline.synchroniser.waiting:
             self._waiting_since = None
@@ -176,21 +209,42 @@ class Session:
             self.pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
+        """Report, and free what reference counting does not."""
+        entries = [self._input_status(stream) for stream in self.inputs.values()]
         refused = self.pipeline.synchroniser.refused
-        entries = []
-        for topic, meter in self.inputs.items():
-            problem = "" if meter.received else "nothing received yet"
-            entries.append(diagnostic_status(f"{NODE_NAME}: {topic}", meter.values(DIAGNOSTICS_PERIOD), problem))
-        silent = [self.node.resolve_topic_name(topic) for topic, meter in self.inputs.items() if not meter.received]
-        if silent and time.monotonic() - self._started > SILENCE:
-            text = f"nothing received yet on {' and '.join(silent)}"
-            self.node.get_logger().warning(text, throttle_duration_sec=SILENCE_LOG_PERIOD)
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
-        problem = "samples were refused" if refused else ""
-        entries.append(diagnostic_status(f"{NODE_NAME}: refused samples", counts, problem))
-        entries.append(diagnostic_status(f"{NODE_NAME}: ticks", self.ticks.values()))
+        entries += [
+            diagnostic_status(f"{NODE_NAME}: refused samples", counts, "samples were refused" if refused else ""),
+            self._tick_status(),
+        ]
         entries += [
             diagnostic_status(f"{NODE_NAME}: {name}", sink.diagnostics(), sink.failure)
             for name, sink in self.sinks.items()
         ]
         self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
+        gc.collect(0)
+
+    def _input_status(self, stream: InputStream) -> Any:
+        """What there is to say of an input; silence is logged too."""
+        meter, name = stream.meter, self.node.resolve_topic_name(stream.topic)
+        problem = "" if meter.received else "nothing received yet"
+        if meter.received and meter.age > self.parameters.pairing.max_gap:
+            problem = f"silent for {meter.age:.1f} s"
+        if time.monotonic() - meter.last > SILENCE:
+            self.node.get_logger().warning(f"{name}: {problem}", throttle_duration_sec=SILENCE_LOG_PERIOD)
+        reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
+        return diagnostic_status(f"{NODE_NAME}: {stream.topic}", meter.values() | reliability, problem)
+
+    def _tick_status(self) -> Any:
+        """What there is to say of the ticks; a node that falls behind is logged too."""
+        missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
+        self._missed_before = self.ticks.missed
+        problem = f"{missed} answers came later than the deadline" if missed else ""
+        if lag > self.parameters.deadline:
+            problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
+            self.node.get_logger().warning(problem, throttle_duration_sec=REFUSAL_LOG_PERIOD)
+        values = self.ticks.values() | {
+            "lag max [ms]": f"{1e3 * lag:.1f}",
+            "decoded by ROS": str(self.pipeline.decoder.ordinary),
+        }
+        return diagnostic_status(f"{NODE_NAME}: ticks", values, problem)

@@ -58,6 +58,11 @@ class Synchroniser:
         self.refused[reason] += 1
         self._flags |= Status.INPUT_REJECTED
 
+    def start_anew(self) -> None:
+        """Have the next tick start from rest, as after a jump back in time."""
+        self._last_pair = None
+        self._flags |= Status.TIME_RESET
+
     def push_angle(self, sample: AngleSample) -> list[PairedSample]:
         """Take an angle; return the pairs that can be made now."""
         if self._last_angle is not None and sample.stamp <= self._last_angle:
@@ -84,8 +89,7 @@ class Synchroniser:
             pairs = self.give_up()
             del self._epochs[self._load_epoch]
             self._load_epoch += 1
-            self._last_pair = None
-            self._flags |= Status.TIME_RESET
+            self.start_anew()
         self._last_load = sample.stamp
         self._epochs[self._load_epoch].loads.append(sample)
         return pairs + self._pairs()

@@ -166,7 +166,19 @@ class Stream:
         self.answer = np.zeros(ticks.ANSWER)
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
-        self._tick = self.model.kernel.bind(self.model.scene, np.zeros(ticks.MEMORY), self.answer)
+        self._memory = np.zeros(ticks.MEMORY)
+        self._bind()
+
+    def _bind(self) -> None:
+        self._tick = self.model.kernel.bind(self.model.scene, self._memory, self.answer)
+
+    def go_on_with(self, model: KneeModel) -> None:
+        """Go on from where the run is with other constants; from the next tick's interval on.
+
+        `model` differs from the present one in numbers alone, so that the same kernel fits both.
+        """
+        self.model = model
+        self._bind()
 
     @property
     def placing(self) -> tuple[float, float, float]:
