@@ -75,6 +75,7 @@ class Peer:
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
+        self.stalled: list[subprocess.Popen[str]] = []
         qos = QoSProfile(depth=1000)
         self.angle = self.node.create_publisher(JointState, "joint_states", qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
@@ -125,6 +126,15 @@ class Peer:
         """Publish both."""
         self.send_angle(stamp, angle)
         self.send_force(stamp, axial)
+
+
+def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
+    """Call a service and wait for its answer."""
+    client = peer.node.create_client(service_type, name)
+    peer.wait_until(client.service_is_ready)
+    future = client.call_async(request)
+    peer.wait_until(future.done)
+    return future.result()
 
 
 @pytest.fixture
