@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -33,6 +32,7 @@ from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.processes import PATIENCE, Child, child_process
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
@@ -44,8 +44,6 @@ NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
 LAST_ANSWERS = 3.0
 """How long [s] to wait for the last answers once nothing more comes."""
-NODE_STOP = 30.0
-"""How long [s] the node may take to complete its files."""
 RECORDING = Path("recording") / "recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
@@ -88,8 +86,8 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) 
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
-        with node_process(parameter_files, work) as node_is_alive:
-            play(reader, rate, listener, node_is_alive)
+        with node_process(parameter_files, work) as node:
+            play(reader, rate, listener, node.check)
         summary = read_summary(work / RECORDING, parameters.body_weight)
         for result in (RECORDING.parent, RERUN_FILE, NODE_LOG):
             replace(work / result, output / result)
@@ -155,8 +153,8 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> 
 
 
 @contextmanager
-def node_process(parameter_files: list[Path], work: Path) -> Iterator[Callable[[], None]]:
-    """The node in a process of its own; yields a function that raises if it has died. Ends it as a user would."""
+def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
+    """The node in a process of its own, which records and draws in the folder `work`; see `child_process`."""
     arguments = ["node", "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
@@ -166,33 +164,8 @@ def node_process(parameter_files: list[Path], work: Path) -> Iterator[Callable[[
         "rerun.path": work / RERUN_FILE,
     }.items():
         arguments += ["-p", f'{name}:="{value}"']
-    with (work / NODE_LOG).open("wb") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "knee_contact_ros.cli", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
-
-    def check() -> None:
-        if process.poll() is not None:
-            lines = (work / NODE_LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise UsageError(
-                f"the node ended with code {process.returncode}: {lines[-1] if lines else 'it said nothing'}"
-            )
-
-    try:
-        yield check
-        process.send_signal(signal.SIGINT)
-        process.wait(NODE_STOP)
-        if process.returncode:
-            check()
-    except subprocess.TimeoutExpired:
-        raise UsageError(f"the node did not complete its files within {NODE_STOP:g} s") from None
-    finally:
-        if process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(NODE_STOP)
-            except subprocess.TimeoutExpired:
-                process.kill()
+    with child_process("the node", "knee_contact_ros.cli", arguments, work / NODE_LOG, patience) as node:
+        yield node
 
 
 @contextmanager
