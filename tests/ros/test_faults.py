@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -289,3 +290,8 @@ def test_all_that_was_refused_is_counted(listening: Peer, running: Running) -> N
     peer = listening
     peer.wait_until(lambda: "knee_contact: refused samples" in peer.diagnostics)
     assert peer.diagnostics["knee_contact: refused samples"] == expected
+
+
+def test_the_documented_table_has_every_fault() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    assert [fault.name for fault in FAULTS if f"\n| {fault.name} | " not in page] == []
