@@ -3,52 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
+from knee_contact_ros.answer import Answer, Ending, Input
 from knee_contact_ros.build import load_model, retuned
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
-from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.stream_in.decode import Decoder, Deserialize
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.synchronise import PairedSample, Synchroniser
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
-
-Input = tuple[str, int, JointState | WrenchStamped]
-"""Topic, stamp [ns] and content of an input message"""
-
-
-class Answer(NamedTuple):
-    """One tick, with the messages that led to it."""
-
-    stamp: int
-    """[ns]"""
-    frame_id: str
-    """The tibia frame"""
-    contact: Contact
-    femoral_x: float
-    """[m] of the femoral reference point along the tibia's x axis"""
-    normal: tuple[float, float]
-    """Of the tibial surface at the contact point, from tibia to femur (x, y)"""
-    inputs: tuple[Input, ...]
-    """The angles up to this stamp, then the load"""
-    message: bytes
-    """The answer as a `KneeContact`, as it is published and recorded"""
-    wrench: bytes
-    """The contact force on the tibia as a `WrenchStamped`, likewise"""
-    arrived: float
-    """When the load came, by the caller's clock [s]"""
-
-
-class Ending(NamedTuple):
-    """What is left to say when a stream ends."""
-
-    inputs: tuple[Input, ...]
-    """Those that belong to no answer"""
-    refused: dict[str, int]
-    """Refused samples by reason"""
 
 
 class Pipeline:

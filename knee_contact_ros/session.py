@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack
-from pathlib import Path
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Iterator
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -19,13 +17,14 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from knee_contact_ros.answer import Answer, Ending
 from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.errors import UsageError
 from knee_contact_ros.input_stream import InputStream
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import NODE_NAME, Parameters
-from knee_contact_ros.pipeline import Answer, Ending, Pipeline
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.record_answers import AnswerWriter, RecorderThread
+from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
 OUTPUT_QOS = QoSProfile(depth=100)
@@ -42,24 +41,6 @@ ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
 def deserialize(data: bytes, topic: str) -> Any:
     """An input message the ordinary way."""
     return deserialize_message(data, ROS_TYPES[topic])
-
-
-class Sink(Protocol):
-    """A thread that takes answers off the tick path: recorder or viewer."""
-
-    failure: str
-
-    def put(self, answer: Answer) -> None:
-        """Hand over an answer; never waits."""
-
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Hand over something that is worth a remark between two answers; never waits."""
-
-    def diagnostics(self) -> dict[str, str]:
-        """What `/diagnostics` shall say."""
-
-    def close(self, ending: Ending) -> None:
-        """Finish the file."""
 
 
 class Session:
@@ -84,7 +65,9 @@ class Session:
         self.ticks = TickMeter()
         self.lag = LagMeter(0.0)
         self._missed_before = 0
-        self.sinks = self._open_sinks()
+        topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+        names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        self.outputs = Outputs(parameters, self.pipeline.model, names, node.get_logger().error)
         by_user = QoSOverridingOptions.with_default_policies()
         self._contact, self._wrench, self._diagnostics = (
             node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
@@ -92,7 +75,12 @@ class Session:
                 (KneeContact, KNEE_CONTACT), (WrenchStamped, KNEE_CONTACT_WRENCH), (DiagnosticArray, "/diagnostics"),
             )
         )  # fmt: skip
-        self._reset = node.create_service(Trigger, "~/reset", self._on_reset)
+        self._recorded = parameters.record.path
+        self._services = [
+            self._service("reset", self._reset),
+            self._service("start_recording", self._start_recording),
+            self._service("stop_recording", self._stop_recording),
+        ]
         self._timers: list[Any] = []
         self._waiting_since: float | None = None
 
@@ -127,42 +115,18 @@ class Session:
         """Go on with parameters of which some have changed."""
         self.parameters = parameters
         self.pipeline.retune(parameters)
-        for sink in self.sinks.values():
-            sink.note("parameters_changed", {name: str(value) for name, value in changes.items()})
+        self.outputs.note("parameters_changed", {name: str(value) for name, value in changes.items()})
 
     def close(self) -> None:
         """Complete the files."""
-        ending = self.pipeline.ending()
-        for sink in self.sinks.values():
-            sink.close(ending)
-        self.sinks = {}
+        self.outputs.close(self.pipeline.ending())
 
     def destroy_endpoints(self) -> None:
         """Offer topics and services no more."""
-        self.node.destroy_service(self._reset)
+        for service in self._services:
+            self.node.destroy_service(service)
         for publisher in (self._contact, self._wrench, self._diagnostics):
             self.node.destroy_publisher(publisher)
-
-    def _open_sinks(self) -> dict[str, Sink]:
-        """Open all output files, then start their threads; if one cannot be opened, none is left behind."""
-        parameters, log_error = self.parameters, self.node.get_logger().error
-        sinks: dict[str, Sink] = {}
-        with ExitStack() as undo:
-            if parameters.record.path:
-                bag = BagWriter(Path(parameters.record.path))
-                undo.callback(bag.discard)
-            if parameters.rerun.mode == "file":
-                from knee_contact_ros.visualise import RerunFile, RerunThread  # 1 s that only Rerun's users pay
-
-                scene = RerunFile(Path(parameters.rerun.path), self.pipeline.model, parameters.body_weight)
-                sinks["viewer"] = RerunThread(scene, log_error)
-            undo.pop_all()
-        if parameters.record.path:
-            topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
-            names = {topic: self.node.resolve_topic_name(topic) for topic in topics}
-            writer = AnswerWriter(bag, names)
-            sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
-        return sinks
 
     def _on_joint_state(self, data: bytes) -> None:
         self._publish(self.pipeline.joint_state(data))
@@ -170,13 +134,31 @@ class Session:
     def _on_force(self, data: bytes) -> None:
         self._publish(self.pipeline.joint_reaction_force(data, time.perf_counter()))
 
-    def _on_reset(self, _request: Any, response: Any) -> Any:
-        """Service `~/reset`."""
+    def _service(self, name: str, act: Callable[[], str]) -> Any:
+        """A service that does something and says what, or why not."""
+
+        def answer(_request: Any, response: Any) -> Any:
+            try:
+                response.success, response.message = True, act()
+            except UsageError as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        return self.node.create_service(Trigger, f"~/{name}", answer)
+
+    def _reset(self) -> str:
         self.pipeline.reset()
-        for sink in self.sinks.values():
-            sink.note("reset", {"tick": str(self.ticks.ticks)})
-        response.success, response.message = True, "the next tick starts from rest"
-        return response
+        self.outputs.note("reset", {"tick": str(self.ticks.ticks)})
+        return "the next tick starts from rest"
+
+    def _start_recording(self) -> str:
+        self.outputs.start_recording(self.parameters.record.path)
+        self._recorded = self.parameters.record.path
+        return f"recording to {self._recorded}"
+
+    def _stop_recording(self) -> str:
+        self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
+        return f"{self._recorded} will be complete in a moment"
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; listen to publishers that could not be heard."""
@@ -188,13 +170,12 @@ class Session:
             stream.adapt()
 
     def _publish(self, answers: Iterator[Answer]) -> None:
-        """Compute and publish answers, then hand them to the sinks."""
+        """Compute and publish answers, then hand them to the outputs."""
         begin = time.perf_counter()
         for answer in answers:
             self._contact.publish(answer.message)
             self._wrench.publish(answer.wrench)
-            for sink in self.sinks.values():
-                sink.put(answer)
+            self.outputs.put(answer)
             end = time.perf_counter()
             late = end - answer.arrived + self.lag.now > self.parameters.deadline
             self.ticks.count(answer.contact, end - begin, late)
@@ -218,8 +199,7 @@ class Session:
             self._tick_status(),
         ]
         entries += [
-            diagnostic_status(f"{NODE_NAME}: {name}", sink.diagnostics(), sink.failure)
-            for name, sink in self.sinks.items()
+            diagnostic_status(f"{NODE_NAME}: {name}", values, failure) for name, values, failure in self.outputs.said()
         ]
         self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
         gc.collect(0)
