@@ -149,6 +149,10 @@ class SinkProcess:
             raise UsageError(self.failure)
         return self._opened
 
+    def is_over(self) -> bool:
+        """Whether nothing more comes of it: the output is complete, or has stopped."""
+        return not self._thread.is_alive()
+
     def wait_until_open(self) -> None:
         """Wait until the output is open.
 
@@ -205,7 +209,8 @@ class SinkProcess:
         try:
             connection, self.process = start_child()
         except OSError as error:
-            return self._conclude(f"no process can be started: {error.strerror}")
+            self._conclude(f"no process can be started: {error.strerror}")
+            return
         try:
             self._feed(connection)
         except (EOFError, ConnectionError):  # the child has closed its end; what it said before is still to be heard

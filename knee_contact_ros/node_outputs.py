@@ -36,7 +36,9 @@ class Outputs:
         self._flush_period = parameters.record.flush_period
         self._on_failure = on_failure
         self._sinks: dict[str, SinkProcess] = {}
-        self._ending: list[SinkProcess] = []
+        self._ending: dict[Path, SinkProcess] = {}
+        """Recordings that are being completed"""
+        self._path = Path(parameters.record.path)
         with ExitStack() as undo:
             if parameters.record.path:
                 self._sinks[RECORDER] = self._recorder(Path(parameters.record.path))
@@ -70,13 +72,15 @@ class Outputs:
             raise UsageError("a recording is being written already")
         if not path:
             raise UsageError("parameter record.path names no file")
+        self._ending = {name: sink for name, sink in self._ending.items() if not sink.is_over()}
+        if Path(path) in self._ending:
+            raise UsageError(f"{path} is still being completed")
         refuse_existing(Path(path))
-        if recording:
-            self._ending.append(recording)
-        self._sinks[RECORDER] = self._recorder(Path(path))
+        self._path = Path(path)
+        self._sinks[RECORDER] = self._recorder(self._path)
 
-    def stop_recording(self, ending: Ending) -> None:
-        """Have the recording completed.
+    def stop_recording(self, ending: Ending) -> Path:
+        """Have the recording completed, and return its name.
 
         Raises:
             UsageError: there is none.
@@ -85,7 +89,8 @@ class Outputs:
         if recording is None:
             raise UsageError("nothing is being recorded")
         recording.end(ending)
-        self._ending.append(recording)
+        self._ending[self._path] = recording
+        return self._path
 
     def said(self) -> Iterator[tuple[str, dict[str, str], str]]:
         """Of every output its name, what it says of itself, and what is wrong with it."""
@@ -94,8 +99,8 @@ class Outputs:
 
     def close(self, ending: Ending) -> None:
         """Complete all files."""
-        sinks = [*self._ending, *self._sinks.values()]
-        self._ending, self._sinks = [], {}
+        sinks = [*self._ending.values(), *self._sinks.values()]
+        self._ending, self._sinks = {}, {}
         for sink in sinks:
             sink.end(ending)
         for sink in sinks:

@@ -75,7 +75,6 @@ class Session:
                 (KneeContact, KNEE_CONTACT), (WrenchStamped, KNEE_CONTACT_WRENCH), (DiagnosticArray, "/diagnostics"),
             )
         )  # fmt: skip
-        self._recorded = parameters.record.path
         self._services = [
             self._service("reset", self._reset),
             self._service("start_recording", self._start_recording),
@@ -153,12 +152,11 @@ class Session:
 
     def _start_recording(self) -> str:
         self.outputs.start_recording(self.parameters.record.path)
-        self._recorded = self.parameters.record.path
-        return f"recording to {self._recorded}"
+        return f"recording to {self.parameters.record.path}"
 
     def _stop_recording(self) -> str:
-        self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
-        return f"{self._recorded} will be complete in a moment"
+        path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
+        return f"{path} will be complete in a moment"
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; listen to publishers that could not be heard."""
