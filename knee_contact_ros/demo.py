@@ -1,7 +1,8 @@
 """`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
 
-This process replays the bag and listens to the answers; the node computes, records and draws. The results appear under
-their names when all is done; an interrupted demo leaves nothing behind.
+This process replays the bag and listens to the answers; the node computes, records and draws. The example of an assist
+controller can listen beside it, as a companion in a third process. The results appear under their names when all is
+done; an interrupted demo leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -24,6 +25,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
@@ -33,6 +35,7 @@ from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.processes import PATIENCE, Child, child_process
+from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
@@ -47,6 +50,8 @@ LAST_ANSWERS = 3.0
 RECORDING = Path("recording") / "recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
+COMPANION_LOG = Path("companion.log")
+COMPANION_COMMANDS = "knee_effort_controller/commands"
 
 
 @dataclass
@@ -57,6 +62,8 @@ class Listener:
     """Time [s] at which the force of a stamp [ns] was published"""
     latencies: list[float] = field(default_factory=list)
     """[s] from publishing a force to receiving its answer"""
+    torques: list[float] = field(default_factory=list)
+    """[N m] the companion's commands"""
 
     def on_published(self, message: RawMessage) -> None:
         """Note a published input."""
@@ -69,14 +76,18 @@ class Listener:
         if sent is not None:
             self.latencies.append(time.perf_counter() - sent)
 
+    def on_command(self, message: Float64MultiArray) -> None:
+        """Note a command of the companion."""
+        self.torques.append(message.data[0])
+
     @property
     def missing(self) -> int:
         """Forces without an answer so far."""
         return len(self.published) - len(self.latencies)
 
 
-def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) -> None:
-    """Run the demo and print its table.
+def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, companion: bool) -> None:
+    """Run the demo, with or without the companion, and print its table.
 
     Raises:
         UsageError: the bag, a parameter or the output folder cannot be used, or the node has failed.
@@ -86,12 +97,20 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) 
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
-        with node_process(parameter_files, work) as node:
-            play(reader, rate, listener, node.check)
+        with ExitStack() as opened:
+            processes = [opened.enter_context(node_process(parameter_files, work))]
+            if companion:
+                processes.append(opened.enter_context(companion_process(work)))
+
+            def all_are_alive() -> None:
+                for process in processes:
+                    process.check()
+
+            play(reader, rate, listener, all_are_alive, companion)
         summary = read_summary(work / RECORDING, parameters.body_weight)
-        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG):
+        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
-    show_summary(summary, latency_rows(listener, summary), result_files(output))
+    show_summary(summary, live_rows(listener, summary), result_files(output, companion))
 
 
 def check_before(bag: Path, parameters: Parameters) -> None:
@@ -109,14 +128,17 @@ def check_before(bag: Path, parameters: Parameters) -> None:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
 
 
-def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Callable[[], None]) -> None:
-    """Replay the bag and collect the answers."""
+def play(
+    reader: BagReader, rate: float, listener: Listener, all_are_alive: Callable[[], None], companion: bool
+) -> None:
+    """Replay the bag and collect the answers, and the companion's commands."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_demo")
     executor: Executor = EventsExecutor()
     executor.add_node(node)
     try:
         node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
+        node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
         replayer = Replayer(node, reader)
 
         def spin(seconds: float) -> None:
@@ -124,8 +146,12 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
 
         with progress("Starting the node (the first time it compiles, for some ten seconds)") as advance:
             deadline = time.monotonic() + NODE_START
-            while not (replayer.wait_for_subscribers(0.1, spin) and node.count_publishers(KNEE_CONTACT)):
-                node_is_alive()
+            while not (
+                replayer.wait_for_subscribers(0.1, spin)
+                and node.count_publishers(KNEE_CONTACT)
+                and (not companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
+            ):
+                all_are_alive()
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
@@ -136,7 +162,7 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
 
             replayer.run(rate, spin, published)
         wait_for_last_answers(listener, spin)
-        node_is_alive()
+        all_are_alive()
     finally:
         executor.shutdown()
         node.destroy_node()
@@ -155,7 +181,7 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> 
 @contextmanager
 def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
     """The node in a process of its own, which records and draws in the folder `work`; see `child_process`."""
-    arguments = ["node", "--ros-args"]
+    arguments = ["-m", "knee_contact_ros.cli", "node", "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
     for name, value in {
@@ -164,8 +190,17 @@ def node_process(parameter_files: list[Path], work: Path, patience: float = PATI
         "rerun.path": work / RERUN_FILE,
     }.items():
         arguments += ["-p", f'{name}:="{value}"']
-    with child_process("the node", "knee_contact_ros.cli", arguments, work / NODE_LOG, patience) as node:
+    with child_process("the node", arguments, work / NODE_LOG, patience) as node:
         yield node
+
+
+@contextmanager
+def companion_process(work: Path) -> Iterator[Child]:
+    """The example of an assist controller in a process of its own."""
+    example = share_folder() / "examples" / "assist_as_needed.py"
+    arguments = [str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
+    with child_process("the companion", arguments, work / COMPANION_LOG) as companion:
+        yield companion
 
 
 @contextmanager
@@ -192,28 +227,35 @@ def work_folder(output: Path) -> Iterator[Path]:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Move a result to its place; an earlier demo's gives way."""
+    """Move a result, if there is one, to its place; an earlier demo's gives way."""
     if target.is_dir():
         shutil.rmtree(target)
     else:
         target.unlink(missing_ok=True)
-    source.rename(target)
+    if source.exists():
+        source.rename(target)
 
 
-def latency_rows(listener: Listener, summary: Summary) -> dict[str, str]:
+def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
     """Rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
         median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
         rows["latency"] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
+    if listener.torques:
+        highest = max(listener.torques)
+        lowest = min(listener.torques[listener.torques.index(highest) :])
+        rows["assist torque"] = f"{highest:.1f} N m, lowered to {lowest:.1f} N m"
     return rows
 
 
-def result_files(output: Path) -> dict[str, str]:
+def result_files(output: Path, companion: bool) -> dict[str, str]:
     """Where the results are, and how to look at them."""
-    return {
+    files = {
         "Recording": str(output / RECORDING.parent),
         "Rerun file": str(output / RERUN_FILE),
         "Node's log": str(output / NODE_LOG),
-        "To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}",
     }
+    if companion:
+        files["Companion's log"] = str(output / COMPANION_LOG)
+    return files | {"To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}"}

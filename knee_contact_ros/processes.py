@@ -37,16 +37,14 @@ class Child(NamedTuple):
 
 
 @contextmanager
-def child_process(
-    name: str, module: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE
-) -> Iterator[Child]:
-    """`python -m module` with its output in `log`; at the end it gets SIGINT and `patience` [s].
+def child_process(name: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE) -> Iterator[Child]:
+    """`python` with these arguments and its output in `log`; at the end it gets SIGINT and `patience` [s].
 
     Raises:
         UsageError: it failed, or did not end.
     """
     with log.open("wb") as output:
-        command = [sys.executable, "-m", module, *arguments]
+        command = [sys.executable, *arguments]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
     child = Child(name, process, log)
     try:

@@ -34,7 +34,7 @@ def start_ours(work: Path, patience: float) -> AbstractContextManager[Child]:
 
 def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
     """A bare node."""
-    return child_process("the bare node", bare.__name__, [kind], work / "bare.log", patience)
+    return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
 
 
 OURS = Candidate(

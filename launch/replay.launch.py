@@ -1,0 +1,108 @@
+"""A bag through the node: `ros2 launch knee_contact_ros replay.launch.py bag:=BAG rerun:=FILE view:=true ...`.
+
+Starts the node, replays the bag as soon as the node listens, and then ends the node, which completes its files. `view`
+opens the Rerun file at the end. `-s` lists all arguments.
+"""
+
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    Shutdown,
+    TimerAction,
+)
+from launch.event_handlers import OnProcessExit
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
+
+from launch import LaunchDescription
+
+PACKAGE = "knee_contact_ros"
+LAST_ANSWERS = 1.0
+"""How long [s] the node has for its last answers."""
+
+
+def knee_contact_node(context):
+    """The node with the parameters that were given as arguments; the parameter file says the rest."""
+    texts = {
+        "record.path": LaunchConfiguration("record").perform(context),
+        "rerun.mode": "file" if LaunchConfiguration("rerun").perform(context) else "",
+        "rerun.path": LaunchConfiguration("rerun").perform(context),
+    }
+    given = {name: ParameterValue(text, value_type=str) for name, text in texts.items() if text}
+    if LaunchConfiguration("clock").perform(context) == "true":
+        given["use_sim_time"] = True
+    return Node(
+        package=PACKAGE,
+        executable="knee_contact",
+        arguments=["node"],
+        name="knee_contact",
+        namespace="/",  # a full name, or the parameters below would give way to those under a full name in the file
+        # Not among `parameters`: launch leaves out a file that is not there, and the node would run with defaults.
+        ros_arguments=["--params-file", LaunchConfiguration("params")],
+        parameters=[given] if given else [],
+        output="screen",
+    )
+
+
+def replay_process(context):
+    """The replay: no `Node`, for it takes no ROS arguments. It waits for the node, which may have to compile first."""
+    command = [ExecutableInPackage(package=PACKAGE, executable="knee_contact"), "replay", LaunchConfiguration("bag")]
+    command += ["--rate", LaunchConfiguration("rate"), "--wait", "300"]
+    if LaunchConfiguration("loop").perform(context) == "true":
+        command += ["--loop"]
+    if LaunchConfiguration("clock").perform(context) == "true":
+        command += ["--clock"]
+    return ExecuteProcess(cmd=command, name="replay", output="screen")
+
+
+def node_and_replay(context):
+    """Both, and what follows when one of them ends."""
+    node, replay = knee_contact_node(context), replay_process(context)
+    rerun = LaunchConfiguration("rerun").perform(context)
+    view = LaunchConfiguration("view").perform(context) == "true"
+    if view and not rerun:
+        raise RuntimeError("view:=true needs rerun:=FILE")
+
+    def after_node(event, _context):
+        if view and event.returncode == 0:
+            return [ExecuteProcess(cmd=["rerun", rerun], output="screen")]
+        return [Shutdown(reason="the node has ended")]
+
+    stop_node = EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
+    return [
+        RegisterEventHandler(OnProcessExit(target_action=node, on_exit=after_node)),
+        RegisterEventHandler(
+            OnProcessExit(target_action=replay, on_exit=[TimerAction(period=LAST_ANSWERS, actions=[stop_node])])
+        ),
+        node,
+        replay,
+    ]
+
+
+def generate_launch_description():
+    share = FindPackageShare(PACKAGE)
+    gait = PathJoinSubstitution([share, "bags", "gait2354_right"])
+    healthy = PathJoinSubstitution([share, "config", "healthy.yaml"])
+    truth = ["true", "false"]
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("bag", default_value=gait, description=".mcap file or rosbag2 folder"),
+            DeclareLaunchArgument("rate", default_value="1.0", description="seconds of the bag per second"),
+            DeclareLaunchArgument("loop", default_value="false", choices=truth, description="start over at the end"),
+            DeclareLaunchArgument(
+                "clock", default_value="false", choices=truth, description="publish /clock, go by it"
+            ),
+            DeclareLaunchArgument("params", default_value=healthy, description="ROS 2 parameter file"),
+            DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
+            DeclareLaunchArgument("rerun", default_value="", description="Rerun file (.rrd) to write"),
+            DeclareLaunchArgument("view", default_value="false", choices=truth, description="open the Rerun file"),
+            OpaqueFunction(function=node_and_replay),
+        ]
+    )

@@ -1,0 +1,58 @@
+"""Both knees: `ros2 launch knee_contact_ros two_knees.launch.py left_params:=FILE right_params:=FILE ...`.
+
+Two nodes, in the namespaces `left` and `right`: `/left/joint_states` and `/left/joint_reaction_force` give
+`/left/knee_contact`, and so on. If one topic has the angles of both knees, say which joint is which:
+`joint_states:=/joint_states left_joint:=left_knee right_joint:=right_knee`. The arguments `autostart`, `use_sim_time`
+and `log_level` of knee_contact.launch.py hold for both. `-s` lists all arguments.
+"""
+
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import SetRemap
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+PACKAGE = "knee_contact_ros"
+
+
+def arguments(side):
+    healthy = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "healthy.yaml"])
+    return [
+        DeclareLaunchArgument(f"{side}_params", default_value=healthy, description="ROS 2 parameter file"),
+        DeclareLaunchArgument(f"{side}_joint", default_value="", description="joint in joint_states"),
+        DeclareLaunchArgument(f"{side}_record", default_value="", description="MCAP file to write"),
+        DeclareLaunchArgument(f"{side}_rerun", default_value="", description="Rerun file (.rrd) to write"),
+    ]
+
+
+def knee(side):
+    node = PathJoinSubstitution([FindPackageShare(PACKAGE), "launch", "knee_contact.launch.py"])
+    return GroupAction(
+        [
+            SetRemap("joint_states", LaunchConfiguration("joint_states")),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(node),
+                launch_arguments={
+                    "namespace": side,
+                    "params": LaunchConfiguration(f"{side}_params"),
+                    "joint": LaunchConfiguration(f"{side}_joint"),
+                    "record": LaunchConfiguration(f"{side}_record"),
+                    "rerun": LaunchConfiguration(f"{side}_rerun"),
+                }.items(),
+            ),
+        ]
+    )
+
+
+def generate_launch_description():
+    return LaunchDescription(
+        [
+            *arguments("left"),
+            *arguments("right"),
+            DeclareLaunchArgument("joint_states", default_value="joint_states", description="topic of the angles"),
+            knee("left"),
+            knee("right"),
+        ]
+    )
