@@ -29,8 +29,6 @@ class Answer(NamedTuple):
     """The answer as a `KneeContact`, as it is published and recorded"""
     wrench: bytes
     """The contact force on the tibia as a `WrenchStamped`, likewise"""
-    arrived: float
-    """When the load came, by the caller's clock [s]"""
 
 
 class Ending(NamedTuple):

@@ -19,7 +19,7 @@ from knee_contact_ros.answer import Ending
 from knee_contact_ros.apart import DONE, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
 from knee_contact_ros.errors import UsageError
 
-NICENESS = 5
+NICENESS = 10
 """Added to the node's: a sink may wait, a tick may not."""
 REPORT_PERIOD = 1.0
 """[s]"""
@@ -108,7 +108,7 @@ def step_back() -> None:
     """Be a process that the node's do not have to wait for, and that ends when the node has it end."""
     for number in (signal.SIGINT, signal.SIGTERM):  # a service manager sends them to all processes of the node
         signal.signal(number, signal.SIG_IGN)
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # the node may run in real time
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never in the way when it wakes up
     os.nice(NICENESS)
     with suppress(OSError):  # where a session's niceness counts in place of a process's
         Path("/proc/self/autogroup").write_text(str(NICENESS), encoding="ascii")

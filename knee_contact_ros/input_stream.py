@@ -80,8 +80,8 @@ class InputStream:
         self._node.get_logger().info(f"a publisher of {name} is best effort; listening likewise")
 
     def _on_message(self, data: bytes) -> None:
-        self.meter.count()
         self._on_data(data)
+        self.meter.count()
 
     def _on_incompatible_qos(self, event: Any) -> None:
         self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.answer import Answer, Ending
+from knee_contact_ros.answer import Ending
 from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.input_stream import InputStream
@@ -25,6 +25,7 @@ from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import NODE_NAME, Parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
 OUTPUT_QOS = QoSProfile(depth=100)
@@ -101,7 +102,7 @@ class Session:
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
         if self._timers:
-            self._publish(self.pipeline.give_up())
+            self._answer(self.pipeline.synchroniser.give_up())
             gc.enable()
             gc.unfreeze()
         for stream in self.inputs.values():
@@ -128,10 +129,10 @@ class Session:
             self.node.destroy_publisher(publisher)
 
     def _on_joint_state(self, data: bytes) -> None:
-        self._publish(self.pipeline.joint_state(data))
+        self._answer(self.pipeline.take_joint_state(data))
 
     def _on_force(self, data: bytes) -> None:
-        self._publish(self.pipeline.joint_reaction_force(data, time.perf_counter()))
+        self._answer(self.pipeline.take_joint_reaction_force(data, time.perf_counter()))
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
         """A service that does something and says what, or why not."""
@@ -163,29 +164,31 @@ class Session:
         self.lag.count()
         since = self._waiting_since
         if since is not None and time.monotonic() - since >= self.parameters.pairing.wait:
-            self._publish(self.pipeline.give_up())
+            self._answer(self.pipeline.synchroniser.give_up())
         for stream in self.inputs.values():
             stream.adapt()
 
-    def _publish(self, answers: Iterator[Answer]) -> None:
-        """Compute and publish answers, then hand them to the outputs."""
-        begin = time.perf_counter()
-        for answer in answers:
-            self._contact.publish(answer.message)
+    def _answer(self, pairs: Sequence[PairedSample]) -> None:
+        """Compute and publish one after the other; what is not needed for that comes after the publishing."""
+        clock, pipeline = time.perf_counter, self.pipeline
+        for pair in pairs:
+            begin = clock()
+            message, numbers = pipeline.compute(pair)
+            self._contact.publish(message)
+            end = clock()
+            answer = pipeline.answer(pair, message, numbers)
             self._wrench.publish(answer.wrench)
             self.outputs.put(answer)
-            end = time.perf_counter()
-            late = end - answer.arrived + self.lag.now > self.parameters.deadline
+            late = end - pair.load.arrived + self.lag.now > self.parameters.deadline
             self.ticks.count(answer.contact, end - begin, late)
-            begin = end
-        if not self.pipeline.synchroniser.waiting:
+        if not pipeline.synchroniser.waiting:
             self._waiting_since = None
         elif self._waiting_since is None:
             self._waiting_since = time.monotonic()
-        if self.pipeline.last_refusal:
-            text = f"sample refused: {self.pipeline.last_refusal}"
+        if pipeline.last_refusal:
+            text = f"sample refused: {pipeline.last_refusal}"
             self.node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD)
-            self.pipeline.last_refusal = ""
+            pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
         """Report, and free what reference counting does not."""

@@ -45,7 +45,7 @@ class LoadSample(NamedTuple):
     """The tibia frame"""
     message: WrenchStamped
     """The message it came in"""
-    arrived: float
+    arrived: float = 0.0
     """When it came, by the caller's clock [s]"""
 
 
