@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile
 
 from knee_contact_ros.cdr_in import decode_joint_state, decode_wrench_stamped
 from knee_contact_ros.input_stream import DEPTH
@@ -23,7 +24,7 @@ from knee_contact_ros.latency.run import Asked, command
 from knee_contact_ros.latency.samples import samples
 from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
-from knee_contact_ros.latency.usage import Usage, cpu_since, usages
+from knee_contact_ros.latency.usage import Usage, cpu_of_all, cpu_since, usages
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.session import OUTPUT_QOS
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
@@ -70,17 +71,17 @@ def test_every_candidate_is_first_in_turn() -> None:
 
 
 def test_a_bare_node_offers_what_the_node_offers() -> None:
-    assert bare.INPUT_QOS.depth == DEPTH
+    assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
     assert bare.OUTPUT_QOS == OUTPUT_QOS
 
 
 def parts() -> list[Part]:
     found = []
     for number in (1, 2):
-        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), 4e-4, 2e-4))
-        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), 3e-4, 0.0))
-        found.append(Part(number, SINGLE, run_of(published=3), 3e-4, 0.0))
-        found.append(Part(number, BYTES, run_of(1, 1, 1), 3e-4, 0.0))
+        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), 4e-4, 2e-4, 0.5, 10.0))
+        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), 3e-4, 0.0, 0.0, 10.0))
+        found.append(Part(number, SINGLE, run_of(published=3), 3e-4, 0.0, 0.0, 10.0))
+        found.append(Part(number, BYTES, run_of(1, 1, 1), 3e-4, 0.0, 0.0, 10.0))
     return found
 
 
@@ -90,6 +91,7 @@ def test_a_line_for_every_round_and_for_all() -> None:
     ours, bare_one = lines[OURS.name, "all"], lines[BARE.name, "all"]
     assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
     assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
+    assert (ours.others_percent, bare_one.others_percent) == (5.0, 0.0)
     assert (bare_one.median_ms, bare_one.max_ms) == (5.0, 12.0)  # of 2, 4, 6, 4, 8, 12
     assert lines[BARE.name, "2"].median_ms == 8.0
     assert len(comparison.lines(parts()[:4], 1000.0)) == 4  # one round says it all
@@ -191,7 +193,7 @@ def test_what_sustained_means(run: Run, verdict: str) -> None:
     assert sustained.judged(run, 100.0) == verdict
 
 
-CHILDREN = (Usage(11, "python", 0.0, 80_000_000), Usage(12, "python", 0.0, 120_000_000))
+CHILDREN = (Usage(11, 1, 0.0, 0.0, 80_000_000), Usage(12, 1, 0.0, 0.0, 120_000_000))
 MOMENTS = [
     Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0)
     for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
@@ -235,10 +237,17 @@ def test_usage_of_a_process_and_its_child() -> None:
 
 
 def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
-    before = [Usage(1, "", 1.0, 0), Usage(2, "", 5.0, 0), Usage(3, "", 1.0, 0)]
-    after = [Usage(1, "", 1.5, 0), Usage(2, "", 5.25, 0), Usage(4, "", 9.0, 0)]
+    before = [Usage(1, 0, 1.0, 0.0, 0), Usage(2, 0, 5.0, 0.0, 0), Usage(3, 0, 1.0, 0.0, 0)]
+    after = [Usage(1, 0, 1.5, 0.0, 0), Usage(2, 0, 5.25, 0.0, 0), Usage(4, 0, 9.0, 0.0, 0)]
     assert cpu_since(before, after) == (0.5, 0.25)
     assert cpu_since(before, []) == (0.0, 0.0)
+
+
+def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
+    before = cpu_of_all()
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    subprocess.run([sys.executable, "-c", work], check=True)
+    assert cpu_of_all() - before >= 0.45  # the kernel counts in hundredths
 
 
 @pytest.mark.parametrize(
