@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from itertools import islice
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from knee_contact_ros.latency.run import Asked, command
 from knee_contact_ros.latency.samples import samples
 from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
-from knee_contact_ros.latency.usage import Usage, cpu_since, usages
+from knee_contact_ros.latency.usage import Usage, cpu_since, machine_time, usages
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.session import INPUT_QOS, OUTPUT_QOS
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
@@ -76,10 +77,10 @@ def test_a_bare_node_offers_what_the_node_offers() -> None:
 def parts() -> list[Part]:
     found = []
     for number in (1, 2):
-        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), 4e-4, 2e-4))
-        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), 3e-4, 0.0))
-        found.append(Part(number, SINGLE, run_of(published=3), 3e-4, 0.0))
-        found.append(Part(number, BYTES, run_of(1, 1, 1), 3e-4, 0.0))
+        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), 4e-4, 2e-4, 0.5, 10.0))
+        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), 3e-4, 0.0, 0.0, 10.0))
+        found.append(Part(number, SINGLE, run_of(published=3), 3e-4, 0.0, 0.0, 10.0))
+        found.append(Part(number, BYTES, run_of(1, 1, 1), 3e-4, 0.0, 0.0, 10.0))
     return found
 
 
@@ -89,6 +90,7 @@ def test_a_line_for_every_round_and_for_all() -> None:
     ours, bare_one = lines[OURS.name, "all"], lines[BARE.name, "all"]
     assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
     assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
+    assert (ours.others_percent, bare_one.others_percent) == (5.0, 0.0)
     assert (bare_one.median_ms, bare_one.max_ms) == (5.0, 12.0)  # of 2, 4, 6, 4, 8, 12
     assert lines[BARE.name, "2"].median_ms == 8.0
     assert len(comparison.lines(parts()[:4], 1000.0)) == 4  # one round says it all
@@ -238,6 +240,15 @@ def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
     after = [Usage(1, "", 1.5, 0), Usage(2, "", 5.25, 0), Usage(4, "", 9.0, 0)]
     assert cpu_since(before, after) == (0.5, 0.25)
     assert cpu_since(before, []) == (0.0, 0.0)
+
+
+def test_the_machine_has_its_processors_time() -> None:
+    busy_before, all_before = machine_time()
+    begin = time.process_time()
+    while time.process_time() - begin < 0.2:
+        pass
+    busy, everything = machine_time()
+    assert 0.1 <= busy - busy_before <= everything - all_before  # the kernel counts in hundredths
 
 
 @pytest.mark.parametrize(

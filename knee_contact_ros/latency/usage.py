@@ -51,6 +51,14 @@ def read(process: int) -> tuple[int, Usage]:
     return int(fields[1]), Usage(process, before.partition("(")[2], cpu, resident)
 
 
+def machine_time() -> tuple[float, float]:
+    """Seconds that all processors together have been busy, or taken away by a host, and in all, since the start."""
+    text = (PROC / "stat").read_text(encoding="utf-8")
+    user, nice, system, idle, waiting, *interrupts_and_stolen = map(int, text.split()[1:9])
+    busy = user + nice + system + sum(interrupts_and_stolen)
+    return busy / os.sysconf("SC_CLK_TCK"), (busy + idle + waiting) / os.sysconf("SC_CLK_TCK")
+
+
 def cpu_since(before: list[Usage], after: list[Usage]) -> tuple[float, float]:
     """Seconds that the process itself has taken, and its children together: those that were there all the time."""
     earlier = {usage.process: usage.cpu for usage in before}
