@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 from itertools import islice
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from knee_contact_ros.latency.run import Asked, command
 from knee_contact_ros.latency.samples import samples
 from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
-from knee_contact_ros.latency.usage import Usage, cpu_since, machine_time, usages
+from knee_contact_ros.latency.usage import Usage, cpu_of_all, cpu_since, usages
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.session import INPUT_QOS, OUTPUT_QOS
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
@@ -192,7 +191,7 @@ def test_what_sustained_means(run: Run, verdict: str) -> None:
     assert sustained.judged(run, 100.0) == verdict
 
 
-CHILDREN = (Usage(11, "python", 0.0, 80_000_000), Usage(12, "python", 0.0, 120_000_000))
+CHILDREN = (Usage(11, 1, 0.0, 0.0, 80_000_000), Usage(12, 1, 0.0, 0.0, 120_000_000))
 MOMENTS = [
     Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0)
     for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
@@ -236,19 +235,17 @@ def test_usage_of_a_process_and_its_child() -> None:
 
 
 def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
-    before = [Usage(1, "", 1.0, 0), Usage(2, "", 5.0, 0), Usage(3, "", 1.0, 0)]
-    after = [Usage(1, "", 1.5, 0), Usage(2, "", 5.25, 0), Usage(4, "", 9.0, 0)]
+    before = [Usage(1, 0, 1.0, 0.0, 0), Usage(2, 0, 5.0, 0.0, 0), Usage(3, 0, 1.0, 0.0, 0)]
+    after = [Usage(1, 0, 1.5, 0.0, 0), Usage(2, 0, 5.25, 0.0, 0), Usage(4, 0, 9.0, 0.0, 0)]
     assert cpu_since(before, after) == (0.5, 0.25)
     assert cpu_since(before, []) == (0.0, 0.0)
 
 
-def test_the_machine_has_its_processors_time() -> None:
-    busy_before, all_before = machine_time()
-    begin = time.process_time()
-    while time.process_time() - begin < 0.2:
-        pass
-    busy, everything = machine_time()
-    assert 0.1 <= busy - busy_before <= everything - all_before  # the kernel counts in hundredths
+def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
+    before = cpu_of_all()
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    subprocess.run([sys.executable, "-c", work], check=True)
+    assert cpu_of_all() - before >= 0.45  # the kernel counts in hundredths
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from time import process_time
+from time import perf_counter, process_time
 from typing import NamedTuple
 
 from knee_contact_ros.latency.candidates import BARE, CANDIDATES, OURS, Candidate, forget, rotated, running
 from knee_contact_ros.latency.driver import Driver, Run
 from knee_contact_ros.latency.figures import Figures, figures, ratios
 from knee_contact_ros.latency.report import Cell, Page, Sheet, milliseconds, ratio
-from knee_contact_ros.latency.usage import cpu_since, machine_time, usages
+from knee_contact_ros.latency.usage import cpu_of_all, cpu_since, usages
 
 WARM_UP = 1.0
 """How long [s] a node is fed before anything counts"""
@@ -43,7 +44,7 @@ class Part(NamedTuple):
     others: float
     """[s] of all processes but these and the measuring one"""
     machine: float
-    """[s] that the processors had"""
+    """[s] that all processors together had"""
 
 
 class Line(NamedTuple):
@@ -91,13 +92,14 @@ def measured(driver: Driver, work: Path, candidate: Candidate, number: int, rate
     """One run."""
     with running(candidate, driver, work) as node:
         driver.run(rate, round(WARM_UP * rate))
-        before, busy_before, machine_before, own_before = usages(node.process.pid), *machine_time(), process_time()
+        before, all_before, own_before, begin = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
         run = driver.run(rate, round(duration * rate))
-        after, busy, machine, own = usages(node.process.pid), *machine_time(), process_time()
+        after, cpu_all, own, end = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
     forget(work)
     cpu, cpu_children = cpu_since(before, after)
-    others = busy - busy_before - (own - own_before) - cpu - cpu_children
-    return Part(number, candidate, run, cpu, cpu_children, max(others, 0.0), machine - machine_before)
+    others = (cpu_all - all_before) - (own - own_before) - cpu - cpu_children
+    machine = (end - begin) * (os.cpu_count() or 1)
+    return Part(number, candidate, run, cpu, cpu_children, max(others, 0.0), machine)
 
 
 def pooled(parts: Iterable[Part], candidate: Candidate) -> list[Part]:
