@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile
 
 from knee_contact_ros.cdr_in import decode_joint_state, decode_wrench_stamped
+from knee_contact_ros.input_stream import DEPTH
 from knee_contact_ros.latency import bare, comparison, report, soak, sustained
 from knee_contact_ros.latency.candidates import BARE, BYTES, CANDIDATES, OURS, SINGLE, rotated
 from knee_contact_ros.latency.comparison import Part
@@ -24,7 +26,7 @@ from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
 from knee_contact_ros.latency.usage import Usage, cpu_of_all, cpu_since, usages
 from knee_contact_ros.record import BagWriter
-from knee_contact_ros.session import INPUT_QOS, OUTPUT_QOS
+from knee_contact_ros.session import OUTPUT_QOS
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
 
 MS = 1_000_000
@@ -69,7 +71,7 @@ def test_every_candidate_is_first_in_turn() -> None:
 
 
 def test_a_bare_node_offers_what_the_node_offers() -> None:
-    assert bare.INPUT_QOS == INPUT_QOS
+    assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
     assert bare.OUTPUT_QOS == OUTPUT_QOS
 
 
