@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
-# As in node.py and session.py, which are not imported: a bare node's process shall hold nothing else.
+# As in node.py, session.py and input_stream.py, which are not imported: a bare node's process shall hold nothing else.
 INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 SPIN_PERIOD = 0.1

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from time import perf_counter, process_time
 from typing import NamedTuple
 
 from knee_contact_ros.latency.candidates import BARE, CANDIDATES, OURS, Candidate, forget, rotated, running
 from knee_contact_ros.latency.driver import Driver, Run
 from knee_contact_ros.latency.figures import Figures, figures, ratios
 from knee_contact_ros.latency.report import Cell, Page, Sheet, milliseconds, ratio
-from knee_contact_ros.latency.usage import cpu_since, usages
+from knee_contact_ros.latency.usage import cpu_of_all, cpu_since, usages
 
 WARM_UP = 1.0
 """How long [s] a node is fed before anything counts"""
@@ -21,7 +23,10 @@ publishes angle and force and listens to `knee_contact`; it includes what this p
 candidate is a process of its own, started anew for every round of {duration:g} s at {rate:g} Hz; the order changes from
 round to round, and the first second does not count. Read the ratios: times are of this machine and this run.
 """
-SLIPS = "How late the measuring process itself was in publishing; not part of the latency."
+SLIPS = (
+    "How late the measuring process itself was in publishing, which is not part of the latency; and the share of the "
+    "machine's processors that others took meanwhile: with more than a few per cent, measure again."
+)
 CPU = "CPU time per sample is that of the node's process, and behind the plus that of its child processes."
 
 
@@ -36,6 +41,10 @@ class Part(NamedTuple):
     """[s] of the node's process"""
     cpu_children: float
     """[s] of its child processes"""
+    others: float
+    """[s] of all processes but these and the measuring one"""
+    machine: float
+    """[s] that all processors together had"""
 
 
 class Line(NamedTuple):
@@ -58,6 +67,8 @@ class Line(NamedTuple):
     slip_p99_ms: float
     slip_p999_ms: float
     slip_max_ms: float
+    others_percent: float
+    """Of the machine's processor time"""
 
 
 def compare(
@@ -81,11 +92,14 @@ def measured(driver: Driver, work: Path, candidate: Candidate, number: int, rate
     """One run."""
     with running(candidate, driver, work) as node:
         driver.run(rate, round(WARM_UP * rate))
-        before = usages(node.process.pid)
+        before, all_before, own_before, begin = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
         run = driver.run(rate, round(duration * rate))
-        cpu, cpu_children = cpu_since(before, usages(node.process.pid))
+        after, cpu_all, own, end = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
     forget(work)
-    return Part(number, candidate, run, cpu, cpu_children)
+    cpu, cpu_children = cpu_since(before, after)
+    others = (cpu_all - all_before) - (own - own_before) - cpu - cpu_children
+    machine = (end - begin) * (os.cpu_count() or 1)
+    return Part(number, candidate, run, cpu, cpu_children, max(others, 0.0), machine)
 
 
 def pooled(parts: Iterable[Part], candidate: Candidate) -> list[Part]:
@@ -116,6 +130,7 @@ def line(parts: Sequence[Part], rate: float) -> Line:
         1e6 * sum(part.cpu for part in parts) / published,
         1e6 * sum(part.cpu_children for part in parts) / published,
         *figures(slips(parts)),
+        1e2 * sum(part.others for part in parts) / sum(part.machine for part in parts),
     )
 
 
@@ -183,5 +198,5 @@ def slip_sheet(found: Sequence[Line]) -> Sheet:
     rows: list[list[Cell]] = []
     for each in found:
         times = (each.slip_median_ms, each.slip_p99_ms, each.slip_p999_ms, each.slip_max_ms)
-        rows.append([each.candidate, *map(milliseconds, times)])
-    return Sheet("The measuring process", ("late by [ms]", "median", "p99", "p99.9", "max"), rows, SLIPS)
+        rows.append([each.candidate, *map(milliseconds, times), f"{each.others_percent:.0f}"])
+    return Sheet("The measuring process", ("late by [ms]", "median", "p99", "p99.9", "max", "others [%]"), rows, SLIPS)

@@ -14,41 +14,52 @@ class Usage(NamedTuple):
     """Of one process."""
 
     process: int
-    name: str
+    parent: int
     cpu: float
     """[s] of all its threads, in user and system mode"""
+    cpu_ended: float
+    """[s] of those of its children that have ended"""
     resident: int
     """[B]"""
 
 
 def usages(process: int) -> list[Usage]:
     """Of a process, then of its children, their children and so on; empty if it has ended."""
-    parents, found = {}, {}
-    for folder in PROC.iterdir():
-        if folder.name.isdigit():
-            with suppress(OSError):  # it has ended meanwhile
-                number = int(folder.name)
-                parents[number], found[number] = read(number)
+    found = processes()
     if process not in found:
         return []
     family = [process]
     for member in family:  # it grows meanwhile
-        family += sorted(child for child, parent in parents.items() if parent == member)
+        family += sorted(number for number, usage in found.items() if usage.parent == member)
     return [found[member] for member in family]
 
 
-def read(process: int) -> tuple[int, Usage]:
-    """The parent of a process, and what it takes.
+def cpu_of_all() -> float:
+    """Seconds that all processes have taken: what one took that has ended is its parent's."""
+    return sum(usage.cpu + usage.cpu_ended for usage in processes().values())
+
+
+def processes() -> dict[int, Usage]:
+    """All processes by their numbers."""
+    found = {}
+    for folder in PROC.iterdir():
+        if folder.name.isdigit():
+            with suppress(OSError):  # it has ended meanwhile
+                found[int(folder.name)] = read(int(folder.name))
+    return found
+
+
+def read(process: int) -> Usage:
+    """What a process takes.
 
     Raises:
         OSError: no such process.
     """
     # The name stands in brackets and may hold any characters.
-    before, _, after = (PROC / str(process) / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")
-    fields = after.split()
-    cpu = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    resident = int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
-    return int(fields[1]), Usage(process, before.partition("(")[2], cpu, resident)
+    fields = (PROC / str(process) / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    second = os.sysconf("SC_CLK_TCK")
+    cpu, cpu_ended = (sum(map(int, fields[first : first + 2])) / second for first in (11, 13))
+    return Usage(process, int(fields[1]), cpu, cpu_ended, int(fields[21]) * os.sysconf("SC_PAGE_SIZE"))
 
 
 def cpu_since(before: list[Usage], after: list[Usage]) -> tuple[float, float]:
