@@ -92,11 +92,14 @@ class SinkProcess:
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(self, label: str, job: Job, handling: Handling, on_failure: Callable[[str], None]) -> None:
+    def __init__(
+        self, label: str, job: Job, handling: Handling, on_failure: Callable[[str], None], awaited: bool
+    ) -> None:
         """Begin.
 
         `label` names the output in messages. `on_failure` is told, from a thread of ours and once each, that answers
-        are left out and that an open output has stopped.
+        are left out and that the output has stopped; also that it cannot be opened, unless that is `awaited`: then
+        `wait_until_open` says so.
         """
         self.process: subprocess.Popen[bytes] | None = None
         """None: not started yet, or it could not be"""
@@ -104,11 +107,11 @@ class SinkProcess:
         """What is wrong; empty while all is well"""
         self.dropped = 0
         """Answers that the output does not get"""
-        self._label, self._job, self._handling, self._on_failure = label, job, handling, on_failure
+        self._label, self._job, self._handling = label, job, handling
+        self._on_failure, self._awaited = on_failure, awaited
         self._waiting: deque[Answer | Note | Ending | Discard] = deque()
         self._room = handling.most
         self._ended = False  # nothing more shall be sent
-        self._discarded = False
         self._given_up = ""
         self._last = Report("", 0)
         self._moved = 0  # counts signs of life
@@ -174,8 +177,6 @@ class SinkProcess:
 
     def discard(self) -> None:
         """Give up: leave no output behind."""
-        self._discarded = True
-        self._waiting.clear()
         self._send_last(Discard())
         self._wait()
 
@@ -265,7 +266,7 @@ class SinkProcess:
 
     def _trouble(self, code: int | None) -> str:
         """Why the process ended, with this code; empty if it was to."""
-        if self._last.state == DONE or self._discarded:
+        if self._last.state == DONE:
             return ""
         if self._last.reason or self._given_up:
             return self._last.reason or self._given_up
@@ -280,15 +281,18 @@ class SinkProcess:
         self._concluded, self._room = True, 0
         self.dropped += sum(isinstance(item, Answer) for item in self._waiting)
         self._waiting.clear()
-        if trouble and self._opened:
-            self._tell(f"{self._label} stopped: {trouble}")
-        elif trouble:  # told by those who wait for it to open
-            self.failure = trouble if self._last.state == REFUSED else f"{self._label} cannot be opened: {trouble}"
+        if trouble:
+            if self._opened:
+                trouble = f"{self._label} stopped: {trouble}"
+            elif self._last.state != REFUSED:
+                trouble = f"{self._label} cannot be opened: {trouble}"
+            self._tell(trouble, quiet=self._awaited and not self._opened)
         self._known.set()
 
-    def _tell(self, failure: str) -> None:
+    def _tell(self, failure: str, quiet: bool = False) -> None:
         self.failure = failure
-        self._on_failure(failure)
+        if not quiet:
+            self._on_failure(failure)
 
 
 def start_child() -> tuple[Connection, subprocess.Popen[bytes]]:

@@ -41,11 +41,11 @@ class Outputs:
         self._path = Path(parameters.record.path)
         with ExitStack() as undo:
             if parameters.record.path:
-                self._sinks[RECORDER] = self._recorder(Path(parameters.record.path))
+                self._sinks[RECORDER] = self._recorder(Path(parameters.record.path), awaited=True)
                 undo.callback(self._sinks[RECORDER].discard)
             if parameters.rerun.mode == "file":
                 drawing = drawing_of(model, parameters.body_weight)
-                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, on_failure)
+                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, on_failure, awaited=True)
                 undo.callback(self._sinks[VIEWER].discard)
             for sink in self._sinks.values():
                 sink.wait_until_open()
@@ -106,5 +106,5 @@ class Outputs:
         for sink in sinks:
             sink.close(ending)
 
-    def _recorder(self, path: Path) -> SinkProcess:
-        return recorder(path, self._names, self._flush_period, self._on_failure)
+    def _recorder(self, path: Path, awaited: bool = False) -> SinkProcess:
+        return recorder(path, self._names, self._flush_period, self._on_failure, awaited)

@@ -22,19 +22,19 @@ VIEWER_PATIENCE = 5.0
 
 
 def recorder(
-    path: Path, names: Mapping[str, str], flush_period: float, on_failure: Callable[[str], None]
+    path: Path, names: Mapping[str, str], flush_period: float, on_failure: Callable[[str], None], awaited: bool = False
 ) -> SinkProcess:
     """A process that records to MCAP; see `record_answers.open_output` and `SinkProcess`."""
     job = Job("knee_contact_ros.record_answers", (path, dict(names), flush_period))
     handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=RECORDER_PATIENCE)
-    return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure)
+    return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure, awaited)
 
 
-def viewer(path: Path, drawing: Drawing, on_failure: Callable[[str], None]) -> SinkProcess:
+def viewer(path: Path, drawing: Drawing, on_failure: Callable[[str], None], awaited: bool = False) -> SinkProcess:
     """A process that writes a Rerun file; see `visualise.open_output` and `SinkProcess`."""
     job = Job("knee_contact_ros.visualise", (path, drawing))
     handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=VIEWER_PATIENCE)
-    return SinkProcess(f"Rerun recording {path}", job, handling, on_failure)
+    return SinkProcess(f"Rerun recording {path}", job, handling, on_failure, awaited)
 
 
 def recorded_row(answer: Answer) -> tuple[Any, ...]:

@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.answer import Answer, Ending
-from knee_contact_ros.apart import SinkProcess
+from knee_contact_ros.apart import Handling, Job, SinkProcess
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Point
@@ -28,7 +28,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED
-from knee_contact_ros.sinks import recorder, viewer
+from knee_contact_ros.sinks import recorded_row, recorder, viewer
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, read_bag
 from knee_contact_ros.summary import read_refused
@@ -89,11 +89,16 @@ class Started:
 
     def recorder(self, path: Path, wait: bool = True) -> SinkProcess:
         """A recorder."""
-        return self._keep(recorder(path, ABSOLUTE_NAMES, 0.02, self.told.append), wait)
+        return self._keep(recorder(path, ABSOLUTE_NAMES, 0.02, self.told.append, awaited=True), wait)
 
     def viewer(self, path: Path, wait: bool = True) -> SinkProcess:
         """A viewer."""
-        return self._keep(viewer(path, drawing_of(MODEL, 737.0), self.told.append), wait)
+        return self._keep(viewer(path, drawing_of(MODEL, 737.0), self.told.append, awaited=True), wait)
+
+    def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
+        """A sink that nobody waits for."""
+        handling = Handling(row, 1000, gaps_allowed=False, patience=PATIENCE)
+        return self._keep(SinkProcess("output", job, handling, self.told.append, awaited=False), False)
 
     def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:
         self.sinks.append(sink)
@@ -175,24 +180,48 @@ def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> No
 def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path) -> None:
     for name in ("old.mcap", "old.rrd", "file"):
         (tmp_path / name).touch()
+    exists = "exists already, and recordings are not overwritten"
     bad = {
-        "exists already": started.recorder(tmp_path / "old.mcap", wait=False),
-        "cannot write": started.recorder(tmp_path / "file" / "out.mcap", wait=False),
-        f"{tmp_path / 'old.rrd'} exists already": started.viewer(tmp_path / "old.rrd", wait=False),
+        f"{tmp_path / 'old.mcap'} {exists}": started.recorder(tmp_path / "old.mcap", wait=False),
+        f"{tmp_path / 'old.rrd'} {exists}": started.viewer(tmp_path / "old.rrd", wait=False),
+        f"cannot write {tmp_path / 'file' / 'out.mcap'}: File exists": started.recorder(
+            tmp_path / "file" / "out.mcap", wait=False
+        ),
     }
     good = started.recorder(tmp_path / "new" / "out.mcap", wait=False)
     for words, sink in bad.items():
-        with pytest.raises(UsageError, match=words):
-            sink.wait_until_open()
-        with pytest.raises(UsageError, match=words):
-            sink.is_open()
+        for ask in (sink.wait_until_open, sink.is_open):
+            with pytest.raises(UsageError) as caught:
+                ask()
+            assert str(caught.value) == words
         put(sink, range(5))
         assert sink.dropped == 5
         sink.discard()
-    assert started.told == []  # those who open them tell it
+    assert started.told == []  # those who wait tell it
     good.discard()
     assert good.failure == ""
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "new", "old.mcap", "old.rrd"]
+
+
+def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
+    (tmp_path / "old.mcap").touch()
+    arguments = (tmp_path / "old.mcap", ABSOLUTE_NAMES, 0.02)
+    sink = started.begun(Job("knee_contact_ros.record_answers", arguments), recorded_row)
+    wait_until(sink.is_over)
+    assert started.told == [f"{tmp_path / 'old.mcap'} exists already, and recordings are not overwritten"]
+
+
+def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(started: Started) -> None:
+    def row(_answer: Answer) -> tuple[()]:
+        assert sink.process
+        sink.process.wait()  # it ends between two looks at what it says
+        return ()
+
+    sink = started.begun(Job("knee_contact_ros.nowhere", ()), row)
+    sink.put(answer(0))
+    wait_until(sink.is_over)
+    words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"
+    assert started.told == [f"output cannot be opened: {words}"]
 
 
 def test_a_sink_may_be_opened_while_answers_come(started: Started, tmp_path: Path) -> None:
@@ -211,16 +240,25 @@ def test_a_sink_may_be_opened_while_answers_come(started: Started, tmp_path: Pat
 
 
 def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("knee_contact_ros.apart.CHILD", "knee_contact_ros.nowhere")
-    sink = started.recorder(tmp_path / "out.mcap", wait=False)
-    with pytest.raises(UsageError, match=r"out\.mcap\.partial cannot be opened: its process ended with code 1"):
-        sink.wait_until_open()
-    monkeypatch.undo()
+    def words(happens: Callable[[SinkProcess], None] = lambda sink: None) -> str:
+        sink = started.recorder(tmp_path / "out.mcap", wait=False)
+        happens(sink)
+        with pytest.raises(UsageError) as caught:
+            sink.wait_until_open()
+        sink.discard()
+        return str(caught.value).removeprefix(f"recording {tmp_path / 'out.mcap.partial'} cannot be opened: ")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.executable", "/no/where")
+        assert words() == "no process can be started: No such file or directory"
+    with monkeypatch.context() as patch:
+        patch.setattr("knee_contact_ros.apart.CHILD", "only_here")  # found where this process looks for its modules
+        patch.syspath_prepend(tmp_path)
+        (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
+        assert words() == "its process ended with code 7"
     monkeypatch.setattr("knee_contact_ros.apart.START", 0.05)
-    sink = started.recorder(tmp_path / "out.mcap", wait=False)
-    os.kill(pid(sink), signal.SIGSTOP)
-    with pytest.raises(UsageError, match=r"cannot be opened: its process did not start within 0\.05 s"):
-        sink.wait_until_open()
+    assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == "its process did not start within 0.05 s"
+    assert started.told == []
 
 
 def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_path: Path) -> None:
@@ -294,12 +332,17 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
 
 
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("knee_contact_ros.sinks.MOST_UNRECORDED", 100)
+    monkeypatch.setattr("knee_contact_ros.apart.LAST_WORDS", 0.2)
+    monkeypatch.setattr("knee_contact_ros.sinks.MOST_UNRECORDED", 1000)
     sink = started.recorder(tmp_path / "out.mcap")
-    put(sink, range(200))
-    wait_until(lambda: started.told)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(900))
+    time.sleep(0.3)  # the socket takes some
+    assert int(sink.diagnostics()["backlog"])
+    put(sink, range(900, 2000))
+    wait_until(lambda: started.told)  # while it stands still
     sink.close(NOTHING_LEFT)
-    assert sink.failure.endswith("out.mcap.partial stopped: OverflowError: more than 100 answers waited")
+    assert sink.failure.endswith("out.mcap.partial stopped: OverflowError: more than 1000 answers waited")
     assert started.told == [sink.failure]
 
 
