@@ -77,31 +77,50 @@ def test_a_killed_node_leaves_a_complete_recording(peer: Peer, start_node: Start
     assert stamps(tmp_path / "out.mcap") == list(range(100))
 
 
+def ask(peer: Peer, what: str) -> tuple[bool, str]:
+    """Have a recording begun or ended."""
+    answer = call(peer, Trigger, f"/knee_contact/{what}_recording", Trigger.Request())
+    return answer.success, answer.message
+
+
+def set_path(peer: Peer, path: str) -> None:
+    """Name the next recording."""
+    request = SetParameters.Request(parameters=[Parameter("record.path", value=path).to_parameter_msg()])
+    assert call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0].successful
+
+
 def test_a_recording_begins_and_ends_on_demand(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     node = start_node()
     peer.wait_for_node()
-
-    def ask(what: str) -> tuple[bool, str]:
-        answer = call(peer, Trigger, f"/knee_contact/{what}_recording", Trigger.Request())
-        return answer.success, answer.message
-
-    def set_path(path: str) -> None:
-        change = Parameter("record.path", value=path).to_parameter_msg()
-        request = SetParameters.Request(parameters=[change])
-        assert call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0].successful
-
     walk(peer, 0, 10)
-    assert ask("start") == (False, "parameter record.path names no file")
-    assert ask("stop") == (False, "nothing is being recorded")
+    assert ask(peer, "start") == (False, "parameter record.path names no file")
+    assert ask(peer, "stop") == (False, "nothing is being recorded")
     for begin, name in ((10, "a"), (60, "b")):
-        set_path(f"{tmp_path}/{name}/out.mcap")
-        assert ask("start") == (True, f"recording to {tmp_path}/{name}/out.mcap")
-        assert ask("start")[0] is False
+        set_path(peer, f"{tmp_path}/{name}/out.mcap")
+        assert ask(peer, "start") == (True, f"recording to {tmp_path}/{name}/out.mcap")
+        assert ask(peer, "start")[0] is False
         walk(peer, begin, 30)
-        assert ask("stop") == (True, f"{tmp_path}/{name}/out.mcap will be complete in a moment")
+        assert ask(peer, "stop") == (True, f"{tmp_path}/{name}/out.mcap will be complete in a moment")
         walk(peer, begin + 30, 20)
-    assert ask("start")[0] is False  # it is being completed, or is there
+    assert ask(peer, "start")[0] is False  # it is being completed, or is there
     assert node.stop()[0] == 0
     assert stamps(tmp_path / "a" / "out.mcap") == list(range(10, 40))
     assert stamps(tmp_path / "b" / "out.mcap") == list(range(60, 90))
     assert len(peer.contacts) == 110
+
+
+def test_a_recording_that_cannot_begin_is_told_and_another_may(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    node = start_node()
+    peer.wait_for_node()
+    set_path(peer, f"{tmp_path}/file/out.mcap")
+    assert ask(peer, "start")[0] is True  # its process finds out
+    peer.wait_until(lambda: "cannot write" in peer.problems.get("knee_contact: recorder", ""))
+    walk(peer, 0, 10)
+    set_path(peer, f"{tmp_path}/out.mcap")
+    assert ask(peer, "start")[0] is True
+    walk(peer, 10, 10)
+    code, said = node.stop()
+    assert code == 0
+    assert said.count(f"cannot write {tmp_path}/file/out.mcap") == 1
+    assert stamps(tmp_path / "out.mcap") == list(range(10, 20))
