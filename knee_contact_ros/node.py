@@ -23,6 +23,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.graph import joining
 from knee_contact_ros.node_parameters import NodeParameters
 from knee_contact_ros.parameters import NODE_NAME, check_parameter_file
 from knee_contact_ros.session import Session
@@ -150,7 +151,7 @@ def run_node(arguments: list[str]) -> int:
     """Run the node until SIGINT or SIGTERM; complete its files before returning.
 
     Raises:
-        UsageError: a parameter is unknown or not allowed, or an output file cannot be written.
+        UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
     """
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
@@ -161,7 +162,8 @@ def run_node(arguments: list[str]) -> int:
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
     stop, node = Stop(), None
     try:
-        node = KneeContactNode(stop)
+        with joining():
+            node = KneeContactNode(stop)
         if node.node_parameters.read().autostart:
             start(node)
         executor = EventsExecutor()

@@ -124,7 +124,7 @@ def test_the_torque_falls_above_the_limit_and_recovers(
     loop.send_until(LOW, lambda: loop.torque == 10.0)
 
 
-def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop) -> None:
+def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop, companion: subprocess.Popen[str]) -> None:
     loop.stamp += 200 * STEP  # the node will flag STALE_INPUT
     loop.commands.clear()
     loop.send(LOW)
@@ -137,36 +137,74 @@ def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop) -> No
     loop.commands.clear()
     loop.peer.spin(0.2)
     assert {command.torque for command in loop.commands} == {0.0}
+    companion.terminate()
+    log = companion.stderr.read()
+    assert "no assist: the node's input was interrupted" in log
+    assert "no assist: no answer for 0.5 s" in log
+
+
+class Answers:
+    """Answers published in the node's stead, and the torques that follow."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.torques: list[float] = []
+        self._publisher = peer.node.create_publisher(KneeContact, "knee_contact", QoSProfile(depth=1))
+        peer.node.create_subscription(Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000))
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.torques.append(message.data[0])
+
+    def send_until(self, done: Callable[[], Any], **values: Any) -> None:
+        """Publish answers with these values, and otherwise good ones, until something has happened."""
+
+        def sent_and_done() -> bool:
+            self._publisher.publish(KneeContact(**{"contact_force": 500.0, "load": 5000.0} | values))
+            return bool(done())
+
+        self.peer.wait_until(sent_and_done)
+
+    def send_until_nominal(self) -> None:
+        """Publish good answers until the torque is at its nominal value."""
+        self.send_until(lambda: self.torques and self.torques[-1] == 10.0)
+
+
+def test_its_log_says_what_it_does_and_why(peer: Peer, companion: subprocess.Popen[str]) -> None:
+    answers = Answers(peer)
+    for values in ({"contact_force": 1500.0}, {"status": KneeContact.NOT_CONVERGED}, {"error_estimate": 1.0}):
+        answers.send_until_nominal()
+        answers.send_until(lambda: answers.torques[-1] < 10.0, **values)
+    answers.send_until_nominal()
+    companion.send_signal(signal.SIGINT)
+    assert companion.wait(PATIENCE) == 0
+    said = [line.split("]: ")[1].partition(" (")[0] for line in companion.stderr]
+    assert [line for line in said if line != "no assist: no answer for 0.5 s"] == [  # before the first answer
+        "assisting",
+        "giving way: the contact force is above 1400 N",
+        "assisting",
+        "no assist: the model did not meet its tolerance",
+        "assisting",
+        "no assist: the error estimate is 1 m",
+        "assisting",
+        "no assist: asked to stop",
+    ]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_with_a_command_of_zero(
     peer: Peer, companion: subprocess.Popen[str], number: signal.Signals
 ) -> None:
-    commands: list[float] = []
-    answers = peer.node.create_publisher(KneeContact, "knee_contact", QoSProfile(depth=1))
-    peer.node.create_subscription(
-        Float64MultiArray, COMMANDS, lambda message: commands.append(message.data[0]), QoSProfile(depth=1000)
-    )
-
-    def send_until(done: Callable[[], Any]) -> None:
-        def sent_and_done() -> bool:
-            answers.publish(KneeContact(contact_force=500.0))
-            return bool(done())
-
-        peer.wait_until(sent_and_done)
-
-    send_until(lambda: commands and commands[-1] == 10.0)
+    answers = Answers(peer)
+    answers.send_until_nominal()
     sockets = psutil.Process(companion.pid).net_connections(kind="inet")
     assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
     companion.send_signal(number)
-    send_until(lambda: companion.poll() is not None)
+    answers.send_until(lambda: companion.poll() is not None)
     assert companion.returncode == 0
-    peer.wait_until(lambda: commands[-1] == 0.0)
-    falling = commands[-commands[::-1].index(10.0) :]
+    peer.wait_until(lambda: answers.torques[-1] == 0.0)
+    falling = answers.torques[-answers.torques[::-1].index(10.0) :]
     assert falling == sorted(falling, reverse=True)
     assert len(falling) > 2
-    assert "no assist: asked to stop" in companion.stderr.read()
 
 
 def test_a_bad_parameter_ends_it_with_one_line() -> None:
