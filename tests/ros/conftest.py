@@ -29,6 +29,13 @@ PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do
 """How long [s] to wait for what must come; discovery alone can take seconds."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One process runs all of these, in turn: they share a ROS graph, and the machine."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("ros"))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def graph() -> Iterator[None]:
     """Loopback only, in a domain of our own."""
