@@ -191,7 +191,12 @@ class Session:
             pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
-        """Report, and free what reference counting does not."""
+        """Report, name silent inputs in the log, and free what reference counting does not."""
+        silent = [stream for stream in self.inputs.values() if time.monotonic() - stream.meter.last > SILENCE]
+        if silent:
+            names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
+            text = f"nothing received on {names} for {SILENCE:g} s or more"
+            self.node.get_logger().warning(text, throttle_duration_sec=SILENCE_LOG_PERIOD)
         entries = [self._input_status(stream) for stream in self.inputs.values()]
         refused = self.pipeline.synchroniser.refused
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
@@ -206,13 +211,11 @@ class Session:
         gc.collect(0)
 
     def _input_status(self, stream: InputStream) -> Any:
-        """What there is to say of an input; silence is logged too."""
-        meter, name = stream.meter, self.node.resolve_topic_name(stream.topic)
+        """What there is to say of an input."""
+        meter = stream.meter
         problem = "" if meter.received else "nothing received yet"
         if meter.received and meter.age > self.parameters.pairing.max_gap:
             problem = f"silent for {meter.age:.1f} s"
-        if time.monotonic() - meter.last > SILENCE:
-            self.node.get_logger().warning(f"{name}: {problem}", throttle_duration_sec=SILENCE_LOG_PERIOD)
         reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
         return diagnostic_status(f"{NODE_NAME}: {stream.topic}", meter.values() | reliability, problem)
 

@@ -29,6 +29,7 @@ PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do
 """How long [s] to wait for what must come; discovery alone can take seconds."""
 
 
+@pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """One process runs all of these, in turn: they share a ROS graph, and the machine."""
     for item in items:

@@ -222,7 +222,7 @@ class Running:
     """A node that lives through all of the faults, and what it must have refused so far."""
 
     def __init__(self) -> None:
-        self.process = NodeProcess("-p", "use_sim_time:=true")
+        self.process = NodeProcess("-p", "use_sim_time:=true", "-p", "pairing.wait:=1.0")
         self.refused: Counter[str] = Counter()
         self.begin = 1000 * SECOND
 
