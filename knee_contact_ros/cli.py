@@ -46,7 +46,10 @@ parameter_files = click.option(
 @click.option(
     "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
 )
-def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float) -> None:
+@click.option(
+    "--companion", is_flag=True, help="Run the example of an assist controller beside it: examples/assist_as_needed.py."
+)
+def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float, companion: bool) -> None:
     """See the knee of a walking person.
 
     Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
@@ -55,7 +58,7 @@ def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate
     from knee_contact_ros.demo import run_demo
     from knee_contact_ros.resources import share_folder
 
-    run_demo(bag or share_folder() / "bags" / "gait2354_right", found(parameter_files), output, rate)
+    run_demo(bag or share_folder() / "bags" / "gait2354_right", found(parameter_files), output, rate, companion)
 
 
 @knee_contact.command(

@@ -1,7 +1,8 @@
 """`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
 
-This process replays the bag and listens to the answers; the node computes, records and draws. The results appear under
-their names when all is done; an interrupted demo leaves nothing behind.
+This process replays the bag and listens to the answers; the node computes, records and draws. The example of an assist
+controller can listen beside it, as a companion in a third process. The results appear under their names when all is
+done; an interrupted demo leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -25,6 +26,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
@@ -33,6 +35,7 @@ from knee_contact_ros.messages import deserialize, stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
@@ -49,6 +52,8 @@ NODE_STOP = 30.0
 RECORDING = Path("recording") / "recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
+COMPANION_LOG = Path("companion.log")
+COMPANION_COMMANDS = "knee_effort_controller/commands"
 
 
 @dataclass
@@ -59,6 +64,8 @@ class Listener:
     """Time [s] at which the force of a stamp [ns] was published"""
     latencies: list[float] = field(default_factory=list)
     """[s] from publishing a force to receiving its answer"""
+    torques: list[float] = field(default_factory=list)
+    """[N m] the companion's commands"""
 
     def on_published(self, message: RawMessage) -> None:
         """Note a published input."""
@@ -71,14 +78,18 @@ class Listener:
         if sent is not None:
             self.latencies.append(time.perf_counter() - sent)
 
+    def on_command(self, message: Float64MultiArray) -> None:
+        """Note a command of the companion."""
+        self.torques.append(message.data[0])
+
     @property
     def missing(self) -> int:
         """Forces without an answer so far."""
         return len(self.published) - len(self.latencies)
 
 
-def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) -> None:
-    """Run the demo and print its table.
+def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, companion: bool) -> None:
+    """Run the demo, with or without the companion, and print its table.
 
     Raises:
         UsageError: the bag, a parameter or the output folder cannot be used, or the node has failed.
@@ -88,12 +99,20 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float) 
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
-        with node_process(parameter_files, work) as node_is_alive:
-            play(reader, rate, listener, node_is_alive)
+        with ExitStack() as processes:
+            checks = [processes.enter_context(running("node", node_command(parameter_files, work), work / NODE_LOG))]
+            if companion:
+                checks.append(processes.enter_context(running("companion", companion_command(), work / COMPANION_LOG)))
+
+            def all_are_alive() -> None:
+                for check in checks:
+                    check()
+
+            play(reader, rate, listener, all_are_alive, companion)
         summary = read_summary(work / RECORDING, parameters.body_weight)
-        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG):
+        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
-    show_summary(summary, latency_rows(listener, summary), result_files(output))
+    show_summary(summary, live_rows(listener, summary), result_files(output, companion))
 
 
 def check_before(bag: Path, parameters: Parameters) -> None:
@@ -111,14 +130,17 @@ def check_before(bag: Path, parameters: Parameters) -> None:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
 
 
-def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Callable[[], None]) -> None:
-    """Replay the bag and collect the answers."""
+def play(
+    reader: BagReader, rate: float, listener: Listener, all_are_alive: Callable[[], None], companion: bool
+) -> None:
+    """Replay the bag and collect the answers, and the companion's commands."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_demo")
     executor: Executor = EventsExecutor()
     executor.add_node(node)
     try:
         node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
+        node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
         replayer = Replayer(node, reader)
 
         def spin(seconds: float) -> None:
@@ -126,8 +148,12 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
 
         with progress("Starting the node (the first time it compiles, for some ten seconds)") as advance:
             deadline = time.monotonic() + NODE_START
-            while not (replayer.wait_for_subscribers(0.1, spin) and node.count_publishers(KNEE_CONTACT)):
-                node_is_alive()
+            while not (
+                replayer.wait_for_subscribers(0.1, spin)
+                and node.count_publishers(KNEE_CONTACT)
+                and (not companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
+            ):
+                all_are_alive()
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
@@ -138,7 +164,7 @@ def play(reader: BagReader, rate: float, listener: Listener, node_is_alive: Call
 
             replayer.run(rate, spin, published)
         wait_for_last_answers(listener, spin)
-        node_is_alive()
+        all_are_alive()
     finally:
         executor.shutdown()
         node.destroy_node()
@@ -154,28 +180,37 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> 
             missing, since = listener.missing, time.monotonic()
 
 
-@contextmanager
-def node_process(parameter_files: list[Path], work: Path) -> Iterator[Callable[[], None]]:
-    """The node in a process of its own; yields a function that raises if it has died. Ends it as a user would."""
-    arguments = ["node", "--ros-args"]
+def node_command(parameter_files: list[Path], work: Path) -> list[str]:
+    """The node, which writes into the work folder."""
+    command = [sys.executable, "-m", "knee_contact_ros.cli", "node", "--ros-args"]
     for path in parameter_files:
-        arguments += ["--params-file", str(path)]
+        command += ["--params-file", str(path)]
     for name, value in {
         "record.path": work / RECORDING,
         "rerun.mode": "file",
         "rerun.path": work / RERUN_FILE,
     }.items():
-        arguments += ["-p", f'{name}:="{value}"']
-    with (work / NODE_LOG).open("wb") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "knee_contact_ros.cli", *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
+        command += ["-p", f'{name}:="{value}"']
+    return command
+
+
+def companion_command() -> list[str]:
+    """The example of an assist controller."""
+    example = share_folder() / "examples" / "assist_as_needed.py"
+    return [sys.executable, str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
+
+
+@contextmanager
+def running(name: str, command: list[str], log: Path) -> Iterator[Callable[[], None]]:
+    """A process of its own; yields a function that raises if it has died. Ends it as a user would."""
+    with log.open("wb") as output:
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
 
     def check() -> None:
         if process.poll() is not None:
-            lines = (work / NODE_LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             raise UsageError(
-                f"the node ended with code {process.returncode}: {lines[-1] if lines else 'it said nothing'}"
+                f"the {name} ended with code {process.returncode}: {lines[-1] if lines else 'it said nothing'}"
             )
 
     try:
@@ -185,7 +220,7 @@ def node_process(parameter_files: list[Path], work: Path) -> Iterator[Callable[[
         if process.returncode:
             check()
     except subprocess.TimeoutExpired:
-        raise UsageError(f"the node did not complete its files within {NODE_STOP:g} s") from None
+        raise UsageError(f"the {name} did not end within {NODE_STOP:g} s") from None
     finally:
         if process.poll() is None:
             process.terminate()
@@ -219,28 +254,35 @@ def work_folder(output: Path) -> Iterator[Path]:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Move a result to its place; an earlier demo's gives way."""
+    """Move a result, if there is one, to its place; an earlier demo's gives way."""
     if target.is_dir():
         shutil.rmtree(target)
     else:
         target.unlink(missing_ok=True)
-    source.rename(target)
+    if source.exists():
+        source.rename(target)
 
 
-def latency_rows(listener: Listener, summary: Summary) -> dict[str, str]:
+def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
     """Rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
         median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
         rows["latency"] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
+    if listener.torques:
+        highest = max(listener.torques)
+        lowest = min(listener.torques[listener.torques.index(highest) :])
+        rows["assist torque"] = f"{highest:.1f} N m, lowered to {lowest:.1f} N m"
     return rows
 
 
-def result_files(output: Path) -> dict[str, str]:
+def result_files(output: Path, companion: bool) -> dict[str, str]:
     """Where the results are, and how to look at them."""
-    return {
+    files = {
         "Recording": str(output / RECORDING.parent),
         "Rerun file": str(output / RERUN_FILE),
         "Node's log": str(output / NODE_LOG),
-        "To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}",
     }
+    if companion:
+        files["Companion's log"] = str(output / COMPANION_LOG)
+    return files | {"To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from knee_contact_ros.demo import replace
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
 from tests.test_solve import make_bag
@@ -55,6 +57,23 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path
         solved = run("solve", right_bag, "--params", config / name, "--output", tmp_path / f"{name}.mcap")
         assert solved.returncode == 0
         assert recorded(tmp_path / f"{name}.mcap") == recorded(tmp_path / name / "recording")
+
+
+def test_the_companion_gives_way_and_its_log_is_kept(tmp_path: Path) -> None:
+    done = run("demo", "--companion", "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    torque = re.search(r"assist torque +([0-9.]+) N m, lowered to ([0-9.]+) N m", done.stdout)
+    assert torque
+    highest, lowest = map(float, torque.groups())
+    assert 10.0 >= highest > lowest  # how far it falls depends on the machine's load
+    log = (tmp_path / "companion.log").read_text()
+    assert log.count("giving way: the contact force is above 1400 N") == 2  # once a stance
+
+
+def test_the_log_of_an_earlier_companion_gives_way(tmp_path: Path) -> None:
+    (tmp_path / "companion.log").touch()
+    replace(tmp_path / "not there", tmp_path / "companion.log")
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_interrupted_demo_leaves_nothing(tmp_path: Path) -> None:

@@ -1,0 +1,214 @@
+"""The example of an assist controller beside the real node: its commands fall, return, and end at zero."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from statistics import median
+from typing import Any, NamedTuple
+
+import psutil
+import pytest
+from knee_contact_ros.msg import KneeContact
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64MultiArray
+
+from examples.assist_as_needed import COMMANDS
+from knee_contact_ros.resources import share_folder
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer
+
+EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"
+PARAMETERS = EXAMPLE.with_suffix(".yaml")
+STEP = 5_000_000
+"""[ns] between samples"""
+LOW, HIGH = 1000.0, 4000.0
+"""[N] axial forces; half of them is the compartment's, and the limit is 1400 N"""
+CROSSINGS = 40
+
+
+class Command(NamedTuple):
+    """A torque [N m] and when [s] it came."""
+
+    torque: float
+    time: float
+
+
+class Loop:
+    """A stream of samples at 200 Hz through node and companion, and the commands that come back."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.stamp = 0
+        self.commands: list[Command] = []
+        self._due = 0.0
+        peer.node.create_subscription(Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000))
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        (torque,) = message.data
+        self.commands.append(Command(torque, time.perf_counter()))
+
+    @property
+    def torque(self) -> float:
+        """[N m] the newest command"""
+        return self.commands[-1].torque
+
+    def wait_for_both(self) -> None:
+        """Wait until node and companion listen and speak."""
+        self.peer.wait_for_node()
+        self.peer.wait_until(lambda: self.peer.node.count_subscribers("knee_contact") == 2 and self.commands)
+
+    def send(self, axial: float) -> float:
+        """Publish a sample when it is due; return when [s] its force was published."""
+        while (left := self._due - time.perf_counter()) > 0.0:
+            self.peer.executor.spin_once(timeout_sec=left)
+        self._due = time.perf_counter() + STEP * 1e-9
+        self.stamp += STEP
+        self.peer.send_angle(self.stamp, 0.2)
+        published = time.perf_counter()
+        self.peer.send_force(self.stamp, axial)
+        return published
+
+    def send_until(self, axial: float, done: Callable[[], bool]) -> None:
+        """Publish samples until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline, "it did not happen in time"
+            self.send(axial)
+
+
+@pytest.fixture
+def companion() -> Iterator[subprocess.Popen[str]]:
+    """The example with quick rates, so that the test is short, and patience, for other tests may slow it down."""
+    arguments = ["--params-file", str(PARAMETERS)]
+    for setting in ("rise_rate:=100.0", "fall_rate:=400.0", "timeout:=0.5"):
+        arguments += ["-p", setting]
+    process = subprocess.Popen([sys.executable, EXAMPLE, "--ros-args", *arguments], stderr=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.wait()
+    process.stderr.close()
+
+
+@pytest.fixture
+def loop(peer: Peer, start_node: Callable[..., NodeProcess], companion: subprocess.Popen[str]) -> Loop:
+    """All three at work, and the torque at its nominal value."""
+    start_node()
+    loop = Loop(peer)
+    loop.wait_for_both()
+    assert loop.torque == 0.0
+    loop.send_until(LOW, lambda: loop.torque == 10.0)
+    return loop
+
+
+def test_the_torque_falls_above_the_limit_and_recovers(
+    loop: Loop, record_property: Callable[[str, object], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    latencies = []
+    for _ in range(CROSSINGS):
+        loop.commands.clear()
+        loop.send(LOW)
+        published = loop.send(HIGH)
+        loop.peer.wait_until(lambda: any(command.torque < 10.0 for command in loop.commands))
+        lowered = next(command for command in loop.commands if command.torque < 10.0)
+        latencies.append((lowered.time - published) * 1e3)
+        loop.peer.wait_until(lambda: loop.peer.contacts[-1].contact_force > 1400.0)
+        loop.send_until(LOW, lambda: loop.torque == 10.0)
+    text = f"{median(latencies):.2f} ms median, {max(latencies):.2f} ms max of {len(latencies)}"
+    record_property("force sample to first lowered command", text)
+    with capsys.disabled():
+        print(f"\nforce sample to first lowered command: {text}")  # noqa: T201
+    loop.send_until(HIGH, lambda: loop.torque == 0.0)
+    loop.send_until(LOW, lambda: loop.torque == 10.0)
+
+
+def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop, companion: subprocess.Popen[str]) -> None:
+    loop.stamp += 200 * STEP  # the node will flag STALE_INPUT
+    loop.commands.clear()
+    loop.send(LOW)
+    loop.peer.wait_until(lambda: loop.commands and loop.torque < 10.0)
+    loop.send_until(LOW, lambda: loop.torque == 10.0)
+    loop.commands.clear()
+    loop.peer.wait_until(lambda: loop.commands and loop.torque == 0.0)
+    torques = [command.torque for command in loop.commands]
+    assert torques == sorted(torques, reverse=True)
+    loop.commands.clear()
+    loop.peer.spin(0.2)
+    assert {command.torque for command in loop.commands} == {0.0}
+    companion.terminate()
+    log = companion.stderr.read()
+    assert "no assist: the node's input was interrupted" in log
+    assert "no assist: no answer for 0.5 s" in log
+
+
+class Answers:
+    """Answers published in the node's stead, and the torques that follow."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.torques: list[float] = []
+        self._publisher = peer.node.create_publisher(KneeContact, "knee_contact", QoSProfile(depth=1))
+        peer.node.create_subscription(Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000))
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        self.torques.append(message.data[0])
+
+    def send_until(self, done: Callable[[], Any], **values: Any) -> None:
+        """Publish answers with these values, and otherwise good ones, until something has happened."""
+
+        def sent_and_done() -> bool:
+            self._publisher.publish(KneeContact(**{"contact_force": 500.0, "load": 5000.0} | values))
+            return bool(done())
+
+        self.peer.wait_until(sent_and_done)
+
+    def send_until_nominal(self) -> None:
+        """Publish good answers until the torque is at its nominal value."""
+        self.send_until(lambda: self.torques and self.torques[-1] == 10.0)
+
+
+def test_its_log_says_what_it_does_and_why(peer: Peer, companion: subprocess.Popen[str]) -> None:
+    answers = Answers(peer)
+    for values in ({"contact_force": 1500.0}, {"status": KneeContact.NOT_CONVERGED}, {"error_estimate": 1.0}):
+        answers.send_until_nominal()
+        answers.send_until(lambda: answers.torques[-1] < 10.0, **values)
+    answers.send_until_nominal()
+    companion.send_signal(signal.SIGINT)
+    assert companion.wait(PATIENCE) == 0
+    said = [line.split("]: ")[1].partition(" (")[0] for line in companion.stderr]
+    assert [line for line in said if line != "no assist: no answer for 0.5 s"] == [  # before the first answer
+        "assisting",
+        "giving way: the contact force is above 1400 N",
+        "assisting",
+        "no assist: the model did not meet its tolerance",
+        "assisting",
+        "no assist: the error estimate is 1 m",
+        "assisting",
+        "no assist: asked to stop",
+    ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_a_command_of_zero(
+    peer: Peer, companion: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    answers = Answers(peer)
+    answers.send_until_nominal()
+    sockets = psutil.Process(companion.pid).net_connections(kind="inet")
+    assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
+    companion.send_signal(number)
+    answers.send_until(lambda: companion.poll() is not None)
+    assert companion.returncode == 0
+    peer.wait_until(lambda: answers.torques[-1] == 0.0)
+    falling = answers.torques[-answers.torques[::-1].index(10.0) :]
+    assert falling == sorted(falling, reverse=True)
+    assert len(falling) > 2
+
+
+def test_a_bad_parameter_ends_it_with_one_line() -> None:
+    command = [sys.executable, EXAMPLE, "--ros-args", "-p", "fall_rate:=-1.0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "assist_as_needed: fall_rate: -1.0 is not allowed; it should be a number > 0\n"
