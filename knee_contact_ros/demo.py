@@ -30,7 +30,7 @@ from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.graph import private_graph
+from knee_contact_ros.graph import joining, private_graph
 from knee_contact_ros.messages import deserialize, stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
@@ -92,7 +92,8 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
     """Run the demo, with or without the companion, and print its table.
 
     Raises:
-        UsageError: the bag, a parameter or the output folder cannot be used, or the node has failed.
+        UsageError: the bag, a parameter or the output folder cannot be used, ROS does not let us in, or the node or its
+            companion has failed.
     """
     parameters = load_parameters(parameter_files)
     check_before(bag, parameters)
@@ -134,8 +135,9 @@ def play(
     reader: BagReader, rate: float, listener: Listener, all_are_alive: Callable[[], None], companion: bool
 ) -> None:
     """Replay the bag and collect the answers, and the companion's commands."""
-    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node("knee_contact_demo")
+    with joining():
+        rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+        node = Node("knee_contact_demo")
     executor: Executor = EventsExecutor()
     executor.add_node(node)
     try:

@@ -1,14 +1,31 @@
-"""A ROS graph of our own: loopback only, in a domain that no other run uses."""
+"""Joining a ROS graph, and a graph of our own: loopback only, in a domain that no other run uses."""
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from domain_coordinator import domain_id
 
+from knee_contact_ros.errors import UsageError
 from knee_contact_ros.resources import share_folder
+
+
+@contextmanager
+def joining() -> Iterator[None]:
+    """Say in one line why ROS does not let us in: security is enforced and cannot be had, say.
+
+    Raises:
+        UsageError: that line.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # rclpy's, on what it could not clear away after the failure
+        try:
+            yield
+        except RuntimeError as error:  # rclpy's own errors derive from it
+            raise UsageError(f"cannot join the ROS graph: {error}") from None
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from knee_contact_ros.core.model import PLAIN
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.graph import joining
 from knee_contact_ros.node_parameters import NodeParameters
 from knee_contact_ros.parameters import NODE_NAME, check_parameter_file
 from knee_contact_ros.session import Session
@@ -128,7 +129,7 @@ def run_node(arguments: list[str]) -> int:
     """Run the node until SIGINT or SIGTERM; complete its files before returning.
 
     Raises:
-        UsageError: a parameter is unknown or not allowed, or an output file cannot be written.
+        UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
     """
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
@@ -139,7 +140,8 @@ def run_node(arguments: list[str]) -> int:
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
     stop, node = Stop(), None
     try:
-        node = KneeContactNode()
+        with joining():
+            node = KneeContactNode()
         start(node, stop)
         executor = EventsExecutor()
         executor.add_node(node)

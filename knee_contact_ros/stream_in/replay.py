@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from knee_contact_ros.graph import joining
 from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.terminal import progress
@@ -81,11 +82,12 @@ def run_replay(bag: Path, timing: Timing) -> None:
     """`knee-contact replay`: publish a bag's inputs in time, with a progress bar.
 
     Raises:
-        UsageError: the bag cannot be used.
+        UsageError: the bag cannot be used, or ROS does not let us in.
     """
     with BagReader(bag) as reader:
-        rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
-        node = Node("knee_contact_replay")
+        with joining():
+            rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+            node = Node("knee_contact_replay")
         try:
             replayer = Replayer(node, reader, timing.clock)
             if not replayer.wait_for_subscribers(timing.wait, time.sleep):

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from knee_contact_ros.demo import replace
@@ -30,6 +31,11 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 def recorded(path: Path) -> list[tuple[str, int, str]]:
     return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, TOPICS)]
+
+
+def addresses(process: psutil.Process) -> set[str]:
+    """Of its open sockets."""
+    return {socket.laddr.ip for socket in process.net_connections(kind="inet")}
 
 
 def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path, config: Path) -> None:
@@ -76,10 +82,10 @@ def test_the_log_of_an_earlier_companion_gives_way(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupted_demo_leaves_nothing(tmp_path: Path) -> None:
+def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(tmp_path: Path) -> None:
     output = tmp_path / "out"
     demo = subprocess.Popen(
-        [*COMMAND, "demo", "--rate", "0.1", "--output", output],
+        [*COMMAND, "demo", "--companion", "--rate", "0.1", "--output", output],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -88,13 +94,20 @@ def test_an_interrupted_demo_leaves_nothing(tmp_path: Path) -> None:
     while not list(output.glob(".incomplete-*/recording/*.partial")):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+    processes = [psutil.Process(demo.pid), *psutil.Process(demo.pid).children(recursive=True)]
+    assert len(processes) == 3  # with node and companion
+    while not all(map(addresses, processes)):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
     time.sleep(1.0)
+    assert [addresses(process) for process in processes] == [{"127.0.0.1"}] * 3
     demo.send_signal(signal.SIGINT)
     printed, errors = demo.communicate(timeout=TIMEOUT)
     assert demo.returncode == 130
     assert errors.strip() == "knee-contact: interrupted"
     assert printed == ""
     assert not output.exists()
+    assert not psutil.wait_procs(processes, timeout=TIMEOUT)[1]
 
 
 def test_replay_says_when_nobody_listens(right_bag: Path) -> None:

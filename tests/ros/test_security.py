@@ -1,0 +1,155 @@
+"""The node's policy against the node itself; refusing to run unsecured where security is asked for; open ports."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import psutil
+import pytest
+
+from knee_contact_ros.parameters import NODE_NAME
+from knee_contact_ros.resources import share_folder
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer
+
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
+POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
+RULES = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
+"""A policy's rule and what the graph calls it"""
+PRIVILEGES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
+PLANNED = {"/knee_contact/reset", "/knee_contact/start_recording", "/knee_contact/stop_recording"}
+KEYSTORE_FILES = (
+    "cert.pem", "governance.p7s", "identity_ca.cert.pem", "key.pem", "permissions.p7s", "permissions_ca.cert.pem",
+)  # fmt: skip
+
+
+def policy() -> ET.Element:
+    return ET.parse(POLICY).getroot()  # noqa: S314 (our own file)
+
+
+def allowed_names() -> dict[str, set[str]]:
+    """Full names that the policy allows, by rule."""
+    names: dict[str, set[str]] = {rule: set() for rule in RULES}
+    (profile,) = policy().iter("profile")
+    assert (profile.get("ns"), profile.get("node")) == ("/", NODE_NAME)
+    for group in profile:
+        for rule, qualifier in group.attrib.items():
+            assert rule in PRIVILEGES[group.tag]
+            assert qualifier == "ALLOW"
+            for element in group:
+                assert element.tag + "s" == group.tag
+                assert element.text not in names[rule]
+                names[rule].add(
+                    "/" + re.sub("^(~/|/)", lambda m: f"{NODE_NAME}/" if m[0] == "~/" else "", element.text)
+                )
+    return names
+
+
+def offered_names(peer: Peer) -> dict[str, set[str]]:
+    """What the running node has in the graph."""
+    names: dict[str, set[str]] = {}
+    for rule, kind in RULES.items():
+        ask = getattr(peer.node, f"get_{kind}_names_and_types_by_node")
+        names[rule] = {name for name, _ in ask(NODE_NAME, "/")}
+    return names
+
+
+def test_the_policy_is_what_the_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
+    start_node("-p", "use_sim_time:=true")
+    peer.wait_for_node()
+    peer.wait_until(lambda: {"/joint_states", "/joint_reaction_force"} <= offered_names(peer)["subscribe"])
+    peer.spin(0.5)
+    offered, allowed = offered_names(peer), allowed_names()
+    for rule in RULES:
+        assert offered[rule] - allowed[rule] == set(), f"{rule}: the node would be refused these"
+        assert allowed[rule] - offered[rule] <= PLANNED, f"{rule}: the node has no use for these"
+
+
+def test_the_policy_has_the_form_that_sros2_reads() -> None:
+    """By hand what its schema (0.2.0) asks for; the schema itself is in the package sros2."""
+    root = policy()
+    assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
+    (enclaves,) = root
+    (enclave,) = enclaves
+    (profiles,) = enclave
+    assert [enclaves.tag, enclave.tag, profiles.tag] == ["enclaves", "enclave", "profiles"]
+    assert enclave.attrib == {"path": "/knee_contact"}
+
+
+@pytest.fixture
+def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A keystore that is there, with nothing true in it; security is enforced."""
+    enclave = tmp_path / "keystore" / "enclaves"
+    enclave.mkdir(parents=True)
+    for name in KEYSTORE_FILES:
+        (enclave / name).write_text("made up")
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(enclave.parent))
+    return enclave
+
+
+def processes_of(keystore: Path) -> list[psutil.Process]:
+    """What runs with this keystore in its environment, except ourselves."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if process.environ().get("ROS_SECURITY_KEYSTORE") == str(keystore) and process.pid != os.getpid():
+                found.append(process)
+    return found
+
+
+def refusal(folder: Path, *arguments: str | Path) -> str:
+    """What a command says when it refuses, in one line beside ROS's log; no process, so no socket, is left."""
+    done = subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE, check=False, cwd=folder
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert processes_of(folder / "keystore") == []
+    log = re.compile(r"\[INFO\] \[[0-9.]+\] \[rcl\]: |[0-9-]{10} .*\[SECURITY")
+    (line,) = [line for line in done.stderr.splitlines() if not log.match(line)]
+    return line
+
+
+@pytest.mark.parametrize("command", ["node", "replay", "demo"])
+def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(
+    command: str, keystore: Path, right_bag: Path, tmp_path: Path
+) -> None:
+    line = refusal(tmp_path, command, *([right_bag] if command == "replay" else []))
+    assert line.startswith("knee-contact: cannot join the ROS graph: ")
+    assert "security" in line.lower()
+    assert [path.name for path in tmp_path.iterdir()] == ["keystore"]
+
+
+@pytest.mark.parametrize("command", ["node", "replay"])
+def test_without_its_enclave_nothing_runs(command: str, keystore: Path, right_bag: Path, tmp_path: Path) -> None:
+    (keystore / "key.pem").unlink()
+    keystore.rename(keystore.with_name("other"))
+    line = refusal(tmp_path, command, *([right_bag] if command == "replay" else []))
+    assert "SECURITY ERROR" in line
+
+
+def addresses(process: psutil.Process) -> set[str]:
+    return {socket.laddr.ip for socket in process.net_connections(kind="inet")}
+
+
+def test_replay_opens_no_port_beyond_the_loopback_interface(right_bag: Path) -> None:
+    replay = subprocess.Popen([*COMMAND, "replay", right_bag, "--wait", str(PATIENCE)], stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + PATIENCE
+        while not (found := addresses(psutil.Process(replay.pid))):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(0.5)
+        assert found | addresses(psutil.Process(replay.pid)) == {"127.0.0.1"}
+    finally:
+        replay.kill()
+        replay.wait()
