@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,17 @@ def load_model(
     from knee_contact_ros.compiled import compiled as with_compiled_kernel  # half a second to import
 
     return with_compiled_kernel(model)
+
+
+def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
+    """The same model with the numbers of other parameters: law's constants, mass, tolerance and budget.
+
+    Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
+    """
+    return replace(
+        model, regions=contact_law(parameters.contact), mass=parameters.femur.mass,
+        tolerance=parameters.fidelity.tolerance, budget=parameters.fidelity.budget,
+    )  # fmt: skip
 
 
 def contact_law(contact: ContactParameters) -> Regions:

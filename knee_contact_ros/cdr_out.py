@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
@@ -42,7 +42,7 @@ def encode_wrench_stamped(message: WrenchStamped) -> bytes:
 
 
 def encode_contact(stamp: int, frame_id: str, contact: Contact) -> bytes:
-    """Bytes of the `KneeContact` message of an answer, the counterpart of `publish.contact_message`; stamp in [ns].
+    """Bytes of the `KneeContact` message of an answer; stamp in [ns].
 
     Raises:
         ValueError: the stamp is beyond what ROS can hold.
@@ -53,8 +53,24 @@ def encode_contact(stamp: int, frame_id: str, contact: Contact) -> bytes:
     return pack(_HEADER, seconds, nanoseconds, frame, *contact[:6], *contact.contact_point, *contact[7:])
 
 
+def encode_numbers(stamp: int, frame_id: str, numbers: Sequence[float], status: int) -> bytes:
+    """The same from the numbers of `Stream.answer`; `status` gives more bits of the status.
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    pack, frame = _contact_packer(frame_id)
+    seconds, nanoseconds = _time(stamp)
+    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, level, missed, error, evaluations,
+     *_) = numbers  # fmt: skip
+    return pack(
+        _HEADER, seconds, nanoseconds, frame, angle, load, force, depth, gap, rate, x, y, 0.0, height, cartilage, bone,
+        int(state), int(level), int(missed) | status, error, int(evaluations),
+    )  # fmt: skip
+
+
 def encode_contact_wrench(stamp: int, frame_id: str, contact: Contact, normal: tuple[float, float]) -> bytes:
-    """Bytes of the wrench that goes with an answer, the counterpart of `publish.wrench_message`; stamp in [ns].
+    """Bytes of the wrench that goes with an answer: the contact force on the tibia; stamp in [ns].
 
     Raises:
         ValueError: the stamp is beyond what ROS can hold.

@@ -155,6 +155,42 @@ def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], rep
     run_trade(output, problems, solvers, repeat)
 
 
+@knee_contact.command()
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_latency",
+    show_default=True,
+    metavar="DIR",
+    help="Where the pages and their data go; those of an earlier run are replaced.",
+)
+@click.option(
+    "--rate", type=click.FloatRange(10.0, 20_000.0), default=1000.0, show_default=True, help="Samples per second."
+)
+@click.option(
+    "--duration", type=click.FloatRange(0.5, 3600.0), default=20.0, show_default=True, help="Seconds of a run."
+)
+@click.option(
+    "--rounds", type=click.IntRange(1, 100), default=3, show_default=True, help="How often all candidates take turns."
+)
+@click.option("--sustained", is_flag=True, help="Search the highest rate that each candidate sustains instead.")
+@click.option(
+    "--soak",
+    type=click.IntRange(1, 1_000_000_000),
+    metavar="TICKS",
+    help="Run the node alone for so many ticks at --rate instead: its memory, and what it recorded.",
+)
+def latency(output: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int | None) -> None:
+    """Measure the node beside a bare one.
+
+    Latency, losses and CPU time of the node, recording and drawing, and of bare rclpy nodes that compute nothing, over
+    real topics on this machine only. Writes latency.md and latency.csv (sustained.*, soak.*).
+    """
+    from knee_contact_ros.latency.run import Asked, run_latency
+
+    run_latency(output, Asked(rate, duration, rounds, sustained, soak or 0))
+
+
 def found(files: tuple[Path, ...]) -> list[Path]:
     """Parameter files as given, or from the package's config folder."""
     from knee_contact_ros.resources import find_file

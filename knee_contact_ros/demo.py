@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -31,10 +30,11 @@ from std_msgs.msg import Float64MultiArray
 from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import joining, private_graph
-from knee_contact_ros.messages import deserialize, stamp_to_ns
+from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.processes import PATIENCE, Child, child_process
 from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.replay import Replayer
@@ -47,8 +47,6 @@ NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
 LAST_ANSWERS = 3.0
 """How long [s] to wait for the last answers once nothing more comes."""
-NODE_STOP = 30.0
-"""How long [s] the node may take to complete its files."""
 RECORDING = Path("recording") / "recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
@@ -100,14 +98,14 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
-        with ExitStack() as processes:
-            checks = [processes.enter_context(running("node", node_command(parameter_files, work), work / NODE_LOG))]
+        with ExitStack() as opened:
+            processes = [opened.enter_context(node_process(parameter_files, work))]
             if companion:
-                checks.append(processes.enter_context(running("companion", companion_command(), work / COMPANION_LOG)))
+                processes.append(opened.enter_context(companion_process(work)))
 
             def all_are_alive() -> None:
-                for check in checks:
-                    check()
+                for process in processes:
+                    process.check()
 
             play(reader, rate, listener, all_are_alive, companion)
         summary = read_summary(work / RECORDING, parameters.body_weight)
@@ -122,7 +120,7 @@ def check_before(bag: Path, parameters: Parameters) -> None:
     Raises:
         UsageError: one of these.
     """
-    pipeline = Pipeline(parameters, deserialize, compiled=False)
+    pipeline = Pipeline(parameters, compiled=False)
     with BagReader(bag) as reader:
         angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
     try:
@@ -182,54 +180,29 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> 
             missing, since = listener.missing, time.monotonic()
 
 
-def node_command(parameter_files: list[Path], work: Path) -> list[str]:
-    """The node, which writes into the work folder."""
-    command = [sys.executable, "-m", "knee_contact_ros.cli", "node", "--ros-args"]
+@contextmanager
+def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
+    """The node in a process of its own, which records and draws in the folder `work`; see `child_process`."""
+    arguments = ["-m", "knee_contact_ros.cli", "node", "--ros-args"]
     for path in parameter_files:
-        command += ["--params-file", str(path)]
+        arguments += ["--params-file", str(path)]
     for name, value in {
         "record.path": work / RECORDING,
         "rerun.mode": "file",
         "rerun.path": work / RERUN_FILE,
     }.items():
-        command += ["-p", f'{name}:="{value}"']
-    return command
-
-
-def companion_command() -> list[str]:
-    """The example of an assist controller."""
-    example = share_folder() / "examples" / "assist_as_needed.py"
-    return [sys.executable, str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
+        arguments += ["-p", f'{name}:="{value}"']
+    with child_process("the node", arguments, work / NODE_LOG, patience) as node:
+        yield node
 
 
 @contextmanager
-def running(name: str, command: list[str], log: Path) -> Iterator[Callable[[], None]]:
-    """A process of its own; yields a function that raises if it has died. Ends it as a user would."""
-    with log.open("wb") as output:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
-
-    def check() -> None:
-        if process.poll() is not None:
-            lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise UsageError(
-                f"the {name} ended with code {process.returncode}: {lines[-1] if lines else 'it said nothing'}"
-            )
-
-    try:
-        yield check
-        process.send_signal(signal.SIGINT)
-        process.wait(NODE_STOP)
-        if process.returncode:
-            check()
-    except subprocess.TimeoutExpired:
-        raise UsageError(f"the {name} did not end within {NODE_STOP:g} s") from None
-    finally:
-        if process.poll() is None:
-            process.terminate()
-            try:
-                process.wait(NODE_STOP)
-            except subprocess.TimeoutExpired:
-                process.kill()
+def companion_process(work: Path) -> Iterator[Child]:
+    """The example of an assist controller in a process of its own."""
+    example = share_folder() / "examples" / "assist_as_needed.py"
+    arguments = [str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
+    with child_process("the companion", arguments, work / COMPANION_LOG) as companion:
+        yield companion
 
 
 @contextmanager

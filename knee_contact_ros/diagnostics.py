@@ -1,7 +1,8 @@
-"""What `/diagnostics` says once a second: input rates and ages, refused samples, tick times, recorder and viewer."""
+"""What `/diagnostics` says once a second: inputs, refused samples, ticks and how late they are, recorder and viewer."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -14,24 +15,67 @@ from knee_contact_ros.core.types import Contact, Fidelity, Status
 
 @dataclass
 class InputMeter:
-    """Rate and age of one input stream."""
+    """Rate, pauses and age of one input stream."""
 
     received: int = 0
-    last: float | None = None
-    """Monotonic time of the last message [s]"""
+    last: float = field(default_factory=time.monotonic)
+    """Monotonic time [s] of the last message, or of the beginning"""
+    longest_pause: float = 0.0
+    """Since the last report [s]"""
     reported: int = 0
+    report_time: float = field(default_factory=time.monotonic)
+    """Monotonic time of the last report [s]"""
 
     def count(self) -> None:
         """Note that a message has come."""
+        now = time.monotonic()
         self.received += 1
-        self.last = time.monotonic()
+        self.longest_pause = max(self.longest_pause, now - self.last)
+        self.last = now
 
-    def values(self, period: float) -> dict[str, str]:
-        """Rate over the last period [s], age, and total."""
-        rate = (self.received - self.reported) / period
-        self.reported = self.received
-        age = "never" if self.last is None else f"{time.monotonic() - self.last:.3f}"
-        return {"received": str(self.received), "rate [Hz]": f"{rate:.1f}", "age [s]": age}
+    @property
+    def age(self) -> float:
+        """Of the last message [s]; infinite if there was none."""
+        return time.monotonic() - self.last if self.received else math.inf
+
+    def values(self) -> dict[str, str]:
+        """Rate since the last report, the longest pause in it, age, and total."""
+        now = time.monotonic()
+        rate = (self.received - self.reported) / max(now - self.report_time, 1e-9)
+        values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
+        if self.received:
+            values |= {"age [s]": f"{self.age:.3f}", "longest pause [ms]": f"{1e3 * self.longest_pause:.1f}"}
+        self.reported, self.report_time, self.longest_pause = self.received, now, 0.0
+        return values
+
+
+@dataclass
+class LagMeter:
+    """How far the node is behind: by how much a timer of a known period comes late.
+
+    Samples and timers wait in one line, so a timer that is late has waited for as long as a sample would.
+    """
+
+    period: float
+    """Of the timer [s]"""
+    now: float = 0.0
+    """Lag when the timer came last [s]"""
+    largest: float = 0.0
+    """Since the last report [s]"""
+    _last: float | None = None
+
+    def count(self) -> None:
+        """Note that the timer has come."""
+        time_ = time.monotonic()
+        if self._last is not None:
+            self.now = max(0.0, time_ - self._last - self.period)
+            self.largest = max(self.largest, self.now)
+        self._last = time_
+
+    def report(self) -> float:
+        """The largest lag since the last report [s]."""
+        largest, self.largest = self.largest, 0.0
+        return largest
 
 
 @dataclass
@@ -39,29 +83,33 @@ class TickMeter:
     """Ticks, their times and their flags."""
 
     ticks: int = 0
+    missed: int = 0
+    """Answers that came later than the deadline"""
     flagged: Counter[str] = field(default_factory=Counter)
-    fidelities: Counter[str] = field(default_factory=Counter)
+    fidelities: list[int] = field(default_factory=lambda: [0] * len(Fidelity))
+    """Ticks by level"""
     durations: list[float] = field(default_factory=list)
     """Of the ticks since the last report [s]"""
 
-    def count(self, contact: Contact, duration: float) -> None:
-        """Note an answer and the time it took [s]."""
+    def count(self, contact: Contact, duration: float, late: bool) -> None:
+        """Note an answer, the time it took [s], and whether it has missed its deadline."""
         self.ticks += 1
+        self.missed += late
         self.durations.append(duration)
-        self.fidelities[Fidelity(contact.fidelity).name] += 1
-        for bit in Status:
-            if contact.status & bit:
-                self.flagged[bit.name or ""] += 1
+        self.fidelities[contact.fidelity] += 1
+        if contact.status:
+            self.flagged.update(bit.name or "" for bit in Status if contact.status & bit)
 
     def values(self) -> dict[str, str]:
         """Totals, and tick times of the last period."""
         durations, self.durations = sorted(self.durations), []
-        values = {"ticks": str(self.ticks)}
+        values = {"ticks": str(self.ticks), "missed deadlines": str(self.missed)}
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
-        for name, count in sorted(self.fidelities.items()):
-            values[f"fidelity {name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
+        for level, count in zip(Fidelity, self.fidelities, strict=True):
+            if count:
+                values[f"fidelity {level.name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
         return values | {f"status {name}": str(count) for name, count in self.flagged.items()}
 
 

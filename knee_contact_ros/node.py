@@ -12,6 +12,8 @@ parameter `autostart` (the default) it does both by itself.
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +22,6 @@ from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.core.model import PLAIN
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import joining
 from knee_contact_ros.node_parameters import NodeParameters
@@ -32,10 +33,34 @@ SPIN_PERIOD = 0.1
 """How often [s] the main loop looks for a signal to stop."""
 
 
+class Stop:
+    """SIGINT and SIGTERM: noted, or, while the model compiles, an interruption."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._interrupts = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Let a signal raise KeyboardInterrupt meanwhile."""
+        self._interrupts = True
+        try:
+            yield
+        finally:
+            self._interrupts = False
+
+    def _on_signal(self, _number: int, _frame: object) -> None:
+        self.asked = True
+        if self._interrupts:
+            raise KeyboardInterrupt
+
+
 class KneeContactNode(LifecycleNode):
     """The managed node: its life cycle; what it does while configured is a `Session`."""
 
-    def __init__(self) -> None:
+    def __init__(self, stop: Stop) -> None:
         """Read and check the parameters.
 
         Raises:
@@ -46,42 +71,48 @@ class KneeContactNode(LifecycleNode):
         )
         self.node_parameters = NodeParameters(self)
         self.session: Session | None = None
+        self._stop = stop
+        self._qos_given = frozenset(f"qos_overrides.{name}" for name in self.get_parameters_by_prefix("qos_overrides"))
 
-    def open_session(self) -> None:
-        """What configure does.
+    def configure(self) -> None:
+        """Read the parameters, build the model and have its kernel ready, open the outputs.
 
         Raises:
             UsageError: see `Session`.
+            KeyboardInterrupt: the process has been told to stop while it compiled.
         """
-        self.session = Session(self, self.node_parameters.read())
-        self.node_parameters.fixed = True
-
-    def compile_model(self) -> None:
-        """Have the kernel ready before the node is active, so that the first tick is as quick as the others."""
-        if self.session and self.session.pipeline.model.kernel is PLAIN:
+        try:
+            self.session = Session(self, self.node_parameters.read(), self._qos_given)
             self.get_logger().info(
                 "making the model ready; the first time on a machine it compiles for some ten seconds"
             )
-            self.session.pipeline.compile()
+            with self._stop.interrupting():
+                self.session.pipeline.compile()
+            self.node_parameters.user = self.session.retune
+        except BaseException:
+            self.finish()
+            raise
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read the parameters, build the model, open the outputs; a bad parameter leaves the node unconfigured."""
+        """See `configure`; a bad parameter leaves the node unconfigured."""
         try:
             if self.session is None:
-                self.open_session()
-            self.compile_model()
+                self.configure()
         except UsageError as error:
             self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except KeyboardInterrupt:
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the stream."""
+        result = super().on_activate(state)
         if self.session:
             self.session.start()
             topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)
             self.get_logger().info(f"active, listening to {topics}")
-        return super().on_activate(state)
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the stream; answer what still waits."""
@@ -90,7 +121,7 @@ class KneeContactNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the outputs; the parameters may change again."""
+        """Close the outputs; all parameters may change again."""
         self.finish()
         return super().on_cleanup(state)
 
@@ -99,30 +130,21 @@ class KneeContactNode(LifecycleNode):
         self.finish()
         return super().on_shutdown(state)
 
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the outputs; the node is unconfigured then and can be configured anew."""
+        self.get_logger().error("a transition has failed; the node is unconfigured")
+        self.finish()
+        return super().on_error(state)
+
     def finish(self) -> None:
         """End in whatever state the node is: answer what waits, complete the files."""
-        if self.session:
-            self.session.stop()
-            self.session.close()
-            self.session.destroy_publishers()
-            self.get_logger().info(f"{self.session.ticks.ticks} ticks, {self.session.pipeline.refused} samples refused")
-        self.session = None
-        self.node_parameters.fixed = False
-
-
-class Stop:
-    """SIGINT and SIGTERM: noted, or, while the model compiles, an interruption."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        self.interrupts = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self.asked = True
-        if self.interrupts:
-            raise KeyboardInterrupt
+        session, self.session = self.session, None
+        self.node_parameters.user = None
+        if session:
+            session.stop()
+            session.close()
+            session.destroy_endpoints()
+            self.get_logger().info(f"{session.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
 def run_node(arguments: list[str]) -> int:
@@ -141,8 +163,9 @@ def run_node(arguments: list[str]) -> int:
     stop, node = Stop(), None
     try:
         with joining():
-            node = KneeContactNode()
-        start(node, stop)
+            node = KneeContactNode(stop)
+        if node.node_parameters.read().autostart:
+            start(node)
         executor = EventsExecutor()
         executor.add_node(node)
         while not stop.asked:
@@ -155,21 +178,14 @@ def run_node(arguments: list[str]) -> int:
     return 0
 
 
-def start(node: KneeContactNode, stop: Stop) -> None:
-    """Activate the node if it starts by itself; compiling may be interrupted.
+def start(node: KneeContactNode) -> None:
+    """Configure and activate the node; it may be told to stop meanwhile.
 
     Raises:
         UsageError: see `run_node`.
     """
-    if not node.node_parameters.read().autostart:
-        return
-    node.open_session()
-    try:
-        stop.interrupts = True
-        node.compile_model()
-    except KeyboardInterrupt:
-        return
-    finally:
-        stop.interrupts = False
-    node.trigger_configure()
-    node.trigger_activate()
+    with suppress(KeyboardInterrupt):
+        node.configure()
+        node.trigger_configure()
+        if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+            raise UsageError("the node could not be activated; its log says why")

@@ -1,8 +1,8 @@
-"""The parameters as ROS 2 sees them: overrides in, declarations with descriptions out."""
+"""The parameters as ROS 2 sees them: overrides in, declarations with descriptions out, changes at run time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -12,12 +12,21 @@ from rclpy.parameter import Parameter
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, known_parameters, load_parameters
 
+LIVE = frozenset({
+    "knee.flexion_offset", "load.share", "femur.mass",
+    "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
+    "contact.restitution", "contact.least_impact_speed",
+    "fidelity.tolerance", "fidelity.budget", "deadline", "record.path",
+})  # fmt: skip
+"""Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
+other kernel, and the name of the next recording. They take effect between two ticks."""
+
 
 class NodeParameters:
     """Our parameters on a node that declares its overrides by itself.
 
-    A value can change while the node is not configured; it is checked at once. Types are checked here and not by rclpy,
-    so that `5000` is as good as `5000.0`, offline and live.
+    A change is checked at once. Types are checked here and not by rclpy, so that `5000` is as good as `5000.0`, offline
+    and live.
     """
 
     def __init__(self, node: Node) -> None:
@@ -27,8 +36,8 @@ class NodeParameters:
             UsageError: an unknown name, a wrong type or a value outside its range.
         """
         self._node = node
-        self.fixed = False
-        """Whether changes are refused"""
+        self.user: Callable[[Parameters, dict[str, Any]], None] | None = None
+        """Who is told of changes while the node is configured: all parameters, and those that have changed"""
         overrides = self._values()
         load_parameters(overrides)
         for name, (default, description) in known_parameters().items():
@@ -38,6 +47,7 @@ class NodeParameters:
             else:
                 node.declare_parameter(name, default, descriptor)
         node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._after_set)
 
     def read(self) -> Parameters:
         """The parameters as they are now."""
@@ -47,13 +57,17 @@ class NodeParameters:
         return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
 
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
-        ours = [change for change in changes if change.name in known_parameters()]
-        if ours and self.fixed:
-            return SetParametersResult(
-                successful=False, reason=f"parameter {ours[0].name} cannot change while the node is configured"
-            )
+        for change in changes:
+            if self.user and change.name in known_parameters() and change.name not in LIVE:
+                reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
+                return SetParametersResult(successful=False, reason=reason)
         try:
             load_parameters(self._values() | {change.name: change.value for change in changes})
         except UsageError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True, reason="")
+
+    def _after_set(self, changes: Sequence[Parameter]) -> None:
+        ours = {change.name: change.value for change in changes if change.name in LIVE}
+        if self.user and ours:
+            self.user(self.read(), ours)

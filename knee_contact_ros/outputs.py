@@ -9,6 +9,24 @@ from knee_contact_ros.errors import UsageError
 PARTIAL = ".partial"
 
 
+def partial_name(path: Path) -> Path:
+    """The name of an output until it is complete."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse an output whose name is taken.
+
+    Raises:
+        UsageError: the output or an unfinished one of its name exists.
+    """
+    if path.exists():
+        raise UsageError(f"{path} exists already, and recordings are not overwritten")
+    partial = partial_name(path)
+    if partial.exists():
+        raise UsageError(f"{partial} exists: a recording that was cut off, or is being written; move it away first")
+
+
 def claim(path: Path, overwrite: bool = False) -> Path:
     """Make the folder of an output and its unfinished file, and return the latter's name.
 
@@ -17,13 +35,11 @@ def claim(path: Path, overwrite: bool = False) -> Path:
     Raises:
         UsageError: the output or an unfinished one of its name exists, or the folder cannot be written.
     """
-    if path.exists() and not overwrite:
-        raise UsageError(f"{path} exists already, and recordings are not overwritten")
-    partial = path.with_name(path.name + PARTIAL)
+    partial = partial_name(path)
+    if not overwrite:
+        refuse_existing(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if partial.exists() and not overwrite:
-            raise UsageError(f"{partial} exists: a recording that was cut off, or is being written; move it away first")
         partial.touch()
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from None

@@ -183,6 +183,9 @@ class Parameters(Section):
     fidelity: FidelityParameters = FidelityParameters()
     body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
     autostart: bool = Field(True, description="configure and activate without being asked")
+    deadline: float = Field(
+        0.02, gt=0.0, le=3600.0, description="[s] from a force to its answer; later ones are counted"
+    )
     record: Record = Record()
     rerun: Rerun = Rerun()
 

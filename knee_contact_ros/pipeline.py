@@ -2,56 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
-from knee_contact_ros.build import load_model
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
-from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.answer import Answer, Ending, Input
+from knee_contact_ros.build import load_model, retuned
+from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.core.model import as_contact
+from knee_contact_ros.core.ticks import PLACING
+from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.stream_in.decode import Decoder, Deserialize
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
-from knee_contact_ros.synchronise import PairedSample, Synchroniser
+from knee_contact_ros.synchronise import TIME_RESET, PairedSample, Synchroniser
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
-
-Input = tuple[str, int, JointState | WrenchStamped]
-"""Topic, stamp [ns] and content of an input message"""
-
-
-class Answer(NamedTuple):
-    """One tick, with the messages that led to it."""
-
-    stamp: int
-    """[ns]"""
-    frame_id: str
-    """The tibia frame"""
-    contact: Contact
-    femoral_x: float
-    """[m] of the femoral reference point along the tibia's x axis"""
-    normal: tuple[float, float]
-    """Of the tibial surface at the contact point, from tibia to femur (x, y)"""
-    inputs: tuple[Input, ...]
-    """The angles up to this stamp, then the load"""
-    message: bytes
-    """The answer as a `KneeContact`, as it is published and recorded"""
-    wrench: bytes
-    """The contact force on the tibia as a `WrenchStamped`, likewise"""
-
-
-class Ending(NamedTuple):
-    """What is left to say when a stream ends."""
-
-    inputs: tuple[Input, ...]
-    """Those that belong to no answer"""
-    refused: dict[str, int]
-    """Refused samples by reason"""
 
 
 class Pipeline:
     """Samples, pairing and model in one line."""
 
-    def __init__(self, parameters: Parameters, deserialize: Deserialize, *, compiled: bool) -> None:
+    def __init__(self, parameters: Parameters, deserialize: Deserialize = deserialize, *, compiled: bool) -> None:
         """Build the model; see `load_model` for `compiled` and `Decoder` for `deserialize`."""
         self.parameters = parameters
         self.model = load_model(parameters, compiled=compiled)
@@ -75,56 +44,79 @@ class Pipeline:
 
     def joint_state(self, data: bytes) -> Iterator[Answer]:
         """Take the bytes of a JointState; give the answers that it makes possible."""
-        try:
-            sample = angle_sample(self.decoder.joint_state(data), self.parameters.knee, self.model.height_prescribed)
-        except RefusedSampleError as refused:
-            return self._refuse(refused)
-        return self._answers(self.synchroniser.push_angle(sample))
+        return self._answers(self.take_joint_state(data))
 
     def joint_reaction_force(self, data: bytes) -> Iterator[Answer]:
         """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible."""
-        try:
-            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load)
-        except RefusedSampleError as refused:
-            return self._refuse(refused)
-        return self._answers(self.synchroniser.push_load(sample))
+        return self._answers(self.take_joint_reaction_force(data))
 
     def give_up(self) -> Iterator[Answer]:
         """Answer the loads that wait for an angle with the last angle."""
         return self._answers(self.synchroniser.give_up())
+
+    def take_joint_state(self, data: bytes) -> list[PairedSample]:
+        """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
+        try:
+            sample = angle_sample(self.decoder.joint_state(data), self.parameters.knee, self.model.height_prescribed)
+        except RefusedSampleError as refused:
+            return self._refuse(refused)
+        return self.synchroniser.push_angle(sample)
+
+    def take_joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
+        """The same with those of a WrenchStamped; `arrived` [s] by the caller's clock is handed on to the answer."""
+        try:
+            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load, arrived)
+        except RefusedSampleError as refused:
+            return self._refuse(refused)
+        return self.synchroniser.push_load(sample)
+
+    def compute(self, pair: PairedSample) -> tuple[bytes, list[float]]:
+        """Compute a tick: the answer as the bytes of a `KneeContact`, and its numbers as in `Stream.answer`."""
+        if pair.status & TIME_RESET:
+            self.stream = self.model.stream()
+        load = pair.load
+        self.stream.advance(load.stamp, pair.angle, load.load, pair.height)
+        self.ticks += 1
+        numbers = self.stream.answer.tolist()
+        return encode_numbers(load.stamp, load.frame_id, numbers, pair.status), numbers
+
+    def answer(self, pair: PairedSample, message: bytes, numbers: Sequence[float]) -> Answer:
+        """All that a computed tick leaves behind."""
+        load = pair.load
+        contact = as_contact(numbers, pair.status)
+        femoral_x, *normal = numbers[PLACING]
+        inputs: list[Input] = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
+        inputs.append((JOINT_REACTION_FORCE, load.stamp, load.message))
+        return Answer(
+            stamp=load.stamp,
+            frame_id=load.frame_id,
+            contact=contact,
+            femoral_x=femoral_x,
+            normal=(normal[0], normal[1]),
+            inputs=tuple(inputs),
+            message=message,
+            wrench=encode_contact_wrench(load.stamp, load.frame_id, contact, (normal[0], normal[1])),
+        )
+
+    def retune(self, parameters: Parameters) -> None:
+        """Go on with other numbers, between two ticks; see `retuned` for those that count."""
+        self.parameters = parameters
+        self.model = retuned(self.model, parameters)
+        self.stream.go_on_with(self.model)
+
+    def reset(self) -> None:
+        """Start anew from rest at the next tick, which says so (`TIME_RESET`)."""
+        self.synchroniser.start_anew()
 
     def ending(self) -> Ending:
         """What a recording must hold beside the answers."""
         inputs = tuple((JOINT_STATES, sample.stamp, sample.message) for sample in self.synchroniser.rest())
         return Ending(inputs, dict(self.synchroniser.refused))
 
-    def _refuse(self, refused: RefusedSampleError) -> Iterator[Answer]:
+    def _refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
         self.synchroniser.refuse(refused.reason)
         self.last_refusal = str(refused)
-        return iter(())
+        return []
 
-    def _answers(self, pairs: list[PairedSample]) -> Iterator[Answer]:
-        return (self._answer(pair) for pair in pairs)
-
-    def _answer(self, pair: PairedSample) -> Answer:
-        if pair.status & Status.TIME_RESET:
-            self.stream = self.model.stream()
-        stamp, frame_id = pair.load.stamp, pair.load.frame_id
-        contact = self.stream.tick_ns(stamp, pair.angle, pair.load.load, pair.height)
-        if pair.status:
-            contact = contact._replace(status=contact.status | pair.status)
-        self.ticks += 1
-        femoral_x, normal_x, normal_y = self.stream.placing
-        normal = normal_x, normal_y
-        inputs: list[Input] = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
-        inputs.append((JOINT_REACTION_FORCE, pair.load.stamp, pair.load.message))
-        return Answer(
-            stamp=stamp,
-            frame_id=frame_id,
-            contact=contact,
-            femoral_x=femoral_x,
-            normal=normal,
-            inputs=tuple(inputs),
-            message=encode_contact(stamp, frame_id, contact),
-            wrench=encode_contact_wrench(stamp, frame_id, contact, normal),
-        )
+    def _answers(self, pairs: Sequence[PairedSample]) -> Iterator[Answer]:
+        return (self.answer(pair, *self.compute(pair)) for pair in pairs)

@@ -5,17 +5,18 @@ That order depends on stamps only, so a live recording and an offline one hold t
 
 from __future__ import annotations
 
-import queue
-import threading
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
-from knee_contact_ros.cdr_in import JointState
+from knee_contact_ros.answer import Answer, Ending, Input
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.pipeline import Answer, Ending, Input
 from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter
-from knee_contact_ros.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
+INTERRUPTED = "interrupted"
+"""Name of the metadata record of a recording that the node could not end"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 
 
@@ -31,9 +32,13 @@ class AnswerWriter:
 
     def write(self, answer: Answer) -> None:
         """Write an answer's inputs and outputs."""
-        self.write_inputs(answer.inputs)
-        self.bag.write(self._names[KNEE_CONTACT], answer.stamp, answer.message)
-        self.bag.write(self._names[KNEE_CONTACT_WRENCH], answer.stamp, answer.wrench)
+        self.write_tick(answer.stamp, answer.inputs, answer.message, answer.wrench)
+
+    def write_tick(self, stamp: int, inputs: Iterable[Input], message: bytes, wrench: bytes) -> None:
+        """The same from what is written of it."""
+        self.write_inputs(inputs)
+        self.bag.write(self._names[KNEE_CONTACT], stamp, message)
+        self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
 
     def finish(self, ending: Ending) -> None:
         """Write the inputs without an answer, and how many samples were refused and why."""
@@ -48,56 +53,51 @@ class AnswerWriter:
             self.bag.write(self._names[topic], stamp, encoded)
 
 
-class RecorderThread:
-    """Writes answers in a thread of its own, so that encoding, compression and the disk never hold up a tick."""
+class Recorder:
+    """A recording as a sink's process writes it (`apart_child.Output`)."""
 
-    def __init__(self, writer: AnswerWriter, flush_period: float, on_failure: Callable[[str], None]) -> None:
-        """`flush_period` [s] is what a crash may lose; `on_failure` is told once if the disk refuses."""
-        self.failure = ""
+    def __init__(self, writer: AnswerWriter, flush_period: float) -> None:
+        """`flush_period` [s] is what a crash may lose."""
+        self.period = flush_period
         self._writer = writer
-        self._period = flush_period
-        self._on_failure = on_failure
-        self._queue: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
-        self._ending = Ending((), {})
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
-        self._thread.start()
 
-    def diagnostics(self) -> dict[str, str]:
-        """How many answers wait to be written."""
-        return {"backlog": str(self._queue.qsize())}
+    def write(self, row: tuple[Any, ...]) -> None:
+        """Write what `sinks.recorded_row` gives."""
+        stamp, inputs, message, wrench = row
+        self._writer.write_tick(stamp, map(input_of, inputs), message, wrench)
 
-    def put(self, answer: Answer) -> None:
-        """Hand over an answer; after a failure it goes nowhere."""
-        if not self.failure:
-            self._queue.put(answer)
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record behind the answers so far."""
+        self.flush()  # messages go by chunks, and metadata at once
+        self._writer.bag.add_metadata(name, values)
 
-    def close(self, ending: Ending) -> None:
-        """Write what waits and the ending, and complete the file."""
-        self._ending = ending
-        self._queue.put(None)
-        self._thread.join()
+    def flush(self) -> None:
+        """Hand all that was written to the operating system."""
+        self._writer.bag.flush()
 
-    def _run(self) -> None:
-        try:
-            self._write_all()
-            self._writer.finish(self._ending)
-            self._writer.bag.close()
-        except Exception as error:  # whatever it is, the node must compute on
-            reason = error.strerror if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
-            self.failure = f"recording {self._writer.bag.partial} stopped: {reason}"
-            self._on_failure(self.failure)
+    def finish(self, ending: Ending | None) -> None:
+        """Complete the file; without an ending it says so."""
+        if ending is None:
+            self._writer.bag.add_metadata(INTERRUPTED, {"reason": "the node was gone before it closed the recording"})
+        else:
+            self._writer.finish(ending)
+        self._writer.bag.close()
 
-    def _write_all(self) -> None:
-        flushed = time.monotonic()
-        while True:
-            try:
-                answer = self._queue.get(timeout=self._period)
-            except queue.Empty:
-                pass
-            else:
-                if answer is None:
-                    return
-                self._writer.write(answer)
-            if time.monotonic() - flushed >= self._period:
-                self._writer.bag.flush()
-                flushed = time.monotonic()
+    def discard(self) -> None:
+        """Leave no file behind."""
+        self._writer.bag.discard()
+
+
+def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
+    """An input whose message came as a plain tuple."""
+    topic, stamp, fields = row
+    return topic, stamp, JointState(*fields) if topic == JOINT_STATES else WrenchStamped(*fields)
+
+
+def open_output(path: Path, names: Mapping[str, str], flush_period: float) -> Recorder:
+    """Open a recording for a sink's process.
+
+    Raises:
+        UsageError: see `claim`.
+    """
+    return Recorder(AnswerWriter(BagWriter(path), names), flush_period)

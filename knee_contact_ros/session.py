@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack
-from pathlib import Path
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -16,21 +15,24 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
-from knee_contact_ros.diagnostics import InputMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.answer import Ending
+from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.input_stream import InputStream
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import NODE_NAME, Parameters
-from knee_contact_ros.pipeline import Answer, Ending, Pipeline
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.record_answers import AnswerWriter, RecorderThread
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
-INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 DIAGNOSTICS_PERIOD = 1.0
 REFUSAL_LOG_PERIOD = 5.0
 SILENCE = 5.0
-"""How long [s] an input may be silent after the start before the log says so."""
+"""How long [s] an input may be silent before the log says so"""
 SILENCE_LOG_PERIOD = 30.0
 
 
@@ -42,26 +44,11 @@ def deserialize(data: bytes, topic: str) -> Any:
     return deserialize_message(data, ROS_TYPES[topic])
 
 
-class Sink(Protocol):
-    """A thread that takes answers off the tick path: recorder or viewer."""
-
-    failure: str
-
-    def put(self, answer: Answer) -> None:
-        """Hand over an answer; never waits."""
-
-    def diagnostics(self) -> dict[str, str]:
-        """What `/diagnostics` shall say."""
-
-    def close(self, ending: Ending) -> None:
-        """Finish the file."""
-
-
 class Session:
     """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters) -> None:
-        """Build the model and open the outputs.
+    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
+        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
 
         Raises:
             UsageError: a profile cannot be used or an output file cannot be written.
@@ -69,128 +56,176 @@ class Session:
         self.node = node
         self.parameters = parameters
         self.pipeline = Pipeline(parameters, deserialize, compiled=False)
-        self.inputs = {topic: InputMeter() for topic in INPUTS}
+        self.inputs = {
+            stream.topic: stream
+            for stream in (
+                InputStream(node, JointState, JOINT_STATES, self._on_joint_state, qos_given),
+                InputStream(node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given),
+            )
+        }
         self.ticks = TickMeter()
-        self.sinks = self._open_sinks()
-        self._contact = node.create_lifecycle_publisher(KneeContact, KNEE_CONTACT, OUTPUT_QOS)
-        self._wrench = node.create_lifecycle_publisher(WrenchStamped, KNEE_CONTACT_WRENCH, OUTPUT_QOS)
-        self._diagnostics = node.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", OUTPUT_QOS)
-        self._subscriptions: list[Any] = []
+        self.lag = LagMeter(0.0)
+        self._missed_before = 0
+        topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+        names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        self.outputs = Outputs(parameters, self.pipeline.model, names, node.get_logger().error)
+        by_user = QoSOverridingOptions.with_default_policies()
+        self._contact, self._wrench, self._diagnostics = (
+            node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
+            for message_type, topic in (
+                (KneeContact, KNEE_CONTACT), (WrenchStamped, KNEE_CONTACT_WRENCH), (DiagnosticArray, "/diagnostics"),
+            )
+        )  # fmt: skip
+        self._services = [
+            self._service("reset", self._reset),
+            self._service("start_recording", self._start_recording),
+            self._service("stop_recording", self._stop_recording),
+        ]
         self._timers: list[Any] = []
         self._waiting_since: float | None = None
-        self._started = 0.0
 
     def start(self) -> None:
         """Listen."""
-        self._started = time.monotonic()
-        node, qos = self.node, QoSOverridingOptions.with_default_policies()
-        for message_type, topic, callback in (
-            (JointState, JOINT_STATES, self._on_joint_state),
-            (WrenchStamped, JOINT_REACTION_FORCE, self._on_force),
-        ):
-            subscription = node.create_subscription(
-                message_type, topic, callback, INPUT_QOS, qos_overriding_options=qos, raw=True
-            )
-            self._subscriptions.append(subscription)
+        for stream in self.inputs.values():
+            stream.open()
+        self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # both must run on when simulated time stands still
         self._timers = [
-            node.create_timer(max(0.25 * self.parameters.pairing.wait, 0.01), self._on_wait_timer, clock=steady),
-            node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
+            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=steady),
+            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
         ]
+        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
 
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
-        if self._subscriptions:
-            self._publish(self.pipeline.give_up())
-        for subscription in self._subscriptions:
-            self.node.destroy_subscription(subscription)
+        if self._timers:
+            self._answer(self.pipeline.synchroniser.give_up())
+            gc.enable()
+            gc.unfreeze()
+        for stream in self.inputs.values():
+            stream.close()
         for timer in self._timers:
             self.node.destroy_timer(timer)
-        self._subscriptions, self._timers = [], []
+        self._timers = []
+
+    def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
+        """Go on with parameters of which some have changed."""
+        self.parameters = parameters
+        self.pipeline.retune(parameters)
+        self.outputs.note("parameters_changed", {name: str(value) for name, value in changes.items()})
 
     def close(self) -> None:
         """Complete the files."""
-        ending = self.pipeline.ending()
-        for sink in self.sinks.values():
-            sink.close(ending)
-        self.sinks = {}
+        self.outputs.close(self.pipeline.ending())
 
-    def destroy_publishers(self) -> None:
-        """Offer the topics no more."""
+    def destroy_endpoints(self) -> None:
+        """Offer topics and services no more."""
+        for service in self._services:
+            self.node.destroy_service(service)
         for publisher in (self._contact, self._wrench, self._diagnostics):
             self.node.destroy_publisher(publisher)
 
-    def _open_sinks(self) -> dict[str, Sink]:
-        """Open all output files, then start their threads; if one cannot be opened, none is left behind."""
-        parameters, log_error = self.parameters, self.node.get_logger().error
-        sinks: dict[str, Sink] = {}
-        with ExitStack() as undo:
-            if parameters.record.path:
-                bag = BagWriter(Path(parameters.record.path))
-                undo.callback(bag.discard)
-            if parameters.rerun.mode == "file":
-                from knee_contact_ros.visualise import RerunFile, RerunThread  # 1 s that only Rerun's users pay
-
-                scene = RerunFile(Path(parameters.rerun.path), self.pipeline.model, parameters.body_weight)
-                sinks["viewer"] = RerunThread(scene, log_error)
-            undo.pop_all()
-        if parameters.record.path:
-            topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
-            names = {topic: self.node.resolve_topic_name(topic) for topic in topics}
-            writer = AnswerWriter(bag, names)
-            sinks["recorder"] = RecorderThread(writer, parameters.record.flush_period, log_error)
-        return sinks
-
     def _on_joint_state(self, data: bytes) -> None:
-        self.inputs[JOINT_STATES].count()
-        self._publish(self.pipeline.joint_state(data))
+        self._answer(self.pipeline.take_joint_state(data))
 
     def _on_force(self, data: bytes) -> None:
-        self.inputs[JOINT_REACTION_FORCE].count()
-        self._publish(self.pipeline.joint_reaction_force(data))
+        self._answer(self.pipeline.take_joint_reaction_force(data, time.perf_counter()))
+
+    def _service(self, name: str, act: Callable[[], str]) -> Any:
+        """A service that does something and says what, or why not."""
+
+        def answer(_request: Any, response: Any) -> Any:
+            try:
+                response.success, response.message = True, act()
+            except UsageError as error:
+                response.success, response.message = False, str(error)
+            return response
+
+        return self.node.create_service(Trigger, f"~/{name}", answer)
+
+    def _reset(self) -> str:
+        self.pipeline.reset()
+        self.outputs.note("reset", {"tick": str(self.ticks.ticks)})
+        return "the next tick starts from rest"
+
+    def _start_recording(self) -> str:
+        self.outputs.start_recording(self.parameters.record.path)
+        return f"recording to {self.parameters.record.path}"
+
+    def _stop_recording(self) -> str:
+        path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
+        return f"{path} will be complete in a moment"
 
     def _on_wait_timer(self) -> None:
-        """Answer loads whose angle is late."""
+        """Answer loads whose angle is late; listen to publishers that could not be heard."""
+        self.lag.count()
         since = self._waiting_since
         if since is not None and time.monotonic() - since >= self.parameters.pairing.wait:
-            self._publish(self.pipeline.give_up())
+            self._answer(self.pipeline.synchroniser.give_up())
+        for stream in self.inputs.values():
+            stream.adapt()
 
-    def _publish(self, answers: Iterator[Answer]) -> None:
-        """Compute and publish answers, then hand them to the sinks."""
-        begin = time.perf_counter()
-        for answer in answers:
-            self._contact.publish(answer.message)
+    def _answer(self, pairs: Sequence[PairedSample]) -> None:
+        """Compute and publish one after the other; what is not needed for that comes after the publishing."""
+        clock, pipeline = time.perf_counter, self.pipeline
+        for pair in pairs:
+            begin = clock()
+            message, numbers = pipeline.compute(pair)
+            self._contact.publish(message)
+            end = clock()
+            answer = pipeline.answer(pair, message, numbers)
             self._wrench.publish(answer.wrench)
-            for sink in self.sinks.values():
-                sink.put(answer)
-            end = time.perf_counter()
-            self.ticks.count(answer.contact, end - begin)
-            begin = end
-        if not self.pipeline.synchroniser.waiting:
+            self.outputs.put(answer)
+            late = end - pair.load.arrived + self.lag.now > self.parameters.deadline
+            self.ticks.count(answer.contact, end - begin, late)
+        if not pipeline.synchroniser.waiting:
             self._waiting_since = None
         elif self._waiting_since is None:
             self._waiting_since = time.monotonic()
-        if self.pipeline.last_refusal:
-            text = f"sample refused: {self.pipeline.last_refusal}"
+        if pipeline.last_refusal:
+            text = f"sample refused: {pipeline.last_refusal}"
             self.node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD)
-            self.pipeline.last_refusal = ""
+            pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
+        """Report, and free what reference counting does not."""
+        entries = [self._input_status(stream) for stream in self.inputs.values()]
         refused = self.pipeline.synchroniser.refused
-        entries = []
-        for topic, meter in self.inputs.items():
-            problem = "" if meter.received else "nothing received yet"
-            entries.append(diagnostic_status(f"{NODE_NAME}: {topic}", meter.values(DIAGNOSTICS_PERIOD), problem))
-        silent = [self.node.resolve_topic_name(topic) for topic, meter in self.inputs.items() if not meter.received]
-        if silent and time.monotonic() - self._started > SILENCE:
-            text = f"nothing received yet on {' and '.join(silent)}"
-            self.node.get_logger().warning(text, throttle_duration_sec=SILENCE_LOG_PERIOD)
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
-        problem = "samples were refused" if refused else ""
-        entries.append(diagnostic_status(f"{NODE_NAME}: refused samples", counts, problem))
-        entries.append(diagnostic_status(f"{NODE_NAME}: ticks", self.ticks.values()))
         entries += [
-            diagnostic_status(f"{NODE_NAME}: {name}", sink.diagnostics(), sink.failure)
-            for name, sink in self.sinks.items()
+            diagnostic_status(f"{NODE_NAME}: refused samples", counts, "samples were refused" if refused else ""),
+            self._tick_status(),
+        ]
+        entries += [
+            diagnostic_status(f"{NODE_NAME}: {name}", values, failure) for name, values, failure in self.outputs.said()
         ]
         self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
+        gc.collect(0)
+
+    def _input_status(self, stream: InputStream) -> Any:
+        """What there is to say of an input; silence is logged too."""
+        meter, name = stream.meter, self.node.resolve_topic_name(stream.topic)
+        problem = "" if meter.received else "nothing received yet"
+        if meter.received and meter.age > self.parameters.pairing.max_gap:
+            problem = f"silent for {meter.age:.1f} s"
+        if time.monotonic() - meter.last > SILENCE:
+            self.node.get_logger().warning(f"{name}: {problem}", throttle_duration_sec=SILENCE_LOG_PERIOD)
+        reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
+        return diagnostic_status(f"{NODE_NAME}: {stream.topic}", meter.values() | reliability, problem)
+
+    def _tick_status(self) -> Any:
+        """What there is to say of the ticks; a node that falls behind is logged too."""
+        missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
+        self._missed_before = self.ticks.missed
+        problem = f"{missed} answers came later than the deadline" if missed else ""
+        if lag > self.parameters.deadline:
+            problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
+            self.node.get_logger().warning(problem, throttle_duration_sec=REFUSAL_LOG_PERIOD)
+        values = self.ticks.values() | {
+            "lag max [ms]": f"{1e3 * lag:.1f}",
+            "decoded by ROS": str(self.pipeline.decoder.ordinary),
+        }
+        return diagnostic_status(f"{NODE_NAME}: ticks", values, problem)

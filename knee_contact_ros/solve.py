@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record import BagWriter
@@ -33,7 +32,7 @@ def solve(
     """
     with ExitStack() as opened:
         reader = opened.enter_context(BagReader(bag))
-        pipeline = Pipeline(parameters, deserialize, compiled=reader.count >= WORTH_COMPILING)
+        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer)
         summary = Summary(parameters.body_weight)

@@ -13,6 +13,9 @@ from knee_contact_ros.parameters import Pairing
 from knee_contact_ros.stream_in.samples import AngleSample, LoadSample
 
 SECOND = 1_000_000_000
+# Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
+OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Status.TIME_RESET)
+INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
 
 
 class PairedSample(NamedTuple):
@@ -23,7 +26,8 @@ class PairedSample(NamedTuple):
     """Flexion angle [rad] at the load's stamp"""
     height: float | None
     """Femoral height [m] there, with the displacement drive"""
-    status: Status
+    status: int
+    """Bits of `Status`"""
     angles: tuple[AngleSample, ...]
     """Angle samples up to this stamp that no earlier pair has taken along"""
 
@@ -46,7 +50,7 @@ class Synchroniser:
         self._last_angle: int | None = None
         self._last_load: int | None = None
         self._last_pair: int | None = None
-        self._flags = Status.OK
+        self._flags = OK
 
     @property
     def waiting(self) -> int:
@@ -56,7 +60,12 @@ class Synchroniser:
     def refuse(self, reason: str) -> None:
         """Count a sample that cannot be used; the next tick says so."""
         self.refused[reason] += 1
-        self._flags |= Status.INPUT_REJECTED
+        self._flags |= INPUT_REJECTED
+
+    def start_anew(self) -> None:
+        """Have the next tick start from rest, as after a jump back in time."""
+        self._last_pair = None
+        self._flags |= TIME_RESET
 
     def push_angle(self, sample: AngleSample) -> list[PairedSample]:
         """Take an angle; return the pairs that can be made now."""
@@ -72,7 +81,7 @@ class Synchroniser:
             self._angles_adopted = False
         self._last_angle = sample.stamp
         self._epochs[self._angle_epoch].add_angle(sample)
-        return self._pairs()
+        return self._pairs() if self.waiting else []
 
     def push_load(self, sample: LoadSample) -> list[PairedSample]:
         """Take a load; return the pairs that can be made now."""
@@ -84,8 +93,7 @@ class Synchroniser:
             pairs = self.give_up()
             del self._epochs[self._load_epoch]
             self._load_epoch += 1
-            self._last_pair = None
-            self._flags |= Status.TIME_RESET
+            self.start_anew()
         self._last_load = sample.stamp
         self._epochs[self._load_epoch].loads.append(sample)
         return pairs + self._pairs()
@@ -109,11 +117,11 @@ class Synchroniser:
                 self.refuse("no_angle_before")
                 continue
             if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
-                status |= Status.STALE_INPUT
+                status |= STALE_INPUT
             self._last_pair = load.stamp
             taken = tuple(epoch.take_fresh(load.stamp))
             pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken))
-            self._flags = Status.OK
+            self._flags = OK
         return pairs
 
 
@@ -138,7 +146,7 @@ class _Epoch:
             taken.append(self.fresh.popleft())
         return taken
 
-    def next_pair(self, hold: bool) -> tuple[LoadSample, AngleSample | None, Status] | None:
+    def next_pair(self, hold: bool) -> tuple[LoadSample, AngleSample | None, int] | None:
         """The oldest load with the angle at its stamp; the angle is None if the load lies before all angles.
 
         None while the load must wait; with `hold`, and when no more angles will come, it gets the last one instead.
@@ -148,23 +156,23 @@ class _Epoch:
         found = self._angle_at(self.loads[0].stamp, hold or self.angles_ended)
         return None if found is None else (self.loads.popleft(), *found)
 
-    def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, Status] | None:
+    def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
         """The angle at a stamp that no later call goes behind; None while it is not known."""
         while len(self.angles) > 1 and self.angles[1].stamp <= stamp:
             self.angles.popleft()
         if not self.angles:
-            return (None, Status.OK) if hold else None
+            return (None, OK) if hold else None
         before, after = self.angles[0], self.angles[1] if len(self.angles) > 1 else None
         if before.stamp > stamp:
-            return None, Status.OK
+            return None, OK
         if before.stamp == stamp:
-            return before, Status.OK
+            return before, OK
         if after is not None:
             return _between(before, after, stamp), self._stale(after.stamp - before.stamp)
-        return (before, Status.INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
+        return (before, INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
 
-    def _stale(self, gap: int) -> Status:
-        return Status.STALE_INPUT if gap > self.max_gap else Status.OK
+    def _stale(self, gap: int) -> int:
+        return STALE_INPUT if gap > self.max_gap else OK
 
 
 def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:

@@ -20,15 +20,19 @@ WIDTH = 78
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on the terminal, nothing in a pipe; yields a function of (done, total)."""
+def progress(what: str, *, still: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """A bar on the terminal, nothing in a pipe; yields a function of (done, total).
+
+    A `still` bar moves only in that function, so that no thread disturbs what is measured.
+    """
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    disable = not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
         task = bar.add_task(what, total=None)
 
         def advance(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
+            bar.update(task, completed=done, total=total, refresh=still)
 
         yield advance
 

@@ -1,4 +1,4 @@
-"""Show answers in Rerun: the sagittal view and the curves, written in batches from a thread of its own.
+"""Show answers in Rerun: the sagittal view and the curves, written in batches.
 
 In the sagittal view lengths are mm and y points up on the screen (Rerun's 2-D y points down, so y is negated here).
 """
@@ -6,20 +6,18 @@ In the sagittal view lengths are mm and y points up on the screen (Rerun's 2-D y
 from __future__ import annotations
 
 import math
-import queue
-import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.answer import Ending
+from knee_contact_ros.drawing import Drawing, Shown
 from knee_contact_ros.outputs import claim
-from knee_contact_ros.pipeline import Answer, Ending
 
 APPLICATION = "knee_contact_ros"
 TIMELINE = "stamp"
@@ -28,10 +26,6 @@ BATCH = 100
 """Answers per message to Rerun: one costs as much as a hundred."""
 BATCH_PERIOD = 0.25
 """How long [s] a batch waits to be full."""
-QUEUE = 20_000
-"""Answers that may wait; more are dropped and counted."""
-PLATEAU_REACH = 0.04
-"""How far [m] the tibial surface is drawn to both sides."""
 NEWTONS_PER_MM = 50.0
 """Scale of the force arrow."""
 BONE, CARTILAGE, FORCE, LOAD, POINT = (
@@ -53,122 +47,64 @@ SERIES = {
 """Curves: name in the legend, colour and width."""
 
 
-class RerunThread:
-    """Writes answers to an `.rrd` file without ever holding up the caller."""
-
-    def __init__(self, scene: RerunFile, on_failure: Callable[[str], None]) -> None:
-        """Take over `scene`; `on_failure` is told once if it cannot be written."""
-        self.dropped = 0
-        self.failure = ""
-        self._on_failure = on_failure
-        self._scene = scene
-        self._queue: queue.Queue[Answer | None] = queue.Queue(QUEUE)
-        self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
-        self._thread.start()
-
-    def diagnostics(self) -> dict[str, str]:
-        """How many answers wait to be shown, and how many were dropped."""
-        return {"backlog": str(self._queue.qsize()), "dropped": str(self.dropped)}
-
-    def put(self, answer: Answer) -> None:
-        """Hand over an answer; drop it if too many wait or the file has failed."""
-        if self.failure:
-            return
-        try:
-            self._queue.put_nowait(answer)
-        except queue.Full:
-            self.dropped += 1
-
-    def close(self, ending: Ending) -> None:  # noqa: ARG002  (inputs alone are not shown)
-        """Show what waits and complete the file."""
-        if not self.failure:
-            self._queue.put(None)
-        self._thread.join()
-
-    def _run(self) -> None:
-        ended = False
-        try:
-            while not ended:
-                batch, ended = self._next_batch()
-                if batch:
-                    self._scene.show(batch)
-            self._scene.close()
-        except Exception as error:  # a viewer's failure must not become the knee's
-            self.failure = f"Rerun recording {self._scene.path} stopped: {error}"
-            self._on_failure(self.failure)
-            while not self._queue.empty():  # so that nobody waits for room in it
-                self._queue.get()
-
-    def _next_batch(self) -> tuple[list[Answer], bool]:
-        """Answers until the batch is full or has waited long enough, and whether the stream has ended."""
-        batch: list[Answer] = []
-        deadline = time.monotonic() + BATCH_PERIOD
-        while len(batch) < BATCH:
-            try:
-                answer = self._queue.get(timeout=max(deadline - time.monotonic(), 0.0))
-            except queue.Empty:
-                break
-            if answer is None:
-                return batch, True
-            batch.append(answer)
-        return batch, False
-
-
 class RerunFile:
     """An `.rrd` recording with its blueprint; it appears under its final name when it is complete."""
 
-    def __init__(self, path: Path, model: KneeModel, body_weight: float) -> None:
-        """Open the file and write what does not change; forces are shown in units of `body_weight` [N].
+    def __init__(self, path: Path, drawing: Drawing) -> None:
+        """Open the file and write what does not change.
 
         Raises:
             UsageError: see `claim`.
         """
         self.path = path
         self._partial = claim(path)
-        self._body_weight = body_weight
-        self._layer = model.cartilage_thickness
+        self._body_weight = drawing.body_weight
+        self._layer = drawing.second_layer
         self._recording = rr.RecordingStream(APPLICATION)
-        outline, extent = femoral_outline(model)
+        extent = float(np.hypot(*drawing.femur.T).max()) * MM
         self._recording.save(self._partial, default_blueprint=blueprint(extent))
-        self._write_static(outline, tibial_outline(model))
+        self._write_static(drawing.femur, drawing.tibia)
 
-    def show(self, answers: Sequence[Answer]) -> None:
-        """Write a batch of answers."""
-        contacts = [answer.contact for answer in answers]
-        stamps = np.array([answer.stamp for answer in answers], dtype="timedelta64[ns]")
+    def show(self, ticks: Sequence[Shown]) -> None:
+        """Write a batch."""
+        stamps = np.array([tick.stamp for tick in ticks], dtype="timedelta64[ns]")
         index = [rr.TimeColumn(TIMELINE, duration=stamps)]
 
         def send(path: str, columns: rr.ComponentColumnList) -> None:
             self._recording.send_columns(path, indexes=index, columns=columns)
 
-        angle = np.array([contact.flexion_angle for contact in contacts])
-        force = np.array([contact.contact_force for contact in contacts])
-        height = np.array([contact.femoral_height for contact in contacts])
-        point = np.array([[contact.contact_point.x, contact.contact_point.y] for contact in contacts])
+        angle = np.array([tick.flexion_angle for tick in ticks])
+        force = np.array([tick.contact_force for tick in ticks])
+        height = np.array([tick.femoral_height for tick in ticks])
+        point = np.array([[tick.point_x, tick.point_y] for tick in ticks])
         curves = {
             "flexion/angle": np.degrees(angle),
-            "force/load": np.array([contact.load for contact in contacts]) / self._body_weight,
+            "force/load": np.array([tick.load for tick in ticks]) / self._body_weight,
             "force/contact": force / self._body_weight,
-            "depth/penetration": np.array([contact.penetration_depth for contact in contacts]) * MM,
-            "depth/gap": np.array([contact.gap for contact in contacts]) * MM,
+            "depth/penetration": np.array([tick.penetration_depth for tick in ticks]) * MM,
+            "depth/gap": np.array([tick.gap for tick in ticks]) * MM,
             "contact_point/anterior": point[:, 0] * MM,
         }
         if math.isfinite(self._layer):
-            curves["depth/second_layer"] = np.full(len(answers), self._layer * MM)
+            curves["depth/second_layer"] = np.full(len(ticks), self._layer * MM)
         for path, values in curves.items():
             send(f"curves/{path}", rr.Scalars.columns(scalars=values))
 
-        zero = np.zeros(len(answers))
+        zero = np.zeros(len(ticks))
         half = -0.5 * angle  # the screen's y points down, so a turn changes its sign
         turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-        femoral_x = np.array([answer.femoral_x for answer in answers])
+        femoral_x = np.array([tick.femoral_x for tick in ticks])
         place = np.stack([femoral_x * MM, -height * MM, zero], axis=1)
         send("sagittal/femur", rr.Transform3D.columns(translation=place, quaternion=turn))
         on_screen = point * [MM, -MM]
-        normal = np.array([answer.normal for answer in answers]) * [1.0, -1.0]
+        normal = np.array([[tick.normal_x, tick.normal_y] for tick in ticks]) * [1.0, -1.0]
         send("sagittal/contact_point", rr.Points2D.columns(positions=on_screen))
         arrows = force[:, None] / NEWTONS_PER_MM * normal
         send("sagittal/contact_force_on_femur", rr.Arrows2D.columns(origins=on_screen, vectors=arrows))
+
+    def flush(self) -> None:
+        """Hand all that was shown to the operating system; only this tells that a disk is full."""
+        self._recording.flush()
 
     def close(self) -> None:
         """Complete the file and give it its name."""
@@ -196,15 +132,51 @@ class RerunFile:
         log("sagittal/contact_force_on_femur", rr.Arrows2D.from_fields(colors=[FORCE], radii=[0.4]))
 
 
-def femoral_outline(model: KneeModel) -> tuple[NDArray[np.float64], float]:
-    """Points of the femoral surface, shape (n, 2) [m] in the femur frame, and its reach [mm]."""
-    outline = model.pair.femur.outline()
-    return outline, float(np.hypot(*outline.T).max()) * MM
+class Viewer:
+    """A Rerun file as a sink's process writes it (`apart_child.Output`)."""
+
+    period = BATCH_PERIOD
+
+    def __init__(self, scene: RerunFile) -> None:
+        self._scene = scene
+        self._batch: list[Shown] = []
+
+    def write(self, row: tuple[Any, ...]) -> None:
+        """Show what `shown_row` gives."""
+        self._batch.append(Shown(*row))
+        if len(self._batch) == BATCH:
+            self._show()
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Notes are not shown."""
+
+    def flush(self) -> None:
+        """Show what waits."""
+        if self._batch:
+            self._show()
+        self._scene.flush()
+
+    def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
+        """Show what waits and complete the file."""
+        self.flush()
+        self._scene.close()
+
+    def discard(self) -> None:
+        """Leave no file behind."""
+        self._scene.discard()
+
+    def _show(self) -> None:
+        self._scene.show(self._batch)
+        self._batch = []
 
 
-def tibial_outline(model: KneeModel) -> NDArray[np.float64]:
-    """Points of the tibial surface under the femur, shape (n, 2) [m], tibia frame."""
-    return model.pair.outline(PLATEAU_REACH)
+def open_output(path: Path, drawing: Drawing) -> Viewer:
+    """Open a Rerun file for a sink's process.
+
+    Raises:
+        UsageError: see `claim`.
+    """
+    return Viewer(RerunFile(path, drawing))
 
 
 def blueprint(extent: float) -> rrb.Blueprint:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -13,6 +14,7 @@ from std_msgs.msg import Header
 
 from knee_contact_ros.core.types import Contact
 from knee_contact_ros.messages import NANOSECONDS, typestore
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
 
 
@@ -82,3 +84,9 @@ def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact, norm
         force=types.Vector3(x=force_x, y=force_y, z=0.0), torque=types.Vector3(x=0.0, y=0.0, z=torque_z)
     )
     return types.WrenchStamped(header=header(types, stamp, frame_id), wrench=wrench)
+
+
+def raw_inputs(path: Path) -> list[RawMessage]:
+    """A bag's inputs as their bytes."""
+    with BagReader(path) as bag:
+        return list(bag.raw_messages())

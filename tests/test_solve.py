@@ -20,6 +20,7 @@ from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
 from knee_contact_ros.summary import read_summary
 from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.messages import raw_inputs
 
 OUTPUTS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 WRENCH = list(OUTPUTS)[-1]
@@ -162,7 +163,7 @@ def test_on_a_sloped_plane_the_wrench_leans_away_from_the_higher_edge(tmp_path: 
 
 def test_a_looped_bag_starts_again_from_rest(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1 + 0.02 * i, 800.0 + 200.0 * i) for i in range(40)]  # 0.2 s, longer than max_gap
-    messages = read_bag(make_bag(tmp_path / "in.mcap", rows), INPUT_TYPES)
+    messages = raw_inputs(make_bag(tmp_path / "in.mcap", rows))
     pipeline = Pipeline(load_parameters({"contact.law": "kelvin_voigt"}), compiled=False)
     answers = []
     for topic, _, message in [*messages, *messages]:

@@ -1,4 +1,4 @@
-"""The Rerun file: what is in it, and that it never holds up its caller."""
+"""The Rerun file: what is in it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from knee_contact_ros.answer import Answer
+from knee_contact_ros.drawing import Shown, drawing_of, shown_row
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.pipeline import Answer, Pipeline
-from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
-from knee_contact_ros.visualise import SERIES, RerunFile, RerunThread
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.visualise import SERIES, RerunFile, open_output
+from tests.messages import raw_inputs
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +23,7 @@ def knee(config: Path, right_bag: Path) -> tuple[Pipeline, list[Answer]]:
     """The osteoarthritic knee with its MRI profile, and its gait."""
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
     answers: list[Answer] = []
-    for topic, _, message in read_bag(right_bag, INPUT_TYPES):
+    for topic, _, message in raw_inputs(right_bag):
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
     return pipeline, answers
 
@@ -39,11 +41,10 @@ def column(path: Path, entity: str, component: str) -> np.ndarray:
 def test_every_curve_holds_every_tick(knee: tuple[Pipeline, list[Answer]], tmp_path: Path) -> None:
     pipeline, answers = knee
     path = tmp_path / "knee.rrd"
-    thread = RerunThread(RerunFile(path, pipeline.model, 737.068), pytest.fail)
+    view = open_output(path, drawing_of(pipeline.model, 737.068))
     for answer in answers:
-        thread.put(answer)
-    thread.close(pipeline.ending())
-    assert (thread.dropped, thread.failure) == (0, "")
+        view.write(shown_row(answer))
+    view.finish(pipeline.ending())
     assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
     for series in SERIES:
         assert len(column(path, f"/curves/{series}", "Scalars:scalars")) == 387, series
@@ -58,11 +59,11 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
     pipeline = Pipeline(load_parameters(names), compiled=False)
     answers: list[Answer] = []
-    for topic, _, message in read_bag(right_bag, INPUT_TYPES)[:240]:
+    for topic, _, message in raw_inputs(right_bag)[:240]:
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
     path, model = tmp_path / "knee.rrd", pipeline.model
-    scene = RerunFile(path, model, 737.068)
-    scene.show(answers)
+    scene = RerunFile(path, drawing_of(model, 737.068))
+    scene.show([Shown(*shown_row(answer)) for answer in answers])
     scene.close()
 
     def drawn(entity: str, component: str) -> np.ndarray:
@@ -91,40 +92,13 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
 
-def test_a_full_queue_drops_and_counts(knee: tuple[Pipeline, list[Answer]], tmp_path: Path, monkeypatch) -> None:
-    pipeline, answers = knee
-    monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 5)
-    monkeypatch.setattr(RerunThread, "_run", lambda self: None)  # a viewer that takes nothing
-    thread = RerunThread(RerunFile(tmp_path / "knee.rrd", pipeline.model, 737.068), pytest.fail)
-    for answer in answers[:12]:
-        thread.put(answer)
-    assert thread.dropped == 7
-
-
-def test_a_viewer_that_fails_says_so_once_and_stops(knee, tmp_path: Path, monkeypatch) -> None:
-    pipeline, answers = knee
-    told: list[str] = []
-
-    def broken(self: RerunFile, batch: list[Answer]) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr(RerunFile, "show", broken)
-    monkeypatch.setattr("knee_contact_ros.visualise.QUEUE", 200)  # as if it had filled before the failure
-    thread = RerunThread(RerunFile(tmp_path / "knee.rrd", pipeline.model, 737.068), told.append)
-    for answer in answers:
-        thread.put(answer)
-    thread.close(pipeline.ending())
-    assert len(told) == 1
-    assert "disk full" in told[0]
-
-
 def test_existing_files_and_bad_folders_are_refused(knee, tmp_path: Path) -> None:
-    model = knee[0].model
+    drawing = drawing_of(knee[0].model, 737.0)
     (tmp_path / "old.rrd").touch()
     with pytest.raises(UsageError, match="exists already"):
-        RerunFile(tmp_path / "old.rrd", model, 737.0)
+        RerunFile(tmp_path / "old.rrd", drawing)
     (tmp_path / "cut.rrd.partial").touch()
     with pytest.raises(UsageError, match="was cut off"):
-        RerunFile(tmp_path / "cut.rrd", model, 737.0)
+        RerunFile(tmp_path / "cut.rrd", drawing)
     with pytest.raises(UsageError, match="cannot write"):
-        RerunFile(tmp_path / "old.rrd" / "new.rrd", model, 737.0)
+        RerunFile(tmp_path / "old.rrd" / "new.rrd", drawing)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -166,7 +166,19 @@ class Stream:
         self.answer = np.zeros(ticks.ANSWER)
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
-        self._tick = self.model.kernel.bind(self.model.scene, np.zeros(ticks.MEMORY), self.answer)
+        self._memory = np.zeros(ticks.MEMORY)
+        self._bind()
+
+    def _bind(self) -> None:
+        self._tick = self.model.kernel.bind(self.model.scene, self._memory, self.answer)
+
+    def go_on_with(self, model: KneeModel) -> None:
+        """Go on from where the run is with other constants; from the next tick's interval on.
+
+        `model` differs from the present one in numbers alone, so that the same kernel fits both.
+        """
+        self.model = model
+        self._bind()
 
     @property
     def placing(self) -> tuple[float, float, float]:
@@ -188,7 +200,7 @@ class Stream:
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """The same with the time as an integer stamp [ns]."""
         self.advance(stamp, flexion_angle, load, femoral_height)
-        return as_contact(self.answer)
+        return as_contact(self.answer.tolist())
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
         """The same, leaving the numbers in `answer`: for those who need few of them, quickly."""
@@ -260,13 +272,13 @@ SERIES_DTYPE = np.dtype(
 """One row of `KneeModel.run`."""
 
 
-def as_contact(answer: NDArray[np.float64]) -> Contact:
-    """An answer under the names of the message."""
+def as_contact(answer: Sequence[float], more_status: int = 0) -> Contact:
+    """An answer's numbers under the names of the message; `more_status` gives more bits of the status."""
     (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, fidelity, status, error, evaluations,
-     *_) = answer.tolist()  # fmt: skip
+     *_) = answer  # fmt: skip
     return Contact(
         angle, load, force, depth, gap, rate, Point(x, y, 0.0), height, cartilage, bone, int(state), int(fidelity),
-        int(status), error, int(evaluations),
+        int(status) | more_status, error, int(evaluations),
     )  # fmt: skip
 
 

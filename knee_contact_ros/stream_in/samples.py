@@ -45,6 +45,8 @@ class LoadSample(NamedTuple):
     """The tibia frame"""
     message: WrenchStamped
     """The message it came in"""
+    arrived: float = 0.0
+    """When it came, by the caller's clock [s]"""
 
 
 def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = False) -> AngleSample:
@@ -79,7 +81,7 @@ def _position(message: JointState, joint: str) -> float:
     return position
 
 
-def load_sample(message: WrenchStamped, load: Load) -> LoadSample:
+def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0) -> LoadSample:
     """Compressive load from a WrenchStamped on the tibia: L = -F_y, times the compartment's share.
 
     Raises:
@@ -93,7 +95,9 @@ def load_sample(message: WrenchStamped, load: Load) -> LoadSample:
             "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
         )
     share = load.share if load.compartment == "fixed_share" else 1.0
-    return LoadSample(_checked(message.stamp, "joint_reaction_force"), share * -axial, message.frame_id, message)
+    return LoadSample(
+        _checked(message.stamp, "joint_reaction_force"), share * -axial, message.frame_id, message, arrived
+    )
 
 
 def _checked(stamp: int, topic: str) -> int:

@@ -55,3 +55,8 @@ def growth(rows: Sequence[Row], coarse: float, fine: float) -> float:
     """Exponent p of cost = error^-p between two errors [m], from the envelope; nan if one is not reached."""
     ratio = cheapest(rows, fine) / cheapest(rows, coarse)
     return math.log(ratio) / math.log(coarse / fine)
+
+
+def multiple(ratio: float) -> str:
+    """A ratio with two digits: 6.1x, 42x, 1300x."""
+    return f"{float(f'{ratio:.2g}'):g}x"

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.parameters import Knee, Load
 from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.stream_in.decode import joint_state_of, wrench_of
 from knee_contact_ros.stream_in.samples import angle_sample, load_sample
 from knee_contact_ros.topics import JOINT_STATES
 
@@ -25,10 +26,10 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
     with BagReader(share_folder() / "bags" / f"gait2354_{side}") as reader:
         for topic, _, message in reader.messages():
             if topic == f"/{JOINT_STATES}":
-                angle = angle_sample(message, Knee())
+                angle = angle_sample(joint_state_of(message), Knee())
                 angles[angle.stamp] = angle.angle
             else:
-                load = load_sample(message, Load())
+                load = load_sample(wrench_of(message), Load())
                 loads[load.stamp] = load.load
     stamps = sorted(loads)
     time = np.array(stamps, dtype=np.float64) * 1e-9

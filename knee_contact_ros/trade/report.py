@@ -141,7 +141,7 @@ def short_cell(rows: Sequence[Row], name: str, problem: str, mode: str) -> str:
     time, ours = frontier.cheapest(runs, ASKED), our_time(rows, problem, mode, ASKED)
     if math.isnan(time):
         return f"{power_of_ten(frontier.best_error(runs))} m" if runs else "-"
-    return f"{time:.3g} µs" if frontier.is_ours(name) or math.isnan(ours) else f"{time / ours:.2g}x"
+    return f"{time:.3g} µs" if frontier.is_ours(name) or math.isnan(ours) else frontier.multiple(time / ours)
 
 
 def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:
@@ -151,7 +151,7 @@ def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> floa
 
 def with_ratio(time: float, ours: float) -> str:
     """A time as such and as a multiple of ours."""
-    return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({time / ours:.2g}x)"
+    return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({frontier.multiple(time / ours)})"
 
 
 def frontiers(rows: Sequence[Row], problem: str, mode: str) -> Table:

@@ -19,7 +19,10 @@ from knee_contact_ros.trade.study import Row
 
 EXTRA = "knee-contact-ros[trade]"
 FILES = ("trade.md", "trade.csv", "trade.png")
-WIDTH = 112
+WIDTH = 120
+"""Of the tables where there is no terminal"""
+NAMES, COLUMN = 27, 11
+"""Width of the solvers' names and of a problem's column"""
 """Columns that the tables need"""
 DRAWING = ("matplotlib", "tabulate")
 
@@ -102,20 +105,32 @@ def begins(entry: Entry, name: str) -> bool:
     return entry.solver.name.lower().startswith(name.lower())
 
 
+def short_table(rows: Sequence[Row], chosen: Sequence[Problem], mode: str) -> Table:
+    """A line per level of ours and per peer, a column per problem."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for problem in chosen:
+        table.add_column(problem.name, justify="right")
+    for name in frontier.line_names(rows):
+        table.add_row(name, *(report.short_cell(rows, name, problem.name, mode) for problem in chosen))
+    return table
+
+
+def batched(chosen: Sequence[Problem], size: int) -> list[Sequence[Problem]]:
+    """As many problems side by side as there is room for."""
+    return [chosen[begin : begin + size] for begin in range(0, len(chosen), size)]
+
+
 def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
     """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
     console = Console()
-    wide = Console(width=max(WIDTH, console.width))
+    width = console.width if console.is_terminal else WIDTH
+    wide = Console(width=width)
     asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
     for mode, title in report.TITLES.items():
         console.print(f"{title}: {asked}", highlight=False, soft_wrap=True)
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        table.add_column("", no_wrap=True)
-        for problem in chosen:
-            table.add_column(problem.name, justify="right", no_wrap=True)
-        for name in frontier.line_names(rows):
-            table.add_row(name, *(report.short_cell(rows, name, problem.name, mode) for problem in chosen))
-        wide.print(table)
+        for beside in batched(chosen, max(1, (width - NAMES) // COLUMN)):
+            wide.print(short_table(rows, beside, mode))
     for sentence in absent:
         console.print(sentence, markup=False, highlight=False)
     for path in files:

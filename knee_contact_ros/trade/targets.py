@@ -24,7 +24,10 @@ class Target(NamedTuple):
     problems: Sequence[str]
     value: Callable[[Sequence[Row], str], float]
     enough: Callable[[float], bool]
-    form: str = "{:.2g}x"
+    form: Callable[[float], str] = frontier.multiple
+
+
+power = "{:.0e}".format
 
 
 def targets() -> list[Target]:
@@ -36,8 +39,10 @@ def targets() -> list[Target]:
         Target("tick by tick: 100x less time than CVODE", GAIT + HARD, faster("CVODE", STREAM), at_least(100.0)),
         Target("whole run: 50x less time than the best peer", GAIT, faster("", WHOLE), at_least(50.0)),
         Target("whole run: the fastest at every error; least lead", HARD, least_lead, at_least(1.0)),
-        Target("1e-10 m is reachable; smallest error [m]", GAIT + HARD, smallest_error, at_most(FINEST), "{:.0e}"),
-        Target("cost grows like error^-p, p at most 1/4", GAIT + HARD, growth, at_most(GROWTH), "{:.2f}"),
+        Target(
+            "1e-10 m is reachable; smallest error [m]", GAIT + HARD, smallest_error, at_most(FINEST), "{:.0e}".format
+        ),
+        Target("cost grows like error^-p, p at most 1/4", GAIT + HARD, growth, at_most(GROWTH), "{:.2f}".format),
     ]
 
 
@@ -49,7 +54,7 @@ def judged(rows: Sequence[Row], problems: Sequence[str]) -> list[list[str]]:
         for problem in problems:
             value = target.value(rows, problem) if problem in target.problems else math.nan
             said = "yes" if target.enough(value) else "no"
-            cells.append("-" if math.isnan(value) else f"{target.form.format(value)}, {said}")
+            cells.append("-" if math.isnan(value) else f"{target.form(value)}, {said}")
         if any(cell != "-" for cell in cells):
             lines.append([target.what, *cells])
     return lines

@@ -29,6 +29,13 @@ PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do
 """How long [s] to wait for what must come; discovery alone can take seconds."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One process runs all of these, in turn: they share a ROS graph, and the machine."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("ros"))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def graph() -> Iterator[None]:
     """Loopback only, in a domain of our own."""
@@ -75,6 +82,7 @@ class Peer:
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
+        self.stalled: list[subprocess.Popen[str]] = []
         qos = QoSProfile(depth=1000)
         self.angle = self.node.create_publisher(JointState, "joint_states", qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
@@ -125,6 +133,15 @@ class Peer:
         """Publish both."""
         self.send_angle(stamp, angle)
         self.send_force(stamp, axial)
+
+
+def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
+    """Call a service and wait for its answer."""
+    client = peer.node.create_client(service_type, name)
+    peer.wait_until(client.service_is_ready)
+    future = client.call_async(request)
+    peer.wait_until(future.done)
+    return future.result()
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import NodeProcess, Peer, call
 
 Start = Callable[..., NodeProcess]
 STEP = 5_000_000
@@ -215,15 +215,6 @@ def test_outputs_are_opened_all_or_none(start_node: Start, tmp_path: Path) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["old.rrd"]
 
 
-def call(peer: Peer, service_type: type, name: str, request: object) -> object:
-    """Call a service and wait for its answer."""
-    client = peer.node.create_client(service_type, name)
-    peer.wait_until(client.service_is_ready)
-    future = client.call_async(request)
-    peer.wait_until(future.done)
-    return future.result()
-
-
 def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start) -> None:
     start_node("-p", "autostart:=false")
 
@@ -234,20 +225,26 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start) -> None:
         request = ChangeState.Request(transition=Transition(id=transition))
         return call(peer, ChangeState, "/knee_contact/change_state", request).success
 
-    def set_damping(value: object) -> tuple[bool, str]:
-        parameter = Parameter("contact.damping", value=value).to_parameter_msg()
+    def set_parameter(name: str, value: object) -> tuple[bool, str]:
+        parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
         result = call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0]
         return result.successful, result.reason
 
     assert state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert set_damping(-5.0) == (
+    assert set_parameter("contact.damping", -5.0) == (
         False,
         "parameter contact.damping: -5.0 is not allowed; it should be greater than or equal to 0",
     )
-    assert set_damping(0.0) == (True, "")
+    assert set_parameter("contact.damping", 0.0) == (True, "")
+    assert set_parameter("femur.profile", "nowhere.csv") == (True, "")
+    assert set_parameter("femur.geometry", "profile") == (True, "")
+    assert not change(Transition.TRANSITION_CONFIGURE)  # there is no such profile
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert set_parameter("femur.geometry", "circle") == (True, "")
     assert change(Transition.TRANSITION_CONFIGURE)
-    assert set_damping(10.0) == (False, "parameter contact.damping cannot change while the node is configured")
+    refusal = "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
+    assert set_parameter("femur.geometry", "profile") == (False, refusal)
     assert change(Transition.TRANSITION_ACTIVATE)
     peer.wait_for_node()
     send_all(peer)
@@ -257,7 +254,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start) -> None:
     assert state() == State.PRIMARY_STATE_INACTIVE
     peer.wait_until(lambda: not peer.force.get_subscription_count())
     assert change(Transition.TRANSITION_CLEANUP)
-    assert set_damping(10.0) == (True, "")
+    assert set_parameter("tibia.slope", 0.0) == (True, "")
     assert change(Transition.TRANSITION_CONFIGURE)
     assert change(Transition.TRANSITION_ACTIVATE)
     peer.wait_for_node()

@@ -1,0 +1,131 @@
+"""The process of a sink: it takes what the node sends and keeps it, until the node says that it ends, or is gone.
+
+It imports no ROS, and what its output needs only once it runs. The other side is `apart.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from importlib import import_module
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Protocol
+
+from knee_contact_ros.answer import Ending
+from knee_contact_ros.apart import DONE, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.errors import UsageError
+
+NICENESS = 10
+"""Added to the node's: a sink may wait, a tick may not."""
+REPORT_PERIOD = 1.0
+"""[s]"""
+
+
+class Output(Protocol):
+    """What a sink writes to."""
+
+    period: float
+    """How often [s] to flush"""
+
+    def write(self, row: tuple[Any, ...]) -> None:
+        """Take what was sent of an answer."""
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Take a note."""
+
+    def flush(self) -> None:
+        """Leave nothing for later."""
+
+    def finish(self, ending: Ending | None) -> None:
+        """Complete the output; without an ending, because the node is gone."""
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+
+
+class Child:
+    """Takes what is sent."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.written = 0
+        self._connection = connection
+        self._reported = 0
+
+    def work(self, job: Job) -> bool:
+        """Do a job; whether it went well."""
+        try:
+            output = import_module(job.module).open_output(*job.arguments)
+            self._report(OPEN)
+            self._keep(output)
+            self._report(DONE)
+        except UsageError as error:
+            self._report(REFUSED, str(error))
+        except Exception as error:  # whatever it is, the node shall know
+            self._report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
+            return False
+        return True
+
+    def _keep(self, output: Output) -> None:
+        """Keep what is sent until the end, flushed in time."""
+        due = reported = time.monotonic()
+        while True:
+            now = time.monotonic()
+            if now >= due:
+                output.flush()
+                due = now + output.period
+            if now >= reported + REPORT_PERIOD and self.written != self._reported:
+                self._report(OPEN)
+                reported = now
+            for item in self._next(due - now):
+                if isinstance(item, Note):
+                    output.note(item.name, item.values)
+                elif isinstance(item, Discard):
+                    return output.discard()
+                elif item is None or isinstance(item, Ending):
+                    return output.finish(item)
+                else:
+                    output.write(item)
+                    self.written += 1
+
+    def _next(self, patience: float) -> list[Any]:
+        """What was sent; empty if nothing comes within `patience` [s], None in it if nothing will any more."""
+        try:
+            return self._connection.recv() if self._connection.poll(max(patience, 0.0)) else []
+        except (EOFError, OSError):
+            return [None]
+
+    def _report(self, state: str, reason: str = "") -> None:
+        self._reported = self.written
+        with suppress(OSError):  # nobody may be there any more
+            self._connection.send(Report(state, self.written, reason))
+
+
+def step_back() -> None:
+    """Be a process that the node's do not have to wait for, and that ends when the node has it end."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # a service manager sends them to all processes of the node
+        signal.signal(number, signal.SIG_IGN)
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never in the way when it wakes up
+    os.nice(NICENESS)
+    with suppress(OSError):  # where a session's niceness counts in place of a process's
+        Path("/proc/self/autogroup").write_text(str(NICENESS), encoding="ascii")
+
+
+def main() -> None:
+    """Work on the socket that the command line names."""
+    step_back()
+    with Connection(int(sys.argv[1])) as connection:
+        try:
+            job = connection.recv()
+        except (EOFError, OSError):
+            return
+        well = Child(connection).work(job)
+    if not well:
+        os._exit(1)  # libraries that try once more to write what could not be written would only be in the way
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""The sinks of the node: an MCAP recording and a Rerun recording, each written by a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from knee_contact_ros.answer import Answer
+from knee_contact_ros.apart import Handling, Job, SinkProcess
+from knee_contact_ros.drawing import Drawing, shown_row
+from knee_contact_ros.outputs import partial_name
+
+MOST_UNRECORDED = 500_000
+"""Answers that may wait to be recorded: minutes, and 1 GB. A recording has no gaps: with more it has failed."""
+MOST_UNSHOWN = 20_000
+"""Answers that may wait to be shown; more are dropped and counted."""
+RECORDER_PATIENCE = 10.0
+"""[s]"""
+VIEWER_PATIENCE = 5.0
+"""[s]"""
+
+
+def recorder(
+    path: Path, names: Mapping[str, str], flush_period: float, on_failure: Callable[[str], None], awaited: bool = False
+) -> SinkProcess:
+    """A process that records to MCAP; see `record_answers.open_output` and `SinkProcess`."""
+    job = Job("knee_contact_ros.record_answers", (path, dict(names), flush_period))
+    handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=RECORDER_PATIENCE)
+    return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure, awaited)
+
+
+def viewer(path: Path, drawing: Drawing, on_failure: Callable[[str], None], awaited: bool = False) -> SinkProcess:
+    """A process that writes a Rerun file; see `visualise.open_output` and `SinkProcess`."""
+    job = Job("knee_contact_ros.visualise", (path, drawing))
+    handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=VIEWER_PATIENCE)
+    return SinkProcess(f"Rerun recording {path}", job, handling, on_failure, awaited)
+
+
+def recorded_row(answer: Answer) -> tuple[Any, ...]:
+    """What is recorded of an answer, in plain tuples: named ones take five times as long to send."""
+    inputs = tuple([(topic, stamp, tuple(message)) for topic, stamp, message in answer.inputs])
+    return answer.stamp, inputs, answer.message, answer.wrench

@@ -1,0 +1,103 @@
+"""The latency study over real topics: short runs, no timed assertions."""
+
+from __future__ import annotations
+
+import csv
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.ros.test_demo import COMMAND, TIMEOUT, run
+
+CANDIDATES = ["this node", "bare", "bare, single-threaded", "bare, bytes"]
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_candidates_answer_and_page_and_data_agree(tmp_path: Path) -> None:
+    arguments = ("--rounds", "1", "--duration", "2", "--rate", "200")  # what also a busy machine manages
+    done = run("latency", *arguments, "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no progress bar in a pipe
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["latency.csv", "latency.md"]
+    rows = rows_of(tmp_path / "out" / "latency.csv")
+    assert [row["candidate"] for row in rows] == CANDIDATES
+    page = (tmp_path / "out" / "latency.md").read_text(encoding="utf-8")
+    assert "`knee-contact latency --rate 200 --duration 2 --rounds 1`" in page
+    for row in rows:
+        assert (row["published"], row["lost"]) == ("400", "0")
+        times = [float(row[name]) for name in ("median_ms", "p99_ms", "p999_ms", "max_ms")]
+        assert times[0] > 0.0
+        assert times == sorted(times)
+        assert float(row["cpu_us"]) > 0.0
+        assert re.search(rf"\| {re.escape(row['candidate'])} \| {times[0]:.3f} \| {times[1]:.3f} \|", page)
+        assert re.search(rf" {re.escape(row['candidate'])} +{times[0]:.3f} +{times[1]:.3f} ", done.stdout)
+    ratio = float(rows[0]["median_ms"]) / float(rows[1]["median_ms"])
+    assert re.search(rf" this node +{ratio:.2f} ", done.stdout)
+    assert max(len(line.rstrip()) for line in done.stdout.splitlines() if str(tmp_path) not in line) <= 80
+
+
+def test_a_long_run_is_recorded_as_it_is_computed_offline(tmp_path: Path) -> None:
+    done = run("latency", "--soak", "400", "--rate", "200", "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    words = " ".join(done.stdout.split())
+    assert "ticks 400 lost 0" in words
+    found = re.search(r"answers recorded (\d+) answers offline (\d+) of these not identical 0", words)
+    assert found
+    assert found[1] == found[2]
+    assert int(found[1]) > 400  # with those that found out whether the node hears
+    assert [row["ticks"] for row in rows_of(tmp_path / "out" / "soak.csv")] == ["400"]
+
+
+@pytest.mark.parametrize("moment", ["start", "run"])
+def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
+    output = tmp_path / "out"
+    study = subprocess.Popen(
+        [*COMMAND, "latency", "--output", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    awaited = {"start": ".incomplete-*/node/node.log", "run": ".incomplete-*/node/recording/*.partial"}[moment]
+    deadline = time.monotonic() + TIMEOUT
+    while not list(output.glob(awaited)):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    time.sleep(2.0 if moment == "run" else 0.0)
+    children = psutil.Process(study.pid).children(recursive=True)
+    assert children
+    study.send_signal(signal.SIGINT)
+    printed, errors = study.communicate(timeout=TIMEOUT)
+    assert study.returncode == 130
+    assert errors.strip() == "knee-contact: interrupted"
+    assert printed == ""
+    assert not output.exists()
+    assert not [child for child in children if child.is_running()]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rate", "0"], "10.0<=x<=20000.0"),
+        (["--duration", "0"], "0.5<=x<=3600.0"),
+        (["--rounds", "0"], "1<=x<=100"),
+        (["--soak", "0"], "1<=x<=1000000000"),
+        (["--output", "file"], "'file' is a file"),
+        (["--output", "file/out"], "cannot write to file/out"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [*COMMAND, "latency", *arguments], capture_output=True, text=True, timeout=TIMEOUT, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert words in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

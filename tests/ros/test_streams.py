@@ -1,0 +1,139 @@
+"""How the node listens, what may change while it does, and how its transitions fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
+
+from knee_contact_ros import load_model
+from knee_contact_ros.build import retuned
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters import load_parameters
+from tests.ros.conftest import NodeProcess, Peer, call
+
+Start = Callable[..., NodeProcess]
+MILLISECOND = 1_000_000
+
+
+def set_parameters(peer: Peer, values: dict[str, object]) -> tuple[bool, str]:
+    """Set parameters of the node all at once."""
+    changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    request = SetParametersAtomically.Request(parameters=changes)
+    result = call(peer, SetParametersAtomically, "/knee_contact/set_parameters_atomically", request).result
+    return result.successful, result.reason
+
+
+def test_streams_of_different_rates_give_one_answer_per_force(peer: Peer, start_node: Start) -> None:
+    """Angles at 100 Hz, forces at 1 kHz: each force gets the angle on the straight line between its neighbours."""
+    start_node("-p", "pairing.wait:=5.0")
+    peer.wait_for_node()
+    stamps = np.arange(201) * MILLISECOND
+    axial = 900.0 + 400.0 * np.sin(stamps * 4e-8)
+    angle = np.interp(stamps, stamps[::10], 0.3 + 0.2 * np.sin(stamps[::10] * 2e-8))
+    for stamp, force in zip(stamps.tolist(), axial.tolist(), strict=True):
+        if stamp % (10 * MILLISECOND) == 0:
+            peer.send_angle(stamp, float(angle[stamp // MILLISECOND]))
+        peer.send_force(stamp, force)
+    peer.wait_until(lambda: len(peer.contacts) == len(stamps))
+    assert {contact.status for contact in peer.contacts} == {0}
+    series = load_model({}).run(stamps * 1e-9, angle, 0.5 * axial)
+    depth = [contact.penetration_depth for contact in peer.contacts]
+    # The angle between two samples is rounded otherwise than NumPy's; a circle's depth does not depend on it.
+    assert depth == series.penetration_depth.tolist()
+    flexion = [contact.flexion_angle for contact in peer.contacts]
+    assert flexion == pytest.approx(angle.tolist(), abs=1e-15)
+
+
+def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None:
+    """The motion goes on; from the next interval on with the new constants, bit for bit as in the Python calls."""
+    start_node()
+    peer.wait_for_node()
+    changes = {"contact.damping": 900.0, "fidelity.tolerance": 1e-8, "femur.mass": 4.0, "load.share": 0.7}
+    model = load_model({})
+    stream, shares = model.stream(), [0.5, 0.7]
+    expected = []
+    for i in range(40):
+        if i == 20:
+            peer.wait_until(lambda: len(peer.contacts) == 20)
+            assert set_parameters(peer, changes) == (True, "")
+            stream.go_on_with(retuned(model, load_parameters(changes)))
+        axial = 800.0 + 300.0 * np.sin(0.4 * i)
+        peer.send(i * 5 * MILLISECOND, 0.2, axial)
+        expected.append(stream.tick_ns(i * 5 * MILLISECOND, 0.2, shares[i >= 20] * axial))
+    peer.wait_until(lambda: len(peer.contacts) == 40)
+    for name in ("penetration_depth", "penetration_rate", "error_estimate", "status"):
+        assert [getattr(contact, name) for contact in peer.contacts] == [getattr(tick, name) for tick in expected], name
+    refused = set_parameters(peer, {"contact.damping": 5.0, "contact.law": "hertz"})
+    assert refused == (False, "parameter contact.law cannot change while the node is configured, only after a cleanup")
+    assert set_parameters(peer, {"fidelity.budget": 7})[0] is False
+
+
+def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
+    """Standard overrides, for inputs and outputs."""
+    start_node(
+        "-p", "qos_overrides./joint_states.subscription.reliability:=best_effort",
+        "-p", "qos_overrides./joint_states.subscription.depth:=7",
+        "-p", "qos_overrides./knee_contact.publisher.reliability:=best_effort",
+    )  # fmt: skip
+    peer.wait_until(lambda: peer.angle.get_subscription_count() and peer.node.count_publishers("knee_contact"))
+    (listening,) = peer.node.get_subscriptions_info_by_topic("/joint_states")
+    (other,) = peer.node.get_subscriptions_info_by_topic("/joint_reaction_force")
+    (speaking,) = peer.node.get_publishers_info_by_topic("/knee_contact")
+    assert listening.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert other.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert speaking.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def test_a_stream_that_stops_is_named_and_flagged_when_it_comes_back(peer: Peer, start_node: Start) -> None:
+    start_node()
+    peer.wait_for_node()
+    peer.send(0, 0.2, 900.0)
+    peer.wait_until(lambda: "silent for" in peer.problems.get("knee_contact: joint_reaction_force", ""))
+    peer.send(2_000 * MILLISECOND, 0.2, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    assert peer.contacts[1].status == Status.STALE_INPUT
+    peer.wait_until(lambda: "silent" not in peer.problems["knee_contact: ticks"])
+
+
+def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None:
+    """Answers that come later than the deadline are counted; one that waits for its angle is late, too."""
+    start_node("-p", "deadline:=0.05", "-p", "pairing.wait:=0.3")
+    peer.wait_for_node()
+    peer.send(0, 0.2, 900.0)
+    peer.send_force(5 * MILLISECOND, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("missed deadlines") == "1")
+
+
+def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "autostart:=false", "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps")
+
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return call(peer, ChangeState, "/knee_contact/change_state", request).success
+
+    def state() -> int:
+        return call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id
+
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert not change(Transition.TRANSITION_ACTIVATE)
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert change(Transition.TRANSITION_CLEANUP)
+
+
+def test_a_node_that_cannot_be_activated_ends(start_node: Start, tmp_path: Path) -> None:
+    node = start_node(
+        "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps", "-p", f"record.path:={tmp_path}/a.mcap"
+    )
+    code, output = node.wait()
+    assert code == 2
+    assert "could not be activated" in output.splitlines()[-1]
