@@ -186,15 +186,16 @@ class SinkProcess:
             self._waiting.append(item)
 
     def _wait(self) -> None:
-        """Wait for the process to end."""
-        patience = self._handling.patience
-        deadline, moved = time.monotonic() + patience, self._moved
-        while self._thread.is_alive() and time.monotonic() < deadline:
+        """Wait for the process to end; it may have to start first."""
+        since, moved = time.monotonic(), self._moved
+        while self._thread.is_alive():
             self._thread.join(0.05)
             if moved != self._moved:
-                deadline, moved = time.monotonic() + patience, self._moved
-        if self._thread.is_alive():
-            self._give_up(f"nothing moved for {patience:g} s when it was to be completed")
+                since, moved = time.monotonic(), self._moved
+            patience = self._handling.patience if self._opened else START
+            if time.monotonic() - since > patience:
+                self._give_up(f"nothing moved for {patience:g} s when it was to be completed")
+                return
 
     def _give_up(self, reason: str) -> None:
         """Kill the process; as a rule the thread then says why."""

@@ -15,10 +15,8 @@ MOST_UNRECORDED = 500_000
 """Answers that may wait to be recorded: minutes, and 1 GB. A recording has no gaps: with more it has failed."""
 MOST_UNSHOWN = 20_000
 """Answers that may wait to be shown; more are dropped and counted."""
-RECORDER_PATIENCE = 10.0
-"""[s]"""
-VIEWER_PATIENCE = 5.0
-"""[s]"""
+PATIENCE = 10.0
+"""How long [s] nothing may move in a process that shall end; on a busy machine it is the last to get a turn."""
 
 
 def recorder(
@@ -26,14 +24,14 @@ def recorder(
 ) -> SinkProcess:
     """A process that records to MCAP; see `record_answers.open_output` and `SinkProcess`."""
     job = Job("knee_contact_ros.record_answers", (path, dict(names), flush_period))
-    handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=RECORDER_PATIENCE)
+    handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=PATIENCE)
     return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure, awaited)
 
 
 def viewer(path: Path, drawing: Drawing, on_failure: Callable[[str], None], awaited: bool = False) -> SinkProcess:
     """A process that writes a Rerun file; see `visualise.open_output` and `SinkProcess`."""
     job = Job("knee_contact_ros.visualise", (path, drawing))
-    handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=VIEWER_PATIENCE)
+    handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=PATIENCE)
     return SinkProcess(f"Rerun recording {path}", job, handling, on_failure, awaited)
 
 

@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -64,6 +65,15 @@ def wait_until(done: Callable[[], Any]) -> None:
     while not done():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.01)
+
+
+def settled_backlog(sink: SinkProcess) -> int:
+    """Answers that wait once a socket takes no more."""
+    looks: list[str] = []
+    while len(looks) < 4 or len(set(looks[-4:])) > 1:
+        looks.append(sink.diagnostics()["backlog"])
+        time.sleep(0.05)
+    return int(looks[-1])
 
 
 def recorded_ticks(path: Path) -> list[int]:
@@ -298,8 +308,7 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
     sink = started.recorder(tmp_path / "out.mcap")
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(2000))
-    time.sleep(0.2)  # what the socket takes is gone, the rest waits
-    backlog = int(sink.diagnostics()["backlog"])
+    backlog = settled_backlog(sink)
     assert 0 < backlog < 2000
     put(sink, range(2000, 12_000))
     assert int(sink.diagnostics()["backlog"]) == backlog + 10_000  # all that `put` does
@@ -315,20 +324,18 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
     monkeypatch.setattr("knee_contact_ros.sinks.MOST_UNSHOWN", 500)
     sink = started.viewer(tmp_path / "knee.rrd")
     os.kill(pid(sink), signal.SIGSTOP)
-    sent = 0
-    while not sink.dropped:
-        sink.put(answer(sent))
-        sent += 1
-        time.sleep(0.00001)
-    put(sink, range(sent, sent + 100))
-    time.sleep(0.1)
+    put(sink, range(480))
+    last = 480 + 500 - settled_backlog(sink)
+    assert last > 500
+    put(sink, range(480, last + 101))
+    wait_until(lambda: started.told)
     assert sink.dropped == 101
     assert sink.diagnostics()["backlog"] == "500"
     os.kill(pid(sink), signal.SIGCONT)
     sink.close(NOTHING_LEFT)
     assert started.told == [sink.failure]
     assert "knee.rrd has gaps: more than 500 answers waited" in sink.failure
-    assert shown_ticks(tmp_path / "knee.rrd") == list(range(sent - 1))
+    assert shown_ticks(tmp_path / "knee.rrd") == list(range(last))
 
 
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
@@ -337,8 +344,7 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     sink = started.recorder(tmp_path / "out.mcap")
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))
-    time.sleep(0.3)  # the socket takes some
-    assert int(sink.diagnostics()["backlog"])
+    assert settled_backlog(sink) > 0
     put(sink, range(900, 2000))
     wait_until(lambda: started.told)  # while it stands still
     sink.close(NOTHING_LEFT)
@@ -349,7 +355,7 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
 def test_a_process_that_stands_still_does_not_hold_up_the_end(
     started: Started, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.sinks.RECORDER_PATIENCE", 0.3)
+    monkeypatch.setattr("knee_contact_ros.sinks.PATIENCE", 0.3)
     sink = started.recorder(tmp_path / "out.mcap")
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(5000))  # more than the socket takes
@@ -359,6 +365,23 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end(
     assert sink.process
     assert sink.process.returncode == -signal.SIGKILL
     assert sink.dropped > 1000
+
+
+def test_a_process_that_is_slow_to_start_is_not_ended_before_it_is_open(
+    started: Started, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.sinks.PATIENCE", 0.1)
+    sink = started.recorder(tmp_path / "out.mcap", wait=False)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(10))
+    closing = threading.Thread(target=sink.close, args=(NOTHING_LEFT,))
+    closing.start()
+    time.sleep(0.5)
+    sink._handling = sink._handling._replace(patience=PATIENCE)  # it may take its time from here on
+    os.kill(pid(sink), signal.SIGCONT)
+    closing.join(PATIENCE)
+    assert sink.failure == ""
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
 
 
 def parent(path: str, count: int) -> None:
