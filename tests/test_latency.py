@@ -126,6 +126,7 @@ def test_pages_fit_the_terminal(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     assert "…" not in shown
+    assert all(candidate.name in shown for candidate in CANDIDATES)  # on one line
 
 
 def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -> list[Step]:
