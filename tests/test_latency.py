@@ -24,7 +24,7 @@ from knee_contact_ros.latency.run import Asked, command
 from knee_contact_ros.latency.samples import samples
 from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
-from knee_contact_ros.latency.usage import Usage, cpu_of_all, cpu_since, usages
+from knee_contact_ros.latency.usage import Snapshot, Taken, Usage, between, snapshot
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.session import OUTPUT_QOS
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
@@ -75,13 +75,16 @@ def test_a_bare_node_offers_what_the_node_offers() -> None:
     assert bare.OUTPUT_QOS == OUTPUT_QOS
 
 
+IDLE = Taken(3e-4, 0.0, 0.0, 10.0)
+
+
 def parts() -> list[Part]:
     found = []
     for number in (1, 2):
-        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), 4e-4, 2e-4, 0.5, 10.0))
-        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), 3e-4, 0.0, 0.0, 10.0))
-        found.append(Part(number, SINGLE, run_of(published=3), 3e-4, 0.0, 0.0, 10.0))
-        found.append(Part(number, BYTES, run_of(1, 1, 1), 3e-4, 0.0, 0.0, 10.0))
+        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), IDLE))
+        found.append(Part(number, SINGLE, run_of(published=3), IDLE))
+        found.append(Part(number, BYTES, run_of(1, 1, 1), IDLE))
     return found
 
 
@@ -123,6 +126,7 @@ def test_pages_fit_the_terminal(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     assert "…" not in shown
+    assert all(candidate.name in shown for candidate in CANDIDATES)  # on one line
 
 
 def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -> list[Step]:
@@ -131,7 +135,7 @@ def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -
 
     def attempt(rate: float) -> Step:
         fails = rate > limit or (rate in left and left.remove(rate) is None)
-        return Step(1, OURS.name, rate, rate, 10, 0, 1.0, 1.0, verdict if fails else SUSTAINED)
+        return Step(1, OURS.name, rate, rate, 10, 0, 1.0, 1.0, verdict if fails else SUSTAINED, 0.0)
 
     return sustained.search(attempt)
 
@@ -172,8 +176,8 @@ def test_a_search_without_a_limit_ends() -> None:
 
 def test_rates_over_those_of_the_bare_node() -> None:
     rows = {row[0]: row for row in sustained.page(steps()).sheets[0].rows}
-    assert rows[OURS.name][3:] == [NODE, f"{976.5625 / sustained.highest(steps(), BARE, 1):.2f}"]
-    assert rows[BARE.name][3:] == [SENDER, "1.00"]
+    assert rows[OURS.name][3:5] == [NODE, f"{976.5625 / sustained.highest(steps(), BARE, 1):.2f}"]
+    assert rows[BARE.name][3:] == [SENDER, "1.00", "0"]
     assert rows[BYTES.name][1] == "0"
 
 
@@ -195,7 +199,7 @@ def test_what_sustained_means(run: Run, verdict: str) -> None:
 
 CHILDREN = (Usage(11, 1, 0.0, 0.0, 80_000_000), Usage(12, 1, 0.0, 0.0, 120_000_000))
 MOMENTS = [
-    Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0)
+    Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
     for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
 ]
 
@@ -226,28 +230,32 @@ def test_recordings_are_compared_byte_by_byte(tmp_path: Path) -> None:
 def test_usage_of_a_process_and_its_child() -> None:
     script = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'input()'])"
     with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        while len(found := usages(process.pid)) < 2:
+        while len(family := snapshot(process.pid).family) < 2:
             assert process.poll() is None
-        assert found[0].process == process.pid
-        assert all(usage.resident >= 0 for usage in found)
+        assert [usage.process for usage in family[:1]] == [process.pid]
+        assert [usage.parent for usage in family] == [os.getpid(), process.pid]
         assert process.stdin
         process.stdin.write(b"\n")
-    assert usages(process.pid) == []
-    assert usages(os.getpid())[0].resident > 10e6  # Python and NumPy
-
-
-def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
-    before = [Usage(1, 0, 1.0, 0.0, 0), Usage(2, 0, 5.0, 0.0, 0), Usage(3, 0, 1.0, 0.0, 0)]
-    after = [Usage(1, 0, 1.5, 0.0, 0), Usage(2, 0, 5.25, 0.0, 0), Usage(4, 0, 9.0, 0.0, 0)]
-    assert cpu_since(before, after) == (0.5, 0.25)
-    assert cpu_since(before, []) == (0.0, 0.0)
+    assert snapshot(process.pid).family == []
+    assert snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
 
 
 def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
-    before = cpu_of_all()
+    before = snapshot(0)
     work = "import time\nwhile time.process_time() < 0.5: pass"
     subprocess.run([sys.executable, "-c", work], check=True)
-    assert cpu_of_all() - before >= 0.45  # the kernel counts in hundredths
+    assert between(before, snapshot(0)).others >= 0.4  # the kernel counts in hundredths
+
+
+def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
+    def of(*taken: tuple[int, float]) -> list[Usage]:
+        return [Usage(process, 0, cpu, 0.0, 0) for process, cpu in taken]
+
+    before = Snapshot(of((1, 1.0), (2, 5.0), (3, 1.0)), 100.0, 10.0, 0.0)
+    after = Snapshot(of((1, 1.5), (2, 5.25), (4, 9.0)), 103.0, 11.0, 2.0)
+    assert between(before, after)[:3] == (0.5, 0.25, 1.25)
+    assert between(before, after).machine == 2.0 * (os.cpu_count() or 0)
+    assert between(before, after._replace(family=[]))[:2] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(

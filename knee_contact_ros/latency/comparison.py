@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from time import perf_counter, process_time
 from typing import NamedTuple
 
 from knee_contact_ros.latency.candidates import BARE, CANDIDATES, OURS, Candidate, forget, rotated, running
 from knee_contact_ros.latency.driver import Driver, Run
 from knee_contact_ros.latency.figures import Figures, figures, ratios
 from knee_contact_ros.latency.report import Cell, Page, Sheet, milliseconds, ratio
-from knee_contact_ros.latency.usage import cpu_of_all, cpu_since, usages
+from knee_contact_ros.latency.usage import Taken, between, snapshot
 
 WARM_UP = 1.0
 """How long [s] a node is fed before anything counts"""
@@ -37,14 +35,8 @@ class Part(NamedTuple):
     """From 1 on"""
     candidate: Candidate
     run: Run
-    cpu: float
-    """[s] of the node's process"""
-    cpu_children: float
-    """[s] of its child processes"""
-    others: float
-    """[s] of all processes but these and the measuring one"""
-    machine: float
-    """[s] that all processors together had"""
+    taken: Taken
+    """By the node, and others"""
 
 
 class Line(NamedTuple):
@@ -92,14 +84,11 @@ def measured(driver: Driver, work: Path, candidate: Candidate, number: int, rate
     """One run."""
     with running(candidate, driver, work) as node:
         driver.run(rate, round(WARM_UP * rate))
-        before, all_before, own_before, begin = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
+        before = snapshot(node.process.pid)
         run = driver.run(rate, round(duration * rate))
-        after, cpu_all, own, end = usages(node.process.pid), cpu_of_all(), process_time(), perf_counter()
+        after = snapshot(node.process.pid)
     forget(work)
-    cpu, cpu_children = cpu_since(before, after)
-    others = (cpu_all - all_before) - (own - own_before) - cpu - cpu_children
-    machine = (end - begin) * (os.cpu_count() or 1)
-    return Part(number, candidate, run, cpu, cpu_children, max(others, 0.0), machine)
+    return Part(number, candidate, run, between(before, after))
 
 
 def pooled(parts: Iterable[Part], candidate: Candidate) -> list[Part]:
@@ -127,10 +116,10 @@ def line(parts: Sequence[Part], rate: float) -> Line:
         published,
         sum(part.run.lost for part in parts),
         *figures(latencies(parts)),
-        1e6 * sum(part.cpu for part in parts) / published,
-        1e6 * sum(part.cpu_children for part in parts) / published,
+        1e6 * sum(part.taken.cpu for part in parts) / published,
+        1e6 * sum(part.taken.cpu_children for part in parts) / published,
         *figures(slips(parts)),
-        1e2 * sum(part.others for part in parts) / sum(part.machine for part in parts),
+        1e2 * sum(part.taken.others for part in parts) / sum(part.taken.machine for part in parts),
     )
 
 

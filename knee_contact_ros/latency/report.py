@@ -68,7 +68,7 @@ def show(page: Page) -> None:
             table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
             table.add_column(sheet.header[0], overflow="fold")
             for heading in sheet.header[1:]:
-                table.add_column(heading, justify="right", no_wrap=True)
+                table.add_column(heading, justify="right", overflow="fold")
             for row in sheet.rows:
                 table.add_row(*row)
             console.print(table, markup=False)

@@ -12,7 +12,7 @@ from knee_contact_ros.latency.candidates import OURS, PARAMETERS, forget, runnin
 from knee_contact_ros.latency.driver import Driver
 from knee_contact_ros.latency.figures import figures
 from knee_contact_ros.latency.report import Cell, Page, Sheet, milliseconds
-from knee_contact_ros.latency.usage import Usage, usages
+from knee_contact_ros.latency.usage import Usage, between, snapshot
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader
@@ -50,6 +50,8 @@ class Moment(NamedTuple):
     p99_ms: float
     p999_ms: float
     max_ms: float
+    others_percent: float
+    """What others took of the machine meanwhile"""
 
 
 class Comparison(NamedTuple):
@@ -74,12 +76,18 @@ def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advan
     with running(OURS, driver, work / NODE, PATIENCE) as node:
         while done < ticks:
             advance(done, ticks)
+            before = snapshot(node.process.pid)
             run = driver.run(rate, min(PERIOD, ticks - done))
+            after = snapshot(node.process.pid)
             node.check()
             done, lost = done + run.published, lost + run.lost
-            own, *children = usages(node.process.pid)
-            times = figures(run.latencies)
-            moments.append(Moment(done, own.resident / MB, tuple(children), lost, run.published_rate, *times))
+            own, *children = after.family
+            moments.append(
+                Moment(
+                    done, own.resident / MB, tuple(children), lost, run.published_rate, *figures(run.latencies),
+                    between(before, after).others_percent,
+                )
+            )  # fmt: skip
         advance(done, ticks)
     return moments
 
@@ -129,6 +137,7 @@ def page(rate: float, moments: Sequence[Moment], compared: Comparison) -> Page:
         ["its largest growth since then [MB]", f"{largest - first:.1f}"],
         ["node's memory at the end [MB]", f"{last.resident_mb:.1f}"],
         ["its child processes' memory at the end [MB]", in_short(last.children) or "-"],
+        ["others' part of the machine, at most [%]", f"{max(moment.others_percent for moment in moments):.0f}"],
         ["answers recorded", str(compared.recorded)],
         ["answers offline", str(compared.computed)],
         ["of these not identical", str(compared.different)],

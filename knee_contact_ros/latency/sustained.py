@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 from typing import NamedTuple
 
-from knee_contact_ros.latency.candidates import BARE, CANDIDATES, OURS, Candidate, forget, rotated, running
+from knee_contact_ros.latency.candidates import BARE, CANDIDATES, Candidate, forget, rotated, running
 from knee_contact_ros.latency.driver import Driver, Run
 from knee_contact_ros.latency.figures import figures
 from knee_contact_ros.latency.report import Cell, Page, Sheet, ratio
+from knee_contact_ros.latency.usage import between, snapshot
+from knee_contact_ros.processes import Child
 
 FIRST = 500.0
 """[Hz]"""
@@ -54,6 +56,8 @@ class Step(NamedTuple):
     tail_ms: float
     """From the last publishing to the last answer"""
     verdict: str
+    others_percent: float
+    """What others took of the machine meanwhile"""
 
 
 def search(attempt: Callable[[float], Step]) -> list[Step]:
@@ -92,12 +96,14 @@ def judged(run: Run, rate: float) -> str:
     return SUSTAINED if keeps_up and not run.lost else NODE
 
 
-def attempt_at(driver: Driver, candidate: Candidate, number: int, rate: float) -> Step:
+def attempt_at(driver: Driver, node: Child, candidate: Candidate, number: int, rate: float) -> Step:
     """Try a rate [Hz]."""
+    before = snapshot(node.process.pid)
     run = driver.run(rate, round(STEP * rate))
+    taken = between(before, snapshot(node.process.pid))
     return Step(
         number, candidate.name, rate, run.published_rate, run.published, run.lost,
-        figures(run.latencies).median, 1e3 * run.tail, judged(run, rate),
+        figures(run.latencies).median, 1e3 * run.tail, judged(run, rate), taken.others_percent,
     )  # fmt: skip
 
 
@@ -111,9 +117,9 @@ def find_rates(driver: Driver, work: Path, rounds: int, advance: Callable[[int, 
     for number in range(rounds):
         for done, candidate in enumerate(rotated(CANDIDATES, number)):
             advance(number * len(CANDIDATES) + done, rounds * len(CANDIDATES))
-            with running(candidate, driver, work / "node"):
+            with running(candidate, driver, work / "node") as node:
                 driver.run(FIRST, round(FIRST))
-                steps += search(partial(attempt_at, driver, candidate, number + 1))
+                steps += search(partial(attempt_at, driver, node, candidate, number + 1))
             forget(work / "node")
     return steps
 
@@ -144,13 +150,14 @@ def page(steps: Sequence[Step]) -> Page:
             for number, mine in zip(numbers, rates, strict=True)
             if (theirs := highest(steps, BARE, number))
         ]
+        others = [step.others_percent for step in steps if step.candidate == candidate.name]
         rows.append(
-            [candidate.name, f"{median(rates):.0f}", f"{min(rates):.0f} to {max(rates):.0f}", ", ".join(limits),
-             ratio(median(to_bare)) if to_bare else "-"]
+            [candidate.name, f"{median(rates):.0f}", f"{min(rates):.0f}-{max(rates):.0f}", ", ".join(limits),
+             ratio(median(to_bare)) if to_bare else "-", f"{mean(others):.0f}" if others else "-"]
         )  # fmt: skip
     introduction = INTRODUCTION.strip().format(
         step=STEP, soon=1e3 * SOON, punctual=1e2 * PUNCTUAL, first=FIRST, factor=FACTOR, bisections=BISECTIONS
     )
-    header = ("highest sustained rate [Hz]", "median", "rounds", "limit", f"over {BARE.name}")
-    about = f"{OURS.name} computes, records and draws; {BARE.name} does nothing of that."
+    header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE.name}", "others [%]")
+    about = "Others are the other processes of this machine: with more than a few per cent, measure again."
     return Page("Sustained", introduction, (Sheet("Rates", header, rows, about),), Step._fields, steps)

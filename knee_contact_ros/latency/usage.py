@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
+from time import perf_counter, process_time
 from typing import NamedTuple
 
 PROC = Path("/proc")
@@ -23,20 +24,54 @@ class Usage(NamedTuple):
     """[B]"""
 
 
-def usages(process: int) -> list[Usage]:
-    """Of a process, then of its children, their children and so on; empty if it has ended."""
+class Snapshot(NamedTuple):
+    """Of a process, its children, and all."""
+
+    family: list[Usage]
+    """The process, then its children, their children and so on"""
+    cpu_of_all: float
+    """[s] What a process took that has ended is its parent's"""
+    own: float
+    """CPU time [s] of this process"""
+    at: float
+    """[s]"""
+
+
+class Taken(NamedTuple):
+    """Between two snapshots; only of processes that were there all the time."""
+
+    cpu: float
+    """[s] of the process"""
+    cpu_children: float
+    """[s] of its children together"""
+    others: float
+    """[s] of all processes but these and this one"""
+    machine: float
+    """[s] that all processors together had"""
+
+    @property
+    def others_percent(self) -> float:
+        """What others took of the machine."""
+        return 1e2 * self.others / self.machine
+
+
+def snapshot(process: int) -> Snapshot:
+    """What a process has taken so far, and all; nothing is said of a process that has ended."""
     found = processes()
-    if process not in found:
-        return []
-    family = [process]
+    family = [process] if process in found else []
     for member in family:  # it grows meanwhile
         family += sorted(number for number, usage in found.items() if usage.parent == member)
-    return [found[member] for member in family]
+    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in found.values())
+    return Snapshot([found[member] for member in family], cpu_of_all, process_time(), perf_counter())
 
 
-def cpu_of_all() -> float:
-    """Seconds that all processes have taken: what one took that has ended is its parent's."""
-    return sum(usage.cpu + usage.cpu_ended for usage in processes().values())
+def between(before: Snapshot, after: Snapshot) -> Taken:
+    """What was taken from one snapshot to a later one."""
+    earlier = {usage.process: usage.cpu for usage in before.family}
+    cpu = [usage.cpu - earlier[usage.process] for usage in after.family if usage.process in earlier] or [0.0]
+    others = after.cpu_of_all - before.cpu_of_all - (after.own - before.own) - sum(cpu)
+    machine = (after.at - before.at) * (os.cpu_count() or 1)
+    return Taken(cpu[0], sum(cpu[1:]), max(others, 0.0), machine)
 
 
 def processes() -> dict[int, Usage]:
@@ -60,10 +95,3 @@ def read(process: int) -> Usage:
     second = os.sysconf("SC_CLK_TCK")
     cpu, cpu_ended = (sum(map(int, fields[first : first + 2])) / second for first in (11, 13))
     return Usage(process, int(fields[1]), cpu, cpu_ended, int(fields[21]) * os.sysconf("SC_PAGE_SIZE"))
-
-
-def cpu_since(before: list[Usage], after: list[Usage]) -> tuple[float, float]:
-    """Seconds that the process itself has taken, and its children together: those that were there all the time."""
-    earlier = {usage.process: usage.cpu for usage in before}
-    taken = [usage.cpu - earlier.get(usage.process, usage.cpu) for usage in after]
-    return (taken[0], sum(taken[1:])) if taken else (0.0, 0.0)
