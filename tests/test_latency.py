@@ -112,9 +112,11 @@ def test_pages_fit_the_terminal(capsys: pytest.CaptureFixture[str], tmp_path: Pa
     many = [
         part._replace(run=part.run._replace(latencies=[each * 4321 for each in part.run.latencies])) for part in parts()
     ]
+    quick = [step._replace(rate=20.0 * step.rate, candidate=each.name) for step in steps() for each in CANDIDATES]
+    wide = [step._replace(others_percent=99.0) for step in quick]
     pages = [
         comparison.page(many, 1000.0, 20.0),
-        sustained.page(steps()),
+        sustained.page(wide),
         soak.page(2000.0, MOMENTS, Comparison(9, 9, 0)),
     ]
     for page in pages:
@@ -177,7 +179,7 @@ def test_a_search_without_a_limit_ends() -> None:
 def test_rates_over_those_of_the_bare_node() -> None:
     rows = {row[0]: row for row in sustained.page(steps()).sheets[0].rows}
     assert rows[OURS.name][3:5] == [NODE, f"{976.5625 / sustained.highest(steps(), BARE, 1):.2f}"]
-    assert rows[BARE.name][3:] == [SENDER, "1.00", "0"]
+    assert rows[BARE.name][3:] == [SENDER, "1.00", "0 %"]
     assert rows[BYTES.name][1] == "0"
 
 

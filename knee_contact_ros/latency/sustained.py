@@ -153,11 +153,11 @@ def page(steps: Sequence[Step]) -> Page:
         others = [step.others_percent for step in steps if step.candidate == candidate.name]
         rows.append(
             [candidate.name, f"{median(rates):.0f}", f"{min(rates):.0f}-{max(rates):.0f}", ", ".join(limits),
-             ratio(median(to_bare)) if to_bare else "-", f"{mean(others):.0f}" if others else "-"]
+             ratio(median(to_bare)) if to_bare else "-", f"{mean(others):.0f} %" if others else "-"]
         )  # fmt: skip
     introduction = INTRODUCTION.strip().format(
         step=STEP, soon=1e3 * SOON, punctual=1e2 * PUNCTUAL, first=FIRST, factor=FACTOR, bisections=BISECTIONS
     )
-    header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE.name}", "others [%]")
+    header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE.name}", "others")
     about = "Others are the other processes of this machine: with more than a few per cent, measure again."
     return Page("Sustained", introduction, (Sheet("Rates", header, rows, about),), Step._fields, steps)
