@@ -14,11 +14,10 @@ import sys
 from decimal import Decimal
 from pathlib import Path
 
-import numpy as np
-from knee_contact_ros.publish import header
 from mcap.writer import CompressionType
 
-from knee_contact_ros.messages import PlainMessages, message_class
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 
@@ -37,8 +36,6 @@ def make_bag(table: Path, folder: Path) -> None:
     side = table.stem.rsplit("_", 1)[-1]
     with table.open(encoding="utf-8") as lines:
         rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    types = PlainMessages()
-    joint_state = message_class(MESSAGE_TYPES[JOINT_STATES])
     shutil.rmtree(folder, ignore_errors=True)
     # Not compressed: the bytes then do not depend on the version of a compressor.
     with BagWriter(folder / f"{folder.name}_0.mcap", CompressionType.NONE) as bag:
@@ -47,21 +44,11 @@ def make_bag(table: Path, folder: Path) -> None:
         bag.add_metadata("origin", ORIGIN)
         for row in rows:
             stamp = int(Decimal(row["t"]) * 1_000_000_000)
-            angle = joint_state(
-                header=header(types, stamp, ""),
-                name=["knee"],
-                position=np.array([float(row["knee_angle"])]),
-                velocity=np.array([float(row["knee_vel"])]),
-                effort=np.array([]),
-            )
-            force, torque = (
-                types.Vector3(**{axis: float(row[f"{letter}{axis}"]) for axis in "xyz"}) for letter in "FM"
-            )
-            wrench = types.WrenchStamped(
-                header=header(types, stamp, f"tibia_{side[0]}"), wrench=types.Wrench(force=force, torque=torque)
-            )
-            bag.write(f"/{JOINT_STATES}", stamp, angle)
-            bag.write(f"/{JOINT_REACTION_FORCE}", stamp, wrench)
+            angle = JointState(stamp, "", ("knee",), (float(row["knee_angle"]),), (float(row["knee_vel"]),), ())
+            force, torque = (tuple([float(row[f"{letter}{axis}"]) for axis in "xyz"]) for letter in "FM")
+            wrench = WrenchStamped(stamp, f"tibia_{side[0]}", force, torque)
+            bag.write(f"/{JOINT_STATES}", stamp, encode_joint_state(angle))
+            bag.write(f"/{JOINT_REACTION_FORCE}", stamp, encode_wrench_stamped(wrench))
 
 
 def main() -> int:

@@ -148,7 +148,8 @@ def test_the_demo_tells_what_the_node_refused(tmp_path: Path) -> None:
     words = " ".join(done.stdout.split())
     assert "ticks 38 over 0.20 s dropped 2" in words
     assert "samples refused 2 (2 x not_finite)" in words
-    assert "ticks flagged 2 (2 x INPUT_REJECTED)" in words
+    # Two ticks, or one, if both refusals come before the next answer: nothing orders the samples of two topics.
+    assert re.search(r"ticks flagged ([12]) \(\1 x INPUT_REJECTED\)", words)
 
 
 @pytest.mark.parametrize("command", ["demo", "solve"])
