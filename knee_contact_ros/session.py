@@ -86,6 +86,10 @@ class Session:
 
     def start(self) -> None:
         """Listen."""
+        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
         for stream in self.inputs.values():
             stream.open()
         self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
@@ -94,17 +98,13 @@ class Session:
             self.node.create_timer(self.lag.period, self._on_wait_timer, clock=steady),
             self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
         ]
-        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
-        gc.collect()
-        gc.freeze()
-        gc.disable()
 
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
         if self._timers:
             self._answer(self.pipeline.synchroniser.give_up())
-            gc.enable()
-            gc.unfreeze()
+        gc.enable()
+        gc.unfreeze()
         for stream in self.inputs.values():
             stream.close()
         for timer in self._timers:
