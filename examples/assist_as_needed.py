@@ -203,8 +203,8 @@ def main() -> int:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # for ROS's handlers end it without a last command
     try:
         node = AssistAsNeeded()
-    except ValueError as error:
-        print(f"assist_as_needed: {error}", file=sys.stderr)
+    except (ValueError, RuntimeError) as error:  # ROS's own errors are of the latter kind
+        print(f"assist_as_needed: {str(error).splitlines()[0]}", file=sys.stderr)
         return 2
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: node.law.stop())

@@ -1,9 +1,9 @@
 """A sink in a process of its own, as the node sees it: encoding, compression, disk and Rerun never hold up a tick.
 
-The node's side is a queue and a thread that sends what waits, a few times a second and in batches so small that the
-interpreter is not held for long. The child's side is `apart_child.py`. They talk through a pair of sockets: a `Job`,
-then lists of rows, notes and at last the `Ending` one way, `Report`s the other way. The end of the one is told to the
-other by the socket, whatever it dies of.
+The node's side is a queue and a thread that sends what waits. It is woken right after a tick, when the next sample is
+furthest, and sends in batches so small that the interpreter is not held for long. The child's side is
+`apart_child.py`. They talk through a pair of sockets: a `Job`, then lists of rows, notes and at last the `Ending` one
+way, `Report`s the other way. The end of the one is told to the other by the socket, whatever it dies of.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ from knee_contact_ros.answer import Answer, Ending
 from knee_contact_ros.errors import UsageError
 
 CHILD = "knee_contact_ros.apart_child"
-PERIOD = 10
-"""How long [ms] an answer waits to be sent"""
-BATCH = 20
-"""Answers that are sent at once at most: so long the interpreter is held."""
-PAUSE = 1
-"""Time [ms] for others to have the interpreter if more wait"""
+PERIOD = 0.01
+"""How long [s] answers are gathered while more come"""
+LATEST = 0.05
+"""How long [s] the last answers wait to be sent when no more come"""
+BATCH = 64
+"""Answers that are sent at once at most: so long the interpreter is held, some 0.1 ms."""
+PAUSE = 0.001
+"""Time [s] for others to have the interpreter if more wait"""
 START = 60.0
 """How long [s] a child may take to open its output"""
 LAST_WORDS = 5.0
@@ -111,6 +113,8 @@ class SinkProcess:
         self._on_failure, self._awaited = on_failure, awaited
         self._waiting: deque[Answer | Note | Ending | Discard] = deque()
         self._room = handling.most
+        self._due = 0.0  # when to send next
+        self._wake = threading.Event()
         self._ended = False  # nothing more shall be sent
         self._given_up = ""
         self._last = Report("", 0)
@@ -122,9 +126,13 @@ class SinkProcess:
         self._thread.start()
 
     def put(self, answer: Answer) -> None:
-        """Hand over an answer; never waits."""
+        """Hand over an answer; never waits. Not to be called from two threads."""
         if len(self._waiting) < self._room:
             self._waiting.append(answer)
+            now = time.monotonic()
+            if now >= self._due:
+                self._due = now + PERIOD
+                self._wake.set()
         elif not self._ended:
             self.dropped += 1
 
@@ -184,6 +192,7 @@ class SinkProcess:
         if not self._ended:
             self._ended, self._room = True, 0
             self._waiting.append(item)
+            self._wake.set()
 
     def _wait(self) -> None:
         """Wait for the process to end; it may have to start first."""
@@ -237,12 +246,16 @@ class SinkProcess:
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send(self._job)
         while True:
-            if readable.poll(PAUSE if self._waiting else PERIOD):
+            self._wake.wait(LATEST)
+            self._wake.clear()
+            while readable.poll(0):
                 self._hear(connection)
             if self.dropped and not self.failure:
                 self._on_gap()
-            if self._waiting and writable.poll(PERIOD):  # sending to a child that stands still might never end
+            while self._waiting and writable.poll(0):  # sending to a child that stands still might never end
                 self._send_batch(connection)
+                if self._waiting:
+                    time.sleep(PAUSE)
 
     def _on_gap(self) -> None:
         words = f"more than {self._handling.most} answers waited"

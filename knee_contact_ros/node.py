@@ -44,9 +44,11 @@ class Stop:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal raise KeyboardInterrupt meanwhile."""
+        """Let a signal raise KeyboardInterrupt meanwhile; so does one that has come before."""
         self._interrupts = True
         try:
+            if self.asked:
+                raise KeyboardInterrupt
             yield
         finally:
             self._interrupts = False

@@ -23,7 +23,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.input_stream import InputStream
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node_outputs import Outputs
-from knee_contact_ros.parameters import NODE_NAME, Parameters
+from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
@@ -54,6 +54,7 @@ class Session:
             UsageError: a profile cannot be used or an output file cannot be written.
         """
         self.node = node
+        self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self.parameters = parameters
         self.pipeline = Pipeline(parameters, deserialize, compiled=False)
         self.inputs = {
@@ -201,11 +202,11 @@ class Session:
         refused = self.pipeline.synchroniser.refused
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         entries += [
-            diagnostic_status(f"{NODE_NAME}: refused samples", counts, "samples were refused" if refused else ""),
+            diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
             self._tick_status(),
         ]
         entries += [
-            diagnostic_status(f"{NODE_NAME}: {name}", values, failure) for name, values, failure in self.outputs.said()
+            diagnostic_status(f"{self._name}: {name}", values, failure) for name, values, failure in self.outputs.said()
         ]
         self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
         gc.collect(0)
@@ -217,7 +218,7 @@ class Session:
         if meter.received and meter.age > self.parameters.pairing.max_gap:
             problem = f"silent for {meter.age:.1f} s"
         reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
-        return diagnostic_status(f"{NODE_NAME}: {stream.topic}", meter.values() | reliability, problem)
+        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | reliability, problem)
 
     def _tick_status(self) -> Any:
         """What there is to say of the ticks; a node that falls behind is logged too."""
@@ -231,4 +232,4 @@ class Session:
             "lag max [ms]": f"{1e3 * lag:.1f}",
             "decoded by ROS": str(self.pipeline.decoder.ordinary),
         }
-        return diagnostic_status(f"{NODE_NAME}: ticks", values, problem)
+        return diagnostic_status(f"{self._name}: ticks", values, problem)

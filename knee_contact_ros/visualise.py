@@ -6,6 +6,7 @@ In the sagittal view lengths are mm and y points up on the screen (Rerun's 2-D y
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,12 @@ from knee_contact_ros.outputs import claim
 APPLICATION = "knee_contact_ros"
 TIMELINE = "stamp"
 MM = 1e3
-BATCH = 100
-"""Answers per message to Rerun: one costs as much as a hundred."""
-BATCH_PERIOD = 0.25
+BATCH = 1000
+"""Answers per message to Rerun at most: one costs as much as a hundred."""
+BATCH_PERIOD = 0.5
 """How long [s] a batch waits to be full."""
+PAUSE = 0.0005
+"""[s] between two messages to Rerun beside a node: the longest time that it may find a processor taken is one's"""
 NEWTONS_PER_MM = 50.0
 """Scale of the force arrow."""
 BONE, CARTILAGE, FORCE, LOAD, POINT = (
@@ -50,8 +53,8 @@ SERIES = {
 class RerunFile:
     """An `.rrd` recording with its blueprint; it appears under its final name when it is complete."""
 
-    def __init__(self, path: Path, drawing: Drawing) -> None:
-        """Open the file and write what does not change.
+    def __init__(self, path: Path, drawing: Drawing, pause: float = 0.0) -> None:
+        """Open the file and write what does not change; rest for `pause` [s] between two messages to Rerun.
 
         Raises:
             UsageError: see `claim`.
@@ -60,6 +63,7 @@ class RerunFile:
         self._partial = claim(path)
         self._body_weight = drawing.body_weight
         self._layer = drawing.second_layer
+        self._pause = pause
         self._recording = rr.RecordingStream(APPLICATION)
         extent = float(np.hypot(*drawing.femur.T).max()) * MM
         self._recording.save(self._partial, default_blueprint=blueprint(extent))
@@ -72,6 +76,8 @@ class RerunFile:
 
         def send(path: str, columns: rr.ComponentColumnList) -> None:
             self._recording.send_columns(path, indexes=index, columns=columns)
+            if self._pause:
+                time.sleep(self._pause)
 
         angle = np.array([tick.flexion_angle for tick in ticks])
         force = np.array([tick.contact_force for tick in ticks])
@@ -176,7 +182,7 @@ def open_output(path: Path, drawing: Drawing) -> Viewer:
     Raises:
         UsageError: see `claim`.
     """
-    return Viewer(RerunFile(path, drawing))
+    return Viewer(RerunFile(path, drawing, PAUSE))
 
 
 def blueprint(extent: float) -> rrb.Blueprint:

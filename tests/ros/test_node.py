@@ -86,6 +86,12 @@ def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(peer: Peer, s
     assert peer.contacts[1].flexion_angle == 0.2
 
 
+def test_knees_in_namespaces_differ_in_diagnostics(peer: Peer, start_node: Start) -> None:
+    start_node("-r", "__ns:=/left")
+    start_node("-r", "__ns:=/right")
+    peer.wait_until(lambda: {"left/knee_contact: ticks", "right/knee_contact: ticks"} <= set(peer.diagnostics))
+
+
 def test_a_looped_stream_starts_anew(peer: Peer, start_node: Start) -> None:
     start_node()
     peer.wait_for_node()

@@ -128,6 +128,15 @@ def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(
     assert [path.name for path in tmp_path.iterdir()] == ["keystore"]
 
 
+def test_the_companion_says_so_in_one_line(keystore: Path) -> None:
+    example = Path("examples") / "assist_as_needed.py"
+    done = subprocess.run([sys.executable, example], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert "assist_as_needed: " in done.stderr
+    assert "Traceback" not in done.stderr
+    assert processes_of(keystore.parent) == []
+
+
 @pytest.mark.parametrize("command", ["node", "replay"])
 def test_without_its_enclave_nothing_runs(command: str, keystore: Path, right_bag: Path, tmp_path: Path) -> None:
     (keystore / "key.pem").unlink()
