@@ -22,14 +22,20 @@ from knee_contact_ros.curves import read_profile, read_translation
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, Tibia, Translation, load_parameters
 
+NO_CURVES: Mapping[str, str] = {}
+
 
 def load_model(
-    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path], *, compiled: bool = False
+    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path],
+    *,
+    compiled: bool = False,
+    curves: Mapping[str, str] = NO_CURVES,
 ) -> KneeModel:
     """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
 
     With `compiled`, runs and streams use the compiled kernel: the same bits some hundred times quicker, after seconds
-    of compiling or, if this machine has compiled this kind of scene before, a second of loading.
+    of compiling or, if this machine has compiled this kind of scene before, a second of loading. `curves` gives the
+    contents of files that parameters name, by parameter, in place of the files.
 
     Raises:
         UsageError: see `load_parameters`; also a profile or a table that cannot be used.
@@ -37,8 +43,8 @@ def load_model(
     parameters = load_parameters(source)
     law = contact_law(parameters.contact)
     model = KneeModel(
-        pair=contact_pair(femoral_geometry(parameters.femur), parameters.tibia),
-        mechanism=mechanism(parameters.translation),
+        pair=contact_pair(femoral_geometry(parameters.femur, curves), parameters.tibia, curves),
+        mechanism=mechanism(parameters.translation, curves),
         regions=law,
         mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance,
@@ -82,34 +88,34 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-def femoral_geometry(femur: Femur) -> Circle | Profile:
+def femoral_geometry(femur: Femur, curves: Mapping[str, str] = NO_CURVES) -> Circle | Profile:
     """The femoral surface by its name."""
     if femur.geometry == "circle":
         return Circle(femur.radius)
-    path, points = read_profile("femur.profile", femur.profile)
+    path, points = read_profile("femur.profile", femur.profile, curves)
     try:
         return Profile(*points)
     except ValueError as error:
         raise UsageError(f"parameter femur.profile: {path}: {error}") from None
 
 
-def contact_pair(femur: Circle | Profile, tibia: Tibia) -> ContactPair:
+def contact_pair(femur: Circle | Profile, tibia: Tibia, curves: Mapping[str, str] = NO_CURVES) -> ContactPair:
     """The femur over the tibial surface by its name."""
     pair = TIBIAL_GEOMETRIES[tibia.geometry]
     if tibia.geometry != "profile":
         return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
-    path, points = read_profile("tibia.profile", tibia.profile)
+    path, points = read_profile("tibia.profile", tibia.profile, curves)
     try:
         return pair(femur, *points)
     except ValueError as error:
         raise UsageError(f"parameter tibia.profile: {path}: {error}") from None
 
 
-def mechanism(translation: Translation) -> Mechanism:
+def mechanism(translation: Translation, curves: Mapping[str, str] = NO_CURVES) -> Mechanism:
     """The knee mechanism by its name."""
     if translation.mechanism != "table":
         return MECHANISMS[translation.mechanism]()
-    path, columns = read_translation("translation.table", translation.table)
+    path, columns = read_translation("translation.table", translation.table, curves)
     try:
         return MECHANISMS["table"](*columns)
     except ValueError as error:

@@ -115,15 +115,19 @@ def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite:
     """Compute a bag offline.
 
     As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file or a
-    rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed again with
+    the parameters stored in it, unless --params is given.
     """
     from knee_contact_ros.parameters import load_parameters
+    from knee_contact_ros.provenance import read_provenance
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.terminal import progress, show_summary
 
+    stored = None if parameter_files else read_provenance(bag)
     with progress("Solving") as advance:
-        summary = solve_bag(bag, load_parameters(found(parameter_files)), output, advance, overwrite)
-    show_summary(summary, {}, {"Recording": str(output)})
+        summary = solve_bag(bag, stored or load_parameters(found(parameter_files)), output, advance, overwrite)
+    rows = {"parameters": f"those in {bag.name}, made with {stored.package}"} if stored else {}
+    show_summary(summary, rows, {"Recording": str(output)})
 
 
 @knee_contact.command()

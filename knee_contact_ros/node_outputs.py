@@ -22,7 +22,12 @@ class Outputs:
     """Takes answers off the tick path: every output is a process of its own, and nothing here waits but `close`."""
 
     def __init__(
-        self, parameters: Parameters, model: KneeModel, names: Mapping[str, str], on_failure: Callable[[str], None]
+        self,
+        parameters: Parameters,
+        model: KneeModel,
+        provenance: Mapping[str, str],
+        names: Mapping[str, str],
+        on_failure: Callable[[str], None],
     ) -> None:
         """Open all outputs that the parameters ask for; if one cannot be opened, none is left behind.
 
@@ -33,6 +38,8 @@ class Outputs:
             UsageError: one cannot be opened.
         """
         self._names = names
+        self.provenance = provenance
+        """What recordings that begin from now on say of themselves"""
         self._flush_period = parameters.record.flush_period
         self._on_failure = on_failure
         self._sinks: dict[str, SinkProcess] = {}
@@ -107,4 +114,4 @@ class Outputs:
             sink.close(ending)
 
     def _recorder(self, path: Path, awaited: bool = False) -> SinkProcess:
-        return recorder(path, self._names, self._flush_period, self._on_failure, awaited)
+        return recorder(path, self.provenance, self._names, self._flush_period, self._on_failure, awaited)

@@ -202,6 +202,11 @@ def known_parameters() -> dict[str, tuple[Any, str]]:
     return names
 
 
+def flat_parameters(parameters: Parameters) -> dict[str, Any]:
+    """All values by their dotted names."""
+    return _flat(parameters.model_dump())
+
+
 def load_parameters(source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path]) -> Parameters:
     """Read parameters from a ROS 2 parameter file, from several (the later one wins), or from a mapping.
 

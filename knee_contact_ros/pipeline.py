@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from knee_contact_ros.answer import Answer, Ending, Input
-from knee_contact_ros.build import load_model, retuned
+from knee_contact_ros.build import NO_CURVES, load_model, retuned
 from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
 from knee_contact_ros.core.model import as_contact
 from knee_contact_ros.core.ticks import PLACING
@@ -20,10 +20,17 @@ from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 class Pipeline:
     """Samples, pairing and model in one line."""
 
-    def __init__(self, parameters: Parameters, deserialize: Deserialize = deserialize, *, compiled: bool) -> None:
-        """Build the model; see `load_model` for `compiled` and `Decoder` for `deserialize`."""
+    def __init__(
+        self,
+        parameters: Parameters,
+        deserialize: Deserialize = deserialize,
+        *,
+        compiled: bool,
+        curves: Mapping[str, str] = NO_CURVES,
+    ) -> None:
+        """Build the model; see `load_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
         self.parameters = parameters
-        self.model = load_model(parameters, compiled=compiled)
+        self.model = load_model(parameters, compiled=compiled, curves=curves)
         self.decoder = Decoder(deserialize)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()

@@ -15,6 +15,8 @@ from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
+PROVENANCE = "knee_contact"
+"""Name of the metadata record that says how the answers come about (`provenance.py`)"""
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
@@ -23,12 +25,15 @@ ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 class AnswerWriter:
     """Writes answers into a bag."""
 
-    def __init__(self, bag: BagWriter, names: Mapping[str, str] = ABSOLUTE_NAMES) -> None:
-        """`names` gives the absolute name under which each topic is recorded."""
+    def __init__(
+        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES
+    ) -> None:
+        """`provenance` says how the answers come about; `names` the absolute name under which a topic is recorded."""
         self.bag = bag
         self._names = names
         for topic, type_name in MESSAGE_TYPES.items():
             bag.add_topic(names[topic], type_name)
+        bag.add_metadata(PROVENANCE, dict(provenance))
 
     def write(self, answer: Answer) -> None:
         """Write an answer's inputs and outputs."""
@@ -39,6 +44,11 @@ class AnswerWriter:
         self.write_inputs(inputs)
         self.bag.write(self._names[KNEE_CONTACT], stamp, message)
         self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record behind the answers so far."""
+        self.bag.flush()  # messages go by chunks, and metadata at once
+        self.bag.add_metadata(name, values)
 
     def finish(self, ending: Ending) -> None:
         """Write the inputs without an answer, and how many samples were refused and why."""
@@ -68,8 +78,7 @@ class Recorder:
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record behind the answers so far."""
-        self.flush()  # messages go by chunks, and metadata at once
-        self._writer.bag.add_metadata(name, values)
+        self._writer.note(name, values)
 
     def flush(self) -> None:
         """Hand all that was written to the operating system."""
@@ -94,10 +103,10 @@ def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
     return topic, stamp, JointState(*fields) if topic == JOINT_STATES else WrenchStamped(*fields)
 
 
-def open_output(path: Path, names: Mapping[str, str], flush_period: float) -> Recorder:
+def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], flush_period: float) -> Recorder:
     """Open a recording for a sink's process.
 
     Raises:
         UsageError: see `claim`.
     """
-    return Recorder(AnswerWriter(BagWriter(path), names), flush_period)
+    return Recorder(AnswerWriter(BagWriter(path), provenance, names), flush_period)

@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.answer import Ending
+from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.input_stream import InputStream
@@ -25,6 +26,7 @@ from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
 from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
@@ -56,7 +58,8 @@ class Session:
         self.node = node
         self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self.parameters = parameters
-        self.pipeline = Pipeline(parameters, deserialize, compiled=False)
+        self._curves = curve_texts(parameters)
+        self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
         self.inputs = {
             stream.topic: stream
             for stream in (
@@ -69,7 +72,7 @@ class Session:
         self._missed_before = 0
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        self.outputs = Outputs(parameters, self.pipeline.model, names, node.get_logger().error)
+        self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, node.get_logger().error)
         by_user = QoSOverridingOptions.with_default_policies()
         self._contact, self._wrench, self._diagnostics = (
             node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
@@ -116,7 +119,7 @@ class Session:
         """Go on with parameters of which some have changed."""
         self.parameters = parameters
         self.pipeline.retune(parameters)
-        self.outputs.note("parameters_changed", {name: str(value) for name, value in changes.items()})
+        self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
 
     def close(self) -> None:
         """Complete the files."""
@@ -149,12 +152,16 @@ class Session:
 
     def _reset(self) -> str:
         self.pipeline.reset()
-        self.outputs.note("reset", {"tick": str(self.ticks.ticks)})
+        self.outputs.note(RESET, {TICK: str(self.pipeline.ticks)})
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:
+        self.outputs.provenance = self._provenance()
         self.outputs.start_recording(self.parameters.record.path)
         return f"recording to {self.parameters.record.path}"
+
+    def _provenance(self) -> dict[str, str]:
+        return provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
 
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))

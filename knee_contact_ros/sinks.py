@@ -20,10 +20,15 @@ PATIENCE = 10.0
 
 
 def recorder(
-    path: Path, names: Mapping[str, str], flush_period: float, on_failure: Callable[[str], None], awaited: bool = False
+    path: Path,
+    provenance: Mapping[str, str],
+    names: Mapping[str, str],
+    flush_period: float,
+    on_failure: Callable[[str], None],
+    awaited: bool = False,
 ) -> SinkProcess:
     """A process that records to MCAP; see `record_answers.open_output` and `SinkProcess`."""
-    job = Job("knee_contact_ros.record_answers", (path, dict(names), flush_period))
+    job = Job("knee_contact_ros.record_answers", (path, dict(provenance), dict(names), flush_period))
     handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=PATIENCE)
     return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure, awaited)
 

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.provenance import Provenance, provenance_record
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.redo import Changes
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_STATES
@@ -20,23 +23,33 @@ WORTH_COMPILING = 50_000
 
 
 def solve(
-    bag: Path, parameters: Parameters, output: Path, advance: Callable[[int, int], None], overwrite: bool = False
+    bag: Path,
+    how: Parameters | Provenance,
+    output: Path,
+    advance: Callable[[int, int], None],
+    overwrite: bool = False,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
-    `advance` is called after every message with the number of messages done and in all. With `overwrite`, an existing
-    output is replaced once the new one is complete.
+    `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
+    called after every message with the number of messages done and in all. With `overwrite`, an existing output is
+    replaced once the new one is complete.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
+    parameters = how.parameters if isinstance(how, Provenance) else how
+    curves = how.curves if isinstance(how, Provenance) else curve_texts(parameters)
+    changes = Changes(how.changes if isinstance(how, Provenance) else ())
     with ExitStack() as opened:
         reader = opened.enter_context(BagReader(bag))
-        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING)
+        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
-        recorder = AnswerWriter(writer)
+        recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
         summary = Summary(parameters.body_weight)
         for done, (topic, _, data) in enumerate(reader.raw_messages(), start=1):
+            for name, values in changes.make(pipeline):
+                recorder.note(name, values)
             feed = pipeline.joint_state if topic == f"/{JOINT_STATES}" else pipeline.joint_reaction_force
             for answer in feed(data):
                 recorder.write(answer)

@@ -99,7 +99,7 @@ class Started:
 
     def recorder(self, path: Path, wait: bool = True) -> SinkProcess:
         """A recorder."""
-        return self._keep(recorder(path, ABSOLUTE_NAMES, 0.02, self.told.append, awaited=True), wait)
+        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, 0.02, self.told.append, awaited=True), wait)
 
     def viewer(self, path: Path, wait: bool = True) -> SinkProcess:
         """A viewer."""
@@ -386,7 +386,7 @@ def test_a_process_that_is_slow_to_start_is_not_ended_before_it_is_open(
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = recorder(Path(path), ABSOLUTE_NAMES, 60.0, print)
+    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, 60.0, print)
     sink.wait_until_open()
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))

@@ -12,11 +12,16 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
+from std_srvs.srv import Trigger
 
 from knee_contact_ros import load_model
 from knee_contact_ros.build import retuned
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.provenance import read_provenance
+from knee_contact_ros.solve import solve
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
+from knee_contact_ros.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer, call
 
 Start = Callable[..., NodeProcess]
@@ -74,6 +79,35 @@ def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None
     refused = set_parameters(peer, {"contact.damping": 5.0, "contact.law": "hertz"})
     assert refused == (False, "parameter contact.law cannot change while the node is configured, only after a cleanup")
     assert set_parameters(peer, {"fidelity.budget": 7})[0] is False
+
+
+def test_a_live_recording_is_computed_again_from_itself(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    """With what happened to the node between two ticks: the same bytes."""
+    recording, redone = tmp_path / "live.mcap", tmp_path / "redone.mcap"
+    node = start_node("-p", f"record.path:={recording}", "-p", "load.share:=0.6")
+    peer.wait_for_node()
+    for i in range(60):
+        if i == 20:
+            peer.wait_until(lambda: len(peer.contacts) == 20)
+            assert set_parameters(peer, {"contact.damping": 900.0, "load.share": 0.7}) == (True, "")
+        if i == 40:
+            peer.wait_until(lambda: len(peer.contacts) == 40)
+            assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+        peer.send(i * 5 * MILLISECOND, 0.2, 800.0 + 300.0 * np.sin(0.4 * i))
+    peer.wait_until(lambda: len(peer.contacts) == 60)
+    node.stop()
+    found = read_provenance(recording)
+    assert found is not None
+    solve(recording, found, redone, lambda _done, _total: None)
+    answers = [read_raw(path) for path in (recording, redone)]
+    assert len(answers[0]) == 60
+    assert answers[0] == answers[1]
+
+
+def read_raw(path: Path) -> list[RawMessage]:
+    """The answers in a recording."""
+    with BagReader(path, {"/knee_contact": MESSAGE_TYPES["knee_contact"]}) as bag:
+        return list(bag.raw_messages())
 
 
 def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:

@@ -1,0 +1,146 @@
+"""How a recording came about: written into it, so that its answers can be computed again from it alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+import knee_contact_ros.core
+from knee_contact_ros import __version__
+from knee_contact_ros.curves import curve_texts
+from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
+from knee_contact_ros.record_answers import PROVENANCE
+
+PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
+"""Names of the metadata records of what happened to a running node"""
+TICK = "tick"
+"""Their key for the number of ticks before"""
+CURVE = "file of "
+"""What a key begins with whose value is the content of a file that a parameter names"""
+NOT_OF_THE_RESULT = ("record.", "rerun.", "autostart", "deadline")
+"""Parameters (beginnings of their names) of which no answer depends"""
+
+
+class Change(NamedTuple):
+    """What happened to a running node between two ticks."""
+
+    tick: int
+    """Ticks in the recording before"""
+    values: dict[str, Any] | None
+    """Parameters that have changed; None: it was reset"""
+
+
+class Provenance(NamedTuple):
+    """How a recording came about, as it says itself."""
+
+    package: str
+    """Name and version"""
+    model: str
+    """SHA-256 of the model's source"""
+    parameters: Parameters
+    """Those with which it began"""
+    curves: dict[str, str]
+    """Contents of the files that parameters name, by parameter"""
+    ticks_before: int
+    """Ticks that the node had computed before the recording began"""
+    changes: tuple[Change, ...]
+    """In their order"""
+
+
+def provenance_record(
+    parameters: Parameters, curves: Mapping[str, str] | None = None, source: Path | None = None, ticks_before: int = 0
+) -> dict[str, str]:
+    """Content of the metadata record; nothing in it depends on where or when it is written.
+
+    `curves` gives the contents of the files that parameters name, if they are at hand; `source` is the bag that the
+    inputs come from, if they do.
+
+    Raises:
+        UsageError: a file that a parameter names cannot be read.
+    """
+    values = {
+        name: value for name, value in flat_parameters(parameters).items() if not name.startswith(NOT_OF_THE_RESULT)
+    }
+    record = {
+        "package": f"knee_contact_ros {__version__}",
+        "model_sha256": model_digest(),
+        "parameters": json.dumps(values, indent=0),
+        "ticks_before": str(ticks_before),
+    }
+    texts = curve_texts(parameters) if curves is None else curves
+    record |= {CURVE + name: text for name, text in texts.items()}
+    return record | ({"source": source.name, "source_sha256": bag_digest(source)} if source else {})
+
+
+def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
+    """Content of the metadata record of parameters that have changed after a number of ticks."""
+    return {TICK: str(tick)} | {name: json.dumps(value) for name, value in values.items()}
+
+
+def read_provenance(bag: Path) -> Provenance | None:
+    """How a bag came about; None if it does not say so.
+
+    Raises:
+        UsageError: it says so, but with parameters that this version does not know.
+    """
+    records = list(_metadata(bag))
+    found = next((values for name, values in records if name == PROVENANCE), None)
+    if found is None:
+        return None
+    try:
+        before = int(found["ticks_before"])
+        changes = (change._replace(tick=change.tick - before) for change in _changes(records))
+        return Provenance(
+            found["package"], found["model_sha256"], load_parameters(json.loads(found["parameters"])),
+            {key.removeprefix(CURVE): text for key, text in found.items() if key.startswith(CURVE)},
+            before, tuple(sorted(changes, key=lambda change: change.tick)),
+        )  # fmt: skip
+    except (KeyError, ValueError):  # somebody else's record of the same name
+        return None
+
+
+def model_digest() -> str:
+    """SHA-256 of the model's source."""
+    return _digest(Path(knee_contact_ros.core.__file__).parent.rglob("*.py"))
+
+
+def bag_digest(bag: Path) -> str:
+    """SHA-256 of a bag: of its file, or of all files of its folder."""
+    if bag.is_dir():
+        return _digest(path for path in bag.iterdir() if path.is_file())
+    with bag.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _digest(paths: Iterable[Path]) -> str:
+    """Of files' names and contents, in the order of their names."""
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        with path.open("rb") as file:
+            digest.update(f"{path.name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def _changes(records: Iterable[tuple[str, dict[str, str]]]) -> Iterator[Change]:
+    for name, values in records:
+        if name == RESET:
+            yield Change(int(values[TICK]), None)
+        elif name == PARAMETERS_CHANGED:
+            changed = {key: json.loads(value) for key, value in values.items() if key != TICK}
+            yield Change(int(values[TICK]), changed)
+
+
+def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """Names and contents of the metadata records of a bag's MCAP files; none of those that cannot be read."""
+    for path in sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]:
+        try:
+            with path.open("rb") as file:
+                yield from [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
+        except (McapError, OSError, ValueError, EOFError):
+            continue

@@ -1,0 +1,32 @@
+"""Do again, in an offline run, what happened to the node that made the recording."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+
+from knee_contact_ros.parameters import flat_parameters, load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, Change, change_record
+
+
+class Changes:
+    """Changes that wait for their tick."""
+
+    def __init__(self, changes: Iterable[Change]) -> None:
+        self._waiting = deque(changes)
+
+    def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
+        """Make those whose tick has come; give the metadata record of each.
+
+        Raises:
+            UsageError: parameters that this version does not allow.
+        """
+        while self._waiting and pipeline.ticks >= self._waiting[0].tick:
+            tick, values = self._waiting.popleft()
+            if values is None:
+                pipeline.reset()
+                yield RESET, {TICK: str(tick)}
+            else:
+                pipeline.retune(load_parameters(flat_parameters(pipeline.parameters) | values))
+                yield PARAMETERS_CHANGED, change_record(tick, values)

@@ -1,0 +1,120 @@
+"""A recording says how it came about, and can be computed again from itself alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+
+from knee_contact_ros.cli import knee_contact
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.provenance import Change, bag_digest, change_record, provenance_record, read_provenance
+from knee_contact_ros.record import BagWriter
+from knee_contact_ros.record_answers import PROVENANCE
+from knee_contact_ros.solve import solve
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
+    """All of a recording, in the order of the file."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, message.log_time, message.sequence, message.data)
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
+
+
+def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """Metadata records in the order of the file."""
+    with path.open("rb") as file:
+        return [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
+
+
+def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    """Even where the files that its parameters named are gone."""
+    profile, mine = tmp_path / "my_femur.csv", tmp_path / "mine.yaml"
+    shutil.copy(config / "femur_medial.csv", profile)
+    mine.write_text(f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}")
+    first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
+    solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first, silent)
+    profile.unlink()
+    done = CliRunner().invoke(knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False)
+    assert f"those in {first.name}, made with knee_contact_ros" in done.output
+    assert messages(second) == messages(first)
+    found = read_provenance(second)
+    assert found is not None
+    assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
+    solve(second, found, third, silent)
+    assert messages(third) == messages(first)
+    healthy = ["solve", str(first), "--params", "healthy.yaml", "--output", str(tmp_path / "fourth.mcap")]
+    assert CliRunner().invoke(knee_contact, healthy).exit_code == 0
+    assert messages(tmp_path / "fourth.mcap") != messages(first)
+
+
+def test_the_same_bag_and_parameters_give_the_same_file(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / name / "out.mcap", silent)
+    assert (tmp_path / "one" / "out.mcap").read_bytes() == (tmp_path / "other" / "out.mcap").read_bytes()
+
+
+def test_the_record_names_package_model_parameters_and_source(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "bag.mcap"
+    shutil.copy(next(right_bag.glob("*.mcap")), copied)
+    solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    record = dict(metadata(tmp_path / "out.mcap"))[PROVENANCE]
+    assert record["source"] == "bag.mcap"
+    assert record["source_sha256"] == hashlib.sha256(copied.read_bytes()).hexdigest()
+    assert len(record["model_sha256"]) == 64
+    parameters = json.loads(record["parameters"])
+    assert parameters["contact.stiffness"] == load_parameters(config / "healthy.yaml").contact.stiffness
+    assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
+
+
+def test_a_folders_checksum_is_that_of_its_files(right_bag: Path, tmp_path: Path) -> None:
+    shutil.copytree(right_bag, tmp_path / "copy")
+    assert bag_digest(tmp_path / "copy") == bag_digest(right_bag)
+    with next((tmp_path / "copy").glob("*.mcap")).open("ab") as file:
+        file.write(b"x")
+    assert bag_digest(tmp_path / "copy") != bag_digest(right_bag)
+
+
+def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path) -> None:
+    """Changes count from the beginning of the recording, whatever the node had computed before."""
+    recording = tmp_path / "out.mcap"
+    with BagWriter(recording) as bag:
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.6}), ticks_before=1000))
+        bag.add_metadata("parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5}))
+        bag.add_metadata("reset", {"tick": "1200"})
+    found = read_provenance(recording)
+    assert found is not None
+    assert found.parameters.load.share == 0.6
+    assert found.changes == (Change(100, {"contact.damping": 0.0, "deadline": 0.5}), Change(200, None))
+    redone = tmp_path / "redone.mcap"
+    solve(right_bag, found, redone, silent)
+    plain = tmp_path / "plain.mcap"
+    solve(right_bag, found.parameters, plain, silent)
+    answers, unchanged = (
+        [data for topic, _, _, data in messages(path) if topic == "/knee_contact"] for path in (redone, plain)
+    )
+    assert answers[:100] == unchanged[:100]
+    assert answers[100] != unchanged[100]
+    again = read_provenance(redone)
+    assert again is not None
+    assert again.changes == found.changes
+    assert dict(metadata(redone))["reset"] == {"tick": "200"}
+
+
+@pytest.mark.parametrize("record", [{}, {"package": "theirs"}, {"parameters": "{", "ticks_before": "0"}])
+def test_a_record_of_somebody_else_is_none_of_ours(tmp_path: Path, record: dict[str, str]) -> None:
+    with BagWriter(tmp_path / "out.mcap") as bag:
+        bag.add_metadata("knee_contact", record)
+    assert read_provenance(tmp_path / "out.mcap") is None
