@@ -17,7 +17,7 @@ _ENCAPSULATION = 4
 """Length of the header [B]; alignment counts from behind it"""
 _BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 """By the first two bytes of the header. The other two are options, which ROS ignores on reading."""
-_MOST_TRAILING = 12
+MOST_TRAILING = 12
 """Surplus [B] of ROS's `serialize_message` at most: it makes room to align numbers even where none follow"""
 _LONGEST = 65536
 """Messages longer than this [B] are not read here, so that what is remembered of them stays small"""
@@ -137,7 +137,7 @@ class _Walk:
     def unpack(self) -> Callable[[bytes], tuple[Any, ...]]:
         """Reads bytes like these into fields: representation, seconds, nanoseconds and what was met."""
         trailing = len(self._data) - self._at
-        if not 0 <= trailing <= _MOST_TRAILING:
+        if not 0 <= trailing <= MOST_TRAILING:
             raise ValueError("truncated, or something behind the message")
         return struct.Struct("".join(self._format) + f"{trailing}x").unpack
 

@@ -63,19 +63,20 @@ class BagWriter:
         self._first = self._last = 0
         self._types: dict[str, str] = {}  # topic to message type
         self._schemas: dict[str, int] = {}  # message type to schema id
-        self._channels: dict[str, int] = {}  # topic to channel id
+        self.channels: dict[str, int] = {}
+        """Topic to channel id"""
         self._file = self.partial.open("wb")
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
-        self._writer.start(profile="ros2", library=LIBRARY)
+        self.writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        self.writer.start(profile="ros2", library=LIBRARY)
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
-        if topic in self._channels:
+        if topic in self.channels:
             return
         if type_name not in self._schemas:
             text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
-            self._schemas[type_name] = self._writer.register_schema(name=type_name, encoding="ros2msg", data=text)
-        self._channels[topic] = self._writer.register_channel(
+            self._schemas[type_name] = self.writer.register_schema(name=type_name, encoding="ros2msg", data=text)
+        self.channels[topic] = self.writer.register_channel(
             topic=topic,
             message_encoding="cdr",
             schema_id=self._schemas[type_name],
@@ -89,25 +90,29 @@ class BagWriter:
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
-        self._writer.add_message(self._channels[topic], stamp, data, stamp, self.counts[topic])
+        self.writer.add_message(self.channels[topic], stamp, data, stamp, self.counts[topic])
+        self.count(topic, 1, stamp, stamp)
+
+    def count(self, topic: str, number: int, first: int, last: int) -> None:
+        """Take messages into account that were written, with their first and last stamp [ns]."""
         if not self.counts.total():
-            self._first = self._last = stamp
-        self._first, self._last = min(self._first, stamp), max(self._last, stamp)
-        self.counts[topic] += 1
+            self._first, self._last = first, last
+        self._first, self._last = min(self._first, first), max(self._last, last)
+        self.counts[topic] += number
 
     def flush(self) -> None:
         """Hand all that was written to the operating system."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self.writer.flush()  # type: ignore[no-untyped-call]
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
-        self._writer.add_metadata(name, values)
+        self.writer.add_metadata(name, values)
 
     def close(self) -> None:
         """Complete the file, give it its name, and write `metadata.yaml` beside it unless that is another bag's."""
         information = self._information()
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.writer.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
+        self.writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()

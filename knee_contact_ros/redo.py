@@ -16,6 +16,11 @@ class Changes:
     def __init__(self, changes: Iterable[Change]) -> None:
         self._waiting = deque(changes)
 
+    @property
+    def waiting(self) -> bool:
+        """Whether there are any left."""
+        return bool(self._waiting)
+
     def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
         """Make those whose tick has come; give the metadata record of each.
 

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 
+from knee_contact_ros.answer import Answer
 from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.provenance import Provenance, provenance_record
 from knee_contact_ros.record import BagWriter
-from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.record_answers import ABSOLUTE_NAMES, AnswerWriter
+from knee_contact_ros.record_blocks import write_rows
 from knee_contact_ros.redo import Changes
-from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.solve_blocks import take
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.summary import Summary
-from knee_contact_ros.topics import JOINT_STATES
+from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
+BLOCK = 8192
+"""Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
 WORTH_COMPILING = 50_000
 """Messages of a bag from which on compiling the kernel takes less time than it saves"""
 
@@ -32,7 +38,7 @@ def solve(
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
     `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
-    called after every message with the number of messages done and in all. With `overwrite`, an existing output is
+    called now and then with the number of messages done and in all. With `overwrite`, an existing output is
     replaced once the new one is complete.
 
     Raises:
@@ -47,20 +53,60 @@ def solve(
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
         summary = Summary(parameters.body_weight)
-        for done, (topic, _, data) in enumerate(reader.raw_messages(), start=1):
-            for name, values in changes.make(pipeline):
-                recorder.note(name, values)
-            feed = pipeline.joint_state if topic == f"/{JOINT_STATES}" else pipeline.joint_reaction_force
-            for answer in feed(data):
-                recorder.write(answer)
-                summary.add(answer.stamp, answer.contact)
+        run, done = Run(pipeline, recorder, summary, changes), 0
+        for block in blocks(reader.raw_messages()):
+            run.take(block)
+            done += len(block)
             advance(done, reader.count)
-        for answer in pipeline.give_up():
-            recorder.write(answer)
-            summary.add(answer.stamp, answer.contact)
+        run.keep(pipeline.give_up())
         recorder.finish(pipeline.ending())
         summary.refused = pipeline.synchroniser.refused
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal})")
     return summary
+
+
+class Run:
+    """Takes messages, and writes and sums up what comes of them."""
+
+    def __init__(self, pipeline: Pipeline, recorder: AnswerWriter, summary: Summary, changes: Changes) -> None:
+        self._pipeline, self._recorder, self._summary, self._changes = pipeline, recorder, summary, changes
+
+    def take(self, block: Sequence[RawMessage]) -> None:
+        """Take messages in their order: at once if they allow it, else one by one."""
+        if self._changes.waiting or not self._take_at_once(block):
+            for message in block:
+                self._take_one(message)
+
+    def keep(self, answers: Iterable[Answer]) -> None:
+        """Write answers and take them into account."""
+        for answer in answers:
+            self._recorder.write(answer)
+            self._summary.add(answer.stamp, answer.contact)
+
+    def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
+        by_topic = [
+            [message.data for message in block if message.topic == ABSOLUTE_NAMES[topic]]
+            for topic in (JOINT_STATES, JOINT_REACTION_FORCE)
+        ]
+        answers = take(self._pipeline, *by_topic)
+        if answers is None:
+            return False
+        write_rows(self._recorder.bag, [row._replace(topic=ABSOLUTE_NAMES[row.topic]) for row in answers.rows])
+        self._summary.add_all(answers.stamps, answers.numbers, answers.status)
+        return True
+
+    def _take_one(self, message: RawMessage) -> None:
+        for name, values in self._changes.make(self._pipeline):
+            self._recorder.note(name, values)
+        ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
+        feed = self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force
+        self.keep(feed(message.data))
+
+
+def blocks(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
+    """Messages by the block."""
+    coming = iter(messages)
+    while block := list(islice(coming, BLOCK)):
+        yield block

@@ -25,6 +25,12 @@ PEAK_DISTANCE = 0.25
 """Smallest time [s] between two peaks of stance."""
 
 
+PEAKS = {"load": 1, "contact_force": 2, "penetration_depth": 3}
+"""Fields whose largest values are kept, and their columns in `Stream.answer`"""
+FIDELITY, STATUS, ERROR, EVALUATIONS = 12, 13, 14, 15
+"""More of its columns"""
+
+
 class Peak(NamedTuple):
     """A value and its stamp."""
 
@@ -79,13 +85,33 @@ class Summary:
         self.evaluations += contact.evaluations
         self.levels[Fidelity(contact.fidelity).name.lower()] += 1
         self.largest_error = max(self.largest_error, contact.error_estimate)
-        for name in ("load", "contact_force", "penetration_depth"):
+        for name in PEAKS:
             value = getattr(contact, name)
             if name not in self.peaks or value > self.peaks[name].value:
                 self.peaks[name] = Peak(value, stamp)
         for bit in Status:
             if contact.status & bit:
                 self.flagged[bit.name or ""] += 1
+
+    def add_all(self, stamps: NDArray[np.int64], numbers: NDArray[np.float64], status: NDArray[np.int64]) -> None:
+        """The same for many answers, at least one: numbers as in `Stream.answer`, and more bits of the status."""
+        if not self.ticks:
+            self.first_stamp = int(stamps[0])
+        self.last_stamp = int(stamps[-1])
+        self.ticks += len(stamps)
+        self.evaluations += int(numbers[:, EVALUATIONS].sum())
+        for level, count in zip(*np.unique(numbers[:, FIDELITY], return_counts=True), strict=True):
+            self.levels[Fidelity(int(level)).name.lower()] += int(count)
+        self.largest_error = max(self.largest_error, float(numbers[:, ERROR].max()))
+        for name, column in PEAKS.items():
+            index = int(numbers[:, column].argmax())
+            value = float(numbers[index, column])
+            if name not in self.peaks or value > self.peaks[name].value:
+                self.peaks[name] = Peak(value, int(stamps[index]))
+        flags = numbers[:, STATUS].astype(np.int64) | status
+        for bit in Status:
+            if count := int(np.count_nonzero(flags & bit)):
+                self.flagged[bit.name or ""] += count
 
     @property
     def duration(self) -> float:

@@ -32,6 +32,21 @@ class PairedSample(NamedTuple):
     """Angle samples up to this stamp that no earlier pair has taken along"""
 
 
+class Steady(NamedTuple):
+    """What a synchroniser holds between two samples while nothing unusual happens."""
+
+    angles: tuple[AngleSample, ...]
+    """From the last one before the next load on, or earlier"""
+    fresh: tuple[AngleSample, ...]
+    """Those that no pair has taken along"""
+    loads: tuple[LoadSample, ...]
+    """That wait for an angle"""
+    last_angle: int | None
+    """Stamps [ns]"""
+    last_load: int | None
+    last_pair: int | None
+
+
 class Synchroniser:
     """Two streams in, pairs out, in the order of the load's stamps.
 
@@ -56,6 +71,22 @@ class Synchroniser:
     def waiting(self) -> int:
         """Loads that wait for an angle."""
         return len(self._epochs[self._load_epoch].loads)
+
+    def steady(self) -> Steady | None:
+        """What is held; None after something unusual, until a pair has told it."""
+        epoch = self._epochs[self._load_epoch]
+        if self._flags or self._angle_epoch != self._load_epoch or self._angles_adopted or epoch.angles_ended:
+            return None
+        return Steady(
+            tuple(epoch.angles), tuple(epoch.fresh), tuple(epoch.loads),
+            self._last_angle, self._last_load, self._last_pair,
+        )  # fmt: skip
+
+    def go_on(self, steady: Steady) -> None:
+        """Hold this; only while `steady` gives something."""
+        epoch = self._epochs[self._load_epoch]
+        epoch.angles, epoch.fresh, epoch.loads = deque(steady.angles), deque(steady.fresh), deque(steady.loads)
+        self._last_angle, self._last_load, self._last_pair = steady[3:]
 
     def refuse(self, reason: str) -> None:
         """Count a sample that cannot be used; the next tick says so."""

@@ -21,6 +21,7 @@ from knee_contact_ros.core.types import Contact, Point
 
 NANOSECOND = 1e-9
 AUTO = Auto()
+Floats = NDArray[np.float64]
 INPUTS = "flexion_angle, load and femoral_height"
 LARGEST_LOAD = 1e6
 """Load [N] beyond which a sample is a fault of its source and no knee's."""
@@ -218,6 +219,25 @@ class Stream:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
         self._tick(duration, flexion_angle, load, height)
         self._stamp = stamp
+
+    def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Floats:
+        """Many ticks: `advance` for each, with all numbers of their answers, shape (n, `ticks.ANSWER`).
+
+        Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,).
+
+        Raises:
+            ValueError: as `advance`.
+        """
+        _check_limits([angles, loads] if heights is None else [angles, loads, heights])
+        self.model.check_drive(heights is not None)
+        steps = np.diff(stamps, prepend=stamps[:1] if self._stamp is None else self._stamp)
+        if (steps[0 if self._stamp is not None else 1 :] <= 0).any():
+            raise ValueError("time must increase")
+        answers = np.zeros((len(stamps), ticks.ANSWER))
+        height = np.full(len(stamps), math.nan) if heights is None else heights
+        self.model.kernel.run(self.model.scene, self._memory, steps * NANOSECOND, angles, loads, height, answers)
+        self._stamp = int(stamps[-1])
+        return answers
 
     def _checked_height(self, flexion_angle: float, load: float, femoral_height: float | None) -> float:
         """The height [m] of a tick where one is given or needed."""
