@@ -28,7 +28,7 @@ from knee_contact_ros.drawing import drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED
+from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED, PROVENANCE
 from knee_contact_ros.sinks import recorded_row, recorder, viewer
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, read_bag
@@ -215,7 +215,7 @@ def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path
 
 def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
     (tmp_path / "old.mcap").touch()
-    arguments = (tmp_path / "old.mcap", ABSOLUTE_NAMES, 0.02)
+    arguments = (tmp_path / "old.mcap", {}, ABSOLUTE_NAMES, 0.02)
     sink = started.begun(Job("knee_contact_ros.record_answers", arguments), recorded_row)
     wait_until(sink.is_over)
     assert started.told == [f"{tmp_path / 'old.mcap'} exists already, and recordings are not overwritten"]
@@ -410,7 +410,7 @@ def test_a_recording_is_completed_when_the_node_is_gone(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
     with path.open("rb") as file:
         names = [record.name for record in StreamReader(file).records if isinstance(record, Metadata)]
-    assert names == [INTERRUPTED, "rosbag2"]
+    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]
 
 
 def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: Path) -> None:
