@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
 from knee_contact_ros.answer import Answer, Ending
-from knee_contact_ros.apart import SinkProcess
+from knee_contact_ros.apart import SinkProcess, Tell
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.drawing import drawing_of
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.outputs import refuse_existing
-from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.parameters import Parameters, Record
+from knee_contact_ros.record import Limits
+from knee_contact_ros.record_answers import MB, Settings
 from knee_contact_ros.sinks import recorder, viewer
 
 RECORDER, VIEWER = "recorder", "viewer"
@@ -21,20 +25,18 @@ RECORDER, VIEWER = "recorder", "viewer"
 class Outputs:
     """Takes answers off the tick path: every output is a process of its own, and nothing here waits but `close`."""
 
-    def __init__(
-        self, parameters: Parameters, model: KneeModel, names: Mapping[str, str], on_failure: Callable[[str], None]
-    ) -> None:
+    def __init__(self, parameters: Parameters, model: KneeModel, names: Mapping[str, str], tell: Tell) -> None:
         """Open all outputs that the parameters ask for; if one cannot be opened, none is left behind.
 
-        `names` gives the absolute name under which each topic is recorded; `on_failure` is told, from another thread,
-        of an output that stops.
+        `names` gives the absolute name under which each topic is recorded; `tell` says who is told, from another
+        thread, of an output that stops.
 
         Raises:
             UsageError: one cannot be opened.
         """
         self._names = names
-        self._flush_period = parameters.record.flush_period
-        self._on_failure = on_failure
+        self._recording = recording_settings(parameters.record)
+        self._tell = tell
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: dict[Path, SinkProcess] = {}
         """Recordings that are being completed"""
@@ -45,7 +47,7 @@ class Outputs:
                 undo.callback(self._sinks[RECORDER].discard)
             if parameters.rerun.mode == "file":
                 drawing = drawing_of(model, parameters.body_weight)
-                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, on_failure, awaited=True)
+                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, tell, awaited=True)
                 undo.callback(self._sinks[VIEWER].discard)
             for sink in self._sinks.values():
                 sink.wait_until_open()
@@ -107,4 +109,10 @@ class Outputs:
             sink.close(ending)
 
     def _recorder(self, path: Path, awaited: bool = False) -> SinkProcess:
-        return recorder(path, self._names, self._flush_period, self._on_failure, awaited)
+        return recorder(path, self._names, self._recording, self._tell, awaited)
+
+
+def recording_settings(record: Record) -> Settings:
+    """How to record, from the parameters `record.*`."""
+    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
+    return Settings(record.flush_period, limits, record.min_free * MB)
