@@ -17,6 +17,7 @@ from knee_contact_ros.bag_file import BagFile
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.summary import read_summary
 from knee_contact_ros.topics import MESSAGE_TYPES
 from tests.test_apart import answer
 
@@ -203,6 +204,13 @@ def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
     record(tmp_path / "second.mcap", range(250), Limits(duration=100 * MS))
     assert information(tmp_path) == before
     assert (tmp_path / "second_2.mcap").exists()
+
+
+def test_a_summary_is_that_of_all_files(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
+    summary = read_summary(tmp_path, 737.0)
+    assert (summary.ticks, summary.first_stamp, summary.last_stamp) == (250, 0, 249 * MS)
+    assert summary.refused == {"not_finite": 3}
 
 
 def test_topics_are_those_of_the_messages(tmp_path: Path) -> None:
