@@ -92,7 +92,7 @@ class Child:
             if now >= reported + REPORT_PERIOD and self.written != self._reported:
                 self._report(OPEN)
                 reported = now
-            for item in self._next(due - now):
+            for item in self._next(min(due, looked + LOOK_PERIOD) - now):
                 if isinstance(item, Note):
                     output.note(item.name, item.values)
                 elif isinstance(item, Discard):

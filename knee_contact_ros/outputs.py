@@ -7,6 +7,7 @@ So a file that is being written is told from one that was cut off.
 from __future__ import annotations
 
 import fcntl
+import shlex
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -44,7 +45,8 @@ def refuse_existing(path: Path) -> None:
 
 def cut_off(partial: Path) -> str:
     """What there is to say of a recording that was cut off."""
-    return f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"
+    command = f"knee-contact recover {shlex.quote(str(partial))} OUT.mcap"
+    return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
 def claim(path: Path, overwrite: bool = False) -> Path:

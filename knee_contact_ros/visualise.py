@@ -142,7 +142,7 @@ class Viewer:
     """A Rerun file as a sink's process writes it (`apart_child.Output`)."""
 
     period = BATCH_PERIOD
-    remarks = ()
+    remarks: tuple[str, ...] = ()
 
     def __init__(self, scene: RerunFile) -> None:
         self._scene = scene

@@ -27,7 +27,6 @@ from knee_contact_ros.cdr_in import stamp_in
 from knee_contact_ros.graph import private_graph
 from knee_contact_ros.latency.candidates import PARAMETERS
 from knee_contact_ros.latency.driver import Driver, joined
-from knee_contact_ros.outputs import partial_name
 from knee_contact_ros.processes import Child, child_process
 from knee_contact_ros.topics import KNEE_CONTACT
 from studies.report import Section, machine, save
@@ -40,17 +39,20 @@ AFTER = 0.1
 """How long [s] samples go on"""
 ALLOWED = 100.0
 """[ms]"""
+SPAN = 1.0
+"""[s] after which a recording goes on in a new file"""
 END = 30.0
 """How long [s] a recorder without its node may take to complete the file"""
 SEED = 1
-HEADER = ("killed", "kills", "median [ms]", "99 % [ms]", "max [ms]", "holes", "file afterwards")
+HEADER = ("killed", "kills", "median [ms]", "99 % [ms]", "max [ms]", "holes", "files afterwards")
 TEXT = (
     "The real node at 1 kHz (`healthy.yaml`, `record.flush_period` 0.05 s) in a ROS graph of its own. At a random "
     f"moment between {EARLIEST} and {LATEST} s after the first sample a process gets SIGKILL: the node, the "
-    "recorder, or both one right after the other. A peer notes every answer and when it came. Of the answers that "
-    "it had received before the kill, those are missing that mcap's `NonSeekingReader` does not find in the file; "
-    "they are the last ones, and their number is that of milliseconds. Holes are answers that are missing before "
-    "one that is there. The measuring process runs on the same two cores as the node."
+    "recorder, or both one right after the other. The recording goes on in a new file every second. A peer notes "
+    "every answer and when it came. Of the answers that it had received before the kill, those are missing that "
+    "mcap's `NonSeekingReader` does not find in the files; they are the last ones, and their number is that of "
+    "milliseconds. Holes are answers that are missing before one that is there. The measuring process runs on the "
+    "same two cores as the node."
 )
 
 
@@ -76,7 +78,7 @@ class Loss(NamedTuple):
     """[ms] of answers at the end"""
     holes: int
     complete: bool
-    """Whether the file has its final name"""
+    """Whether all files have their final names"""
 
 
 class Peer(Driver):
@@ -112,7 +114,7 @@ class Peer(Driver):
 def recording_node(folder: Path) -> Iterator[Child]:
     """The node, recording, in a process of its own; it may be killed."""
     arguments = ["-m", "knee_contact_ros.cli", "node", "--ros-args", "--params-file", str(PARAMETERS)]
-    arguments += ["-p", f'record.path:="{folder / "knee.mcap"}"']
+    arguments += ["-p", f'record.path:="{folder / "knee.mcap"}"', "-p", f"record.max_duration:={SPAN}"]
     folder.mkdir()
     with child_process("the node", arguments, folder / "node.log") as child:
         yield child
@@ -126,8 +128,9 @@ def kill_once(folder: Path, kill: Kill, moment: float) -> Loss:
         os.environ.update(environment)
         with joined(Peer) as peer:
             received = killed_meanwhile(peer, folder, kill, moment)
-    path = folder / "knee.mcap"
-    return loss(received, readable_stamps(path if path.exists() else partial_name(path)), path.exists())
+    files = [path for path in folder.iterdir() if ".mcap" in path.suffixes]
+    recorded = set().union(*map(readable_stamps, files))
+    return loss(received, recorded, complete=all(path.suffix == ".mcap" for path in files))
 
 
 def killed_meanwhile(peer: Peer, folder: Path, kill: Kill, moment: float) -> list[int]:
@@ -146,7 +149,7 @@ def killed_meanwhile(peer: Peer, folder: Path, kill: Kill, moment: float) -> lis
 
 def readable_stamps(path: Path) -> set[int]:
     """Stamps [ns] of the answers in a file that may break off."""
-    stamps = set()
+    stamps: set[int] = set()
     with path.open("rb") as file:
         messages = NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False)
         try:
@@ -179,7 +182,7 @@ def row(kill: Kill, losses: list[Loss]) -> list[str]:
     """Of the table."""
     median, high, largest = np.percentile([each.missing for each in losses], [50, 99, 100])
     complete = sum(each.complete for each in losses)
-    afterwards = "complete" if complete == len(losses) else f"`.partial`, {complete} complete"
+    afterwards = "complete" if complete == len(losses) else f"the last one `.partial`, {complete} complete"
     holes = sum(each.holes for each in losses)
     return [kill.name, str(len(losses)), f"{median:.0f}", f"{high:.0f}", f"{largest:.0f}", str(holes), afterwards]
 

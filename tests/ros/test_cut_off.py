@@ -29,4 +29,4 @@ def test_little_is_lost_whatever_is_killed(tmp_path: Path) -> None:
         assert (kills, holes) == ("1", "0")
         assert float(largest) <= LARGEST
     assert found["node"][-1] == "complete"
-    assert found["recorder"][-1] == found["both"][-1] == "`.partial`, 0 complete"
+    assert found["recorder"][-1] == found["both"][-1] == "the last one `.partial`, 0 complete"
