@@ -41,8 +41,9 @@ START = 60.0
 LAST_WORDS = 5.0
 """How long [s] a child may take to end once its socket is closed"""
 
-OPEN, REFUSED, FAILED, DONE = "open", "refused", "failed", "done"
-"""States of a child: its output is open, could not be opened, stopped, is complete"""
+OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
+"""States of a child: its output is open, could not be opened, stopped, is complete sooner than it was to be, is
+complete"""
 
 
 class Job(NamedTuple):
@@ -72,7 +73,9 @@ class Report(NamedTuple):
     written: int
     """Answers"""
     reason: str = ""
-    """Why it refused or failed"""
+    """Why it refused, failed or ended"""
+    remarks: tuple[str, ...] = ()
+    """What else the user shall know"""
 
 
 class Handling(NamedTuple):
@@ -88,19 +91,25 @@ class Handling(NamedTuple):
     """How long [s] nothing may move, once it shall end, until it is ended by force"""
 
 
+class Tell(NamedTuple):
+    """Who is told, from a thread of a sink."""
+
+    failure: Callable[[str], None]
+    """Of answers that are left out, and of an output that has stopped or cannot be opened; once each"""
+    remark: Callable[[str], None]
+    """Of what else the user shall know"""
+
+
 class SinkProcess:
     """Hands answers to a process that keeps them; `put` never waits, and nothing that happens there is felt here.
 
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(
-        self, label: str, job: Job, handling: Handling, on_failure: Callable[[str], None], awaited: bool
-    ) -> None:
+    def __init__(self, label: str, job: Job, handling: Handling, tell: Tell, awaited: bool) -> None:
         """Begin.
 
-        `label` names the output in messages. `on_failure` is told, from a thread of ours and once each, that answers
-        are left out and that the output has stopped; also that it cannot be opened, unless that is `awaited`: then
+        `label` names the output in messages. That it cannot be opened is not told if that is `awaited`: then
         `wait_until_open` says so.
         """
         self.process: subprocess.Popen[bytes] | None = None
@@ -110,7 +119,7 @@ class SinkProcess:
         self.dropped = 0
         """Answers that the output does not get"""
         self._label, self._job, self._handling = label, job, handling
-        self._on_failure, self._awaited = on_failure, awaited
+        self._to_tell, self._awaited = tell, awaited
         self._waiting: deque[Answer | Note | Ending | Discard] = deque()
         self._room = handling.most
         self._due = 0.0  # when to send next
@@ -274,6 +283,8 @@ class SinkProcess:
         """Take a report; raises EOFError if there will be none."""
         self._last = connection.recv()
         self._moved += 1
+        for remark in self._last.remarks:
+            self._to_tell.remark(remark)
         if self._last.state == OPEN:
             self._opened = True
             self._known.set()
@@ -296,9 +307,9 @@ class SinkProcess:
         self.dropped += sum(isinstance(item, Answer) for item in self._waiting)
         self._waiting.clear()
         if trouble:
-            if self._opened:
+            if self._opened and self._last.state != ENDED:
                 trouble = f"{self._label} stopped: {trouble}"
-            elif self._last.state != REFUSED:
+            elif not self._opened and self._last.state != REFUSED:
                 trouble = f"{self._label} cannot be opened: {trouble}"
             self._tell(trouble, quiet=self._awaited and not self._opened)
         self._known.set()
@@ -306,7 +317,7 @@ class SinkProcess:
     def _tell(self, failure: str, quiet: bool = False) -> None:
         self.failure = failure
         if not quiet:
-            self._on_failure(failure)
+            self._to_tell.failure(failure)
 
 
 def start_child() -> tuple[Connection, subprocess.Popen[bytes]]:

@@ -16,13 +16,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from knee_contact_ros.answer import Ending
-from knee_contact_ros.apart import DONE, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.apart import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
 from knee_contact_ros.errors import UsageError
 
 NICENESS = 10
 """Added to the node's: a sink may wait, a tick may not."""
 REPORT_PERIOD = 1.0
 """[s]"""
+LOOK_PERIOD = 1.0
+"""How often [s] to look whether the output can go on"""
 
 
 class Output(Protocol):
@@ -30,6 +32,8 @@ class Output(Protocol):
 
     period: float
     """How often [s] to flush"""
+    remarks: tuple[str, ...]
+    """What the user shall know of the beginning"""
 
     def write(self, row: tuple[Any, ...]) -> None:
         """Take what was sent of an answer."""
@@ -40,8 +44,11 @@ class Output(Protocol):
     def flush(self) -> None:
         """Leave nothing for later."""
 
+    def must_end(self) -> str:
+        """Why the output has to be completed though more may come; empty if it has not. Asked once a second."""
+
     def finish(self, ending: Ending | None) -> None:
-        """Complete the output; without an ending, because the node is gone."""
+        """Complete the output; without an ending, because the node is gone or it has to end."""
 
     def discard(self) -> None:
         """Leave nothing behind."""
@@ -59,9 +66,9 @@ class Child:
         """Do a job; whether it went well."""
         try:
             output = import_module(job.module).open_output(*job.arguments)
-            self._report(OPEN)
-            self._keep(output)
-            self._report(DONE)
+            self._report(OPEN, remarks=output.remarks)
+            reason = self._keep(output)
+            self._report(ENDED if reason else DONE, reason)
         except UsageError as error:
             self._report(REFUSED, str(error))
         except Exception as error:  # whatever it is, the node shall know
@@ -69,24 +76,31 @@ class Child:
             return False
         return True
 
-    def _keep(self, output: Output) -> None:
-        """Keep what is sent until the end, flushed in time."""
-        due = reported = time.monotonic()
+    def _keep(self, output: Output) -> str:
+        """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
+        due = reported = looked = time.monotonic()
         while True:
             now = time.monotonic()
             if now >= due:
                 output.flush()
                 due = now + output.period
+            if now >= looked + LOOK_PERIOD:
+                if reason := output.must_end():
+                    output.finish(None)
+                    return reason
+                looked = now
             if now >= reported + REPORT_PERIOD and self.written != self._reported:
                 self._report(OPEN)
                 reported = now
-            for item in self._next(due - now):
+            for item in self._next(min(due, looked + LOOK_PERIOD) - now):
                 if isinstance(item, Note):
                     output.note(item.name, item.values)
                 elif isinstance(item, Discard):
-                    return output.discard()
+                    output.discard()
+                    return ""
                 elif item is None or isinstance(item, Ending):
-                    return output.finish(item)
+                    output.finish(item)
+                    return ""
                 else:
                     output.write(item)
                     self.written += 1
@@ -98,10 +112,10 @@ class Child:
         except (EOFError, OSError):
             return [None]
 
-    def _report(self, state: str, reason: str = "") -> None:
+    def _report(self, state: str, reason: str = "", remarks: tuple[str, ...] = ()) -> None:
         self._reported = self.written
         with suppress(OSError):  # nobody may be there any more
-            self._connection.send(Report(state, self.written, reason))
+            self._connection.send(Report(state, self.written, reason, remarks))
 
 
 def step_back() -> None:

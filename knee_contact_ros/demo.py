@@ -108,7 +108,7 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
                     process.check()
 
             play(reader, rate, listener, all_are_alive, companion)
-        summary = read_summary(work / RECORDING, parameters.body_weight)
+        summary = read_summary(work / RECORDING.parent, parameters.body_weight)
         for result in (RECORDING.parent, RERUN_FILE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
     show_summary(summary, live_rows(listener, summary), result_files(output, companion))

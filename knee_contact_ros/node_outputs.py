@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
 from knee_contact_ros.answer import Answer, Ending
-from knee_contact_ros.apart import SinkProcess
+from knee_contact_ros.apart import SinkProcess, Tell
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.drawing import drawing_of
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.outputs import refuse_existing
-from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.parameters import Parameters, Record
+from knee_contact_ros.record import Limits, Settings
+from knee_contact_ros.record_answers import MB
 from knee_contact_ros.sinks import recorder, viewer
 
 RECORDER, VIEWER = "recorder", "viewer"
@@ -27,12 +31,12 @@ class Outputs:
         model: KneeModel,
         provenance: Mapping[str, str],
         names: Mapping[str, str],
-        on_failure: Callable[[str], None],
+        tell: Tell,
     ) -> None:
         """Open all outputs that the parameters ask for; if one cannot be opened, none is left behind.
 
-        `names` gives the absolute name under which each topic is recorded; `on_failure` is told, from another thread,
-        of an output that stops.
+        `names` gives the absolute name under which each topic is recorded; `tell` says who is told, from another
+        thread, of an output that stops.
 
         Raises:
             UsageError: one cannot be opened.
@@ -40,8 +44,8 @@ class Outputs:
         self._names = names
         self.provenance = provenance
         """What recordings that begin from now on say of themselves"""
-        self._flush_period = parameters.record.flush_period
-        self._on_failure = on_failure
+        self._recording = recording_settings(parameters.record)
+        self._tell = tell
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: dict[Path, SinkProcess] = {}
         """Recordings that are being completed"""
@@ -52,7 +56,7 @@ class Outputs:
                 undo.callback(self._sinks[RECORDER].discard)
             if parameters.rerun.mode == "file":
                 drawing = drawing_of(model, parameters.body_weight)
-                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, on_failure, awaited=True)
+                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, tell, awaited=True)
                 undo.callback(self._sinks[VIEWER].discard)
             for sink in self._sinks.values():
                 sink.wait_until_open()
@@ -114,4 +118,10 @@ class Outputs:
             sink.close(ending)
 
     def _recorder(self, path: Path, awaited: bool = False) -> SinkProcess:
-        return recorder(path, self.provenance, self._names, self._flush_period, self._on_failure, awaited)
+        return recorder(path, self.provenance, self._names, self._recording, self._tell, awaited)
+
+
+def recording_settings(record: Record) -> Settings:
+    """How to record, from the parameters `record.*`."""
+    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
+    return Settings(record.flush_period, limits, record.min_free * MB)

@@ -43,6 +43,17 @@ def _budget(value: int) -> int:
     return value
 
 
+def _off_or_at_least(least: float) -> AfterValidator:
+    """Allow 0, which means off, and values from `least` on."""
+
+    def check(value: float) -> float:
+        if 0.0 < value < least or value < 0.0:
+            raise ValueError(f"allowed: 0 (off) or a number >= {least:g}")
+        return value
+
+    return AfterValidator(check)
+
+
 def _off(value: object) -> object:
     """ROS 2 parameter files take a bare `off` for the truth value false (YAML 1.1)."""
     return "off" if value is False else value
@@ -158,6 +169,15 @@ class Record(Section):
 
     path: str = Field("", description="MCAP file to write; empty: none")
     flush_period: float = Field(0.05, ge=0.001, le=60.0, description="[s] what a crash may lose")
+    max_size: Annotated[float, _off_or_at_least(0.1)] = Field(
+        0.0, le=1e9, description="[MB] of a file, from which on the recording goes on in a new one; 0: off"
+    )
+    max_duration: Annotated[float, _off_or_at_least(1.0)] = Field(
+        0.0, le=1e9, description="[s] of stamps in a file, from which on the recording goes on in a new one; 0: off"
+    )
+    min_free: float = Field(
+        100.0, ge=0.0, le=1e9, description="[MB] that stay free on the disk: a recording ends before it takes them"
+    )
 
 
 class Rerun(Section):

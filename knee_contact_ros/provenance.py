@@ -14,7 +14,9 @@ from mcap.reader import make_reader
 import knee_contact_ros.core
 from knee_contact_ros import __version__
 from knee_contact_ros.curves import curve_texts
+from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
+from knee_contact_ros.record import CONTINUED
 from knee_contact_ros.record_answers import PROVENANCE
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
@@ -87,11 +89,17 @@ def read_provenance(bag: Path) -> Provenance | None:
     """How a bag came about; None if it does not say so.
 
     Raises:
-        UsageError: it says so, but with parameters that this version does not know.
+        UsageError: it says so, but with parameters that this version does not know; or it is a recording's later part.
     """
     records = list(_metadata(bag))
     found = next((values for name, values in records if name == PROVENANCE), None)
     if found is None:
+        part = next((values for name, values in records if name == CONTINUED), None)
+        if part is not None:
+            first = part.get("first", "another file")
+            raise UsageError(
+                f"{bag} goes on with {first}, which has the parameters: give the whole folder, or --params"
+            )
         return None
     try:
         before = int(found["ticks_before"])

@@ -1,131 +1,165 @@
-"""Write MCAP as a ROS 2 recorder does: CDR messages, `ros2msg` schemas, QoS and type hashes, `metadata.yaml` beside.
-
-The bytes are those of the message's content and nothing else (ROS's own serialiser leaves uninitialised padding), so
-the same messages give the same file.
-"""
+"""Write a recording as a ROS 2 recorder does: one MCAP file (`bag_file.py`) or several, `metadata.yaml` beside."""
 
 from __future__ import annotations
 
-import io
-import os
+import itertools
+import math
 from collections import Counter
-from contextlib import suppress
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import NamedTuple
 
-from mcap.writer import CompressionType, Writer
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+from mcap.writer import CompressionType
 
-from knee_contact_ros.messages import typestore
-from knee_contact_ros.outputs import claim
+from knee_contact_ros.bag_file import BagFile
+from knee_contact_ros.bag_metadata import FileFacts, write_metadata
+from knee_contact_ros.outputs import partial_name
 
-LIBRARY = "knee_contact_ros"
 REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record that counts refused samples by reason."""
-CHUNK_SIZE = 64 * 1024
-"""[B] Small chunks: closing one stalls the writer 2-4 ms at most, and little is lost in a crash."""
-FOREVER = {"sec": 9223372036, "nsec": 854775807}
-OFFERED_QOS = [
-    {
-        "history": "keep_last",
-        "depth": 100,
-        "reliability": "reliable",
-        "durability": "volatile",
-        "deadline": FOREVER,
-        "lifespan": FOREVER,
-        "liveliness": "automatic",
-        "liveliness_lease_duration": FOREVER,
-        "avoid_ros_namespace_conventions": False,
-    }
-]
-"""What the node and `replay` offer; rosbag2 metadata version 9."""
+CONTINUED = "continued"
+"""Name of the metadata record of a file that goes on with a recording"""
+FIRST = "_0"
+"""How rosbag2 ends the name of a recording's first file"""
+
+
+class Limits(NamedTuple):
+    """When a recording goes on in a new file."""
+
+    size: float = math.inf
+    """[B] that a file has reached"""
+    duration: float = math.inf
+    """[ns] of stamps that a file spans less than"""
+
+
+class Settings(NamedTuple):
+    """How to record beside a node."""
+
+    flush_period: float
+    """[s] what a crash may lose"""
+    limits: Limits = Limits()
+    """When to go on in a new file"""
+    min_free: float = 0.0
+    """[B] that must stay free on the disk"""
 
 
 class BagWriter:
-    """An MCAP file that appears under its final name when it is complete.
+    """A recording, in files that appear under their final names when they are complete.
 
-    Until `close` the file carries the suffix `.partial`.
+    Until then a file carries the suffix `.partial`. With limits there are several, and `split_if_due` between what
+    belongs together begins the next one; a full one is completed by a thread, so that writing goes on meanwhile.
     """
 
     def __init__(
-        self, path: Path, compression: CompressionType = CompressionType.ZSTD, overwrite: bool = False
+        self,
+        path: Path,
+        compression: CompressionType = CompressionType.ZSTD,
+        overwrite: bool = False,
+        limits: Limits = Limits(),  # noqa: B008  (a tuple: it cannot change)
     ) -> None:
         """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
 
         Raises:
-            UsageError: see `claim`.
+            UsageError: see `BagFile`.
         """
         self.path = path
-        self.partial = claim(path, overwrite)
         self.counts: Counter[str] = Counter()
-        self._first = self._last = 0
+        """Messages by topic, in all files"""
         self._types: dict[str, str] = {}  # topic to message type
-        self._schemas: dict[str, int] = {}  # message type to schema id
-        self.channels: dict[str, int] = {}
-        """Topic to channel id"""
-        self._file = self.partial.open("wb")
-        self.writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
-        self.writer.start(profile="ros2", library=LIBRARY)
+        self._compression = compression
+        self._limits = limits
+        self._names = later_names(path)
+        self._complete: list[FileFacts] = []
+        self._completing: list[tuple[BagFile, Future[None]]] = []
+        self._behind: ThreadPoolExecutor | None = None
+        self.file = BagFile(path, compression, overwrite)
+        """The one that is being written"""
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
-        if topic in self.channels:
-            return
-        if type_name not in self._schemas:
-            text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
-            self._schemas[type_name] = self.writer.register_schema(name=type_name, encoding="ros2msg", data=text)
-        self.channels[topic] = self.writer.register_channel(
-            topic=topic,
-            message_encoding="cdr",
-            schema_id=self._schemas[type_name],
-            metadata={
-                "offered_qos_profiles": _yaml(OFFERED_QOS),
-                "topic_type_hash": typestore().hash_rihs01(type_name),
-            },
-        )
-        self._types[topic] = type_name
-        self.counts[topic] = 0
+        if topic not in self._types:
+            self._types[topic] = type_name
+            self.counts[topic] = 0
+            self.file.add_topic(topic, type_name)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
-        self.writer.add_message(self.channels[topic], stamp, data, stamp, self.counts[topic])
-        self.count(topic, 1, stamp, stamp)
+        self.file.write(topic, stamp, data, self.counts[topic])
+        self.counts[topic] += 1
 
-    def count(self, topic: str, number: int, first: int, last: int) -> None:
-        """Take messages into account that were written, with their first and last stamp [ns]."""
-        if not self.counts.total():
-            self._first, self._last = first, last
-        self._first, self._last = min(self._first, first), max(self._last, last)
-        self.counts[topic] += number
+    def split_if_due(self, stamp: int) -> None:
+        """Go on in a new file if the present one is full, or would span too much with this stamp [ns].
+
+        Raises:
+            UsageError: the new file cannot be opened; the present one is then left as it is.
+        """
+        file, limits = self.file, self._limits
+        if not file.counts.total():
+            return
+        span = max(file.last, stamp) - min(file.first, stamp)
+        if span >= limits.duration or (limits.size < math.inf and file.size() >= limits.size):
+            self._split()
 
     def flush(self) -> None:
         """Hand all that was written to the operating system."""
-        self.writer.flush()  # type: ignore[no-untyped-call]
+        self.file.flush()
+        self._settle(wait=False)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
-        self.writer.add_metadata(name, values)
+        self.file.add_metadata(name, values)
+
+    def free_space(self) -> int:
+        """[B] that are free on the disk that is written to.
+
+        Raises:
+            OSError: the file is not there any more.
+        """
+        return self.file.free_space()
 
     def close(self) -> None:
-        """Complete the file, give it its name, and write `metadata.yaml` beside it unless that is another bag's."""
-        information = self._information()
-        self.writer.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
-        self.writer.finish()  # type: ignore[no-untyped-call]
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        self.partial.replace(self.path)
-        metadata = self.path.with_name("metadata.yaml")
-        if not (metadata.exists() and _is_of_another_bag(metadata, self.path.name)):
-            metadata.write_text(_yaml({"rosbag2_bagfile_information": information}), encoding="utf-8")
+        """Complete the recording, and write `metadata.yaml` beside it unless that is another bag's."""
+        self._settle(wait=True)
+        self._complete_file(self.file)
+        self._end_thread()
 
     def discard(self) -> None:
-        """Give up: leave nothing behind."""
-        with suppress(OSError):  # a full disk also refuses what is still in the file's buffer
-            self._file.close()
-        self.partial.unlink(missing_ok=True)
+        """Give up: leave no unfinished file behind."""
+        self._end_thread()
+        for file in (*(file for file, _ in self._completing), self.file):
+            file.discard()
+
+    def _split(self) -> None:
+        """Everything is in the old file's `.partial` before the new one begins."""
+        self.file.flush()
+        following = BagFile(next(self._names), self._compression, overwrite=False)
+        for topic, type_name in self._types.items():
+            following.add_topic(topic, type_name)
+        following.add_metadata(CONTINUED, {"first": self.path.name})
+        full, self.file = self.file, following
+        if self._behind is None:
+            self._behind = ThreadPoolExecutor(1, "completing")
+        self._completing.append((full, self._behind.submit(self._complete_file, full)))
+
+    def _complete_file(self, file: BagFile) -> None:
+        file.complete()
+        self._complete.append(file.facts())
+        write_metadata(self.path.parent, self._complete, self._types)
+
+    def _settle(self, wait: bool) -> None:
+        """Learn of the full files that have been completed, of all of them if it may take time.
+
+        Raises:
+            OSError: one could not be.
+        """
+        while self._completing and (wait or self._completing[0][1].done()):
+            self._completing.pop(0)[1].result()
+
+    def _end_thread(self) -> None:
+        if self._behind:
+            self._behind.shutdown()
 
     def __enter__(self) -> BagWriter:
         return self
@@ -133,60 +167,23 @@ class BagWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        closed = False
         try:
             if kind is None:
                 self.close()
+                closed = True
         finally:
-            if self.partial.exists():
+            if not closed:
                 self.discard()
 
-    def _information(self) -> dict[str, Any]:
-        """Content of `metadata.yaml`, version 9."""
-        times = {
-            "starting_time": {"nanoseconds_since_epoch": self._first},
-            "duration": {"nanoseconds": self._last - self._first},
-            "message_count": self.counts.total(),
-        }
-        return {
-            "version": 9,
-            "storage_identifier": "mcap",
-            **times,
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": topic,
-                        "type": self._types[topic],
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": OFFERED_QOS,
-                        "type_description_hash": typestore().hash_rihs01(self._types[topic]),
-                    },
-                    "message_count": count,
-                }
-                for topic, count in self.counts.items()
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self.path.name],
-            "files": [{"path": self.path.name, **times}],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
 
+def later_names(path: Path) -> Iterator[Path]:
+    """The names of a recording's files behind the first one, as rosbag2 counts them; those that are taken are left out.
 
-def _is_of_another_bag(metadata: Path, name: str) -> bool:
-    try:
-        content = YAML(typ="safe", pure=True).load(metadata.read_text(encoding="utf-8"))
-        return bool(content["rosbag2_bagfile_information"]["relative_file_paths"] != [name])
-    except (YAMLError, KeyError, TypeError):
-        return True
-
-
-def _yaml(content: Any) -> str:
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.representer.ignore_aliases = lambda _: True
-    yaml.width = 1000
-    text = io.StringIO()
-    yaml.dump(content, text)
-    return text.getvalue()
+    `run_0.mcap` goes on as `run_1.mcap`, and `run.mcap` likewise.
+    """
+    stem = path.stem.removesuffix(FIRST)
+    for number in itertools.count(1):
+        name = path.with_name(f"{stem}_{number}{path.suffix}")
+        if not (name.exists() or partial_name(name).exists()):
+            yield name

@@ -7,18 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from shutil import disk_usage
 from typing import Any
 
 from knee_contact_ros.answer import Answer, Ending, Input
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.outputs import cut_off, leftovers
+from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter, Settings
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
 PROVENANCE = "knee_contact"
 """Name of the metadata record that says how the answers come about (`provenance.py`)"""
 INTERRUPTED = "interrupted"
-"""Name of the metadata record of a recording that the node could not end"""
+"""Name of the metadata record of a recording that the node could not end, or that ended before it"""
+NODE_GONE = "the node was gone before it closed the recording"
+MB = 10**6
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 
 
@@ -40,7 +45,8 @@ class AnswerWriter:
         self.write_tick(answer.stamp, answer.inputs, answer.message, answer.wrench)
 
     def write_tick(self, stamp: int, inputs: Iterable[Input], message: bytes, wrench: bytes) -> None:
-        """The same from what is written of it."""
+        """The same from what is written of it; a tick is never split over two files."""
+        self.bag.split_if_due(stamp)
         self.write_inputs(inputs)
         self.bag.write(self._names[KNEE_CONTACT], stamp, message)
         self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
@@ -66,10 +72,13 @@ class AnswerWriter:
 class Recorder:
     """A recording as a sink's process writes it (`apart_child.Output`)."""
 
-    def __init__(self, writer: AnswerWriter, flush_period: float) -> None:
-        """`flush_period` [s] is what a crash may lose."""
-        self.period = flush_period
+    def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
+        """`remarks` are what the user shall know of the beginning."""
+        self.period = settings.flush_period
+        self.remarks = tuple(remarks)
         self._writer = writer
+        self._min_free = settings.min_free
+        self._interruption = NODE_GONE
 
     def write(self, row: tuple[Any, ...]) -> None:
         """Write what `sinks.recorded_row` gives."""
@@ -84,10 +93,23 @@ class Recorder:
         """Hand all that was written to the operating system."""
         self._writer.bag.flush()
 
+    def must_end(self) -> str:
+        """Tell that the disk is nearly full; see `apart_child.Output`.
+
+        Raises:
+            OSError: the file is not there any more.
+        """
+        bag = self._writer.bag
+        shortage = too_little(bag.free_space(), self._min_free)
+        if shortage:
+            self._interruption = shortage
+            shortage = f"recording {bag.path} has ended, complete up to here: {shortage}"
+        return shortage
+
     def finish(self, ending: Ending | None) -> None:
         """Complete the file; without an ending it says so."""
         if ending is None:
-            self._writer.bag.add_metadata(INTERRUPTED, {"reason": "the node was gone before it closed the recording"})
+            self._writer.bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
         else:
             self._writer.finish(ending)
         self._writer.bag.close()
@@ -103,10 +125,22 @@ def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
     return topic, stamp, JointState(*fields) if topic == JOINT_STATES else WrenchStamped(*fields)
 
 
-def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], flush_period: float) -> Recorder:
-    """Open a recording for a sink's process.
+def too_little(free: float, least: float) -> str:
+    """What is wrong with so much free space [B]; empty if it is enough."""
+    if free >= least:
+        return ""
+    return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
+
+
+def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:
+    """Open a recording for a sink's process; it remarks on recordings beside it that were cut off.
 
     Raises:
-        UsageError: see `claim`.
+        UsageError: see `BagFile`, or the disk is nearly full.
     """
-    return Recorder(AnswerWriter(BagWriter(path), provenance, names), flush_period)
+    folder = next(folder for folder in path.absolute().parents if folder.exists())
+    shortage = too_little(disk_usage(folder).free, settings.min_free)
+    if shortage:
+        raise UsageError(f"cannot write {path}: {shortage}")
+    writer = AnswerWriter(BagWriter(path, limits=settings.limits), provenance, names)
+    return Recorder(writer, settings, map(cut_off, leftovers(path.parent)))

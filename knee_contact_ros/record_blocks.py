@@ -62,14 +62,19 @@ class Index(MessageIndex):
 
 
 def write_rows(bag: BagWriter, rows: Sequence[Rows]) -> None:
-    """Write messages of several topics in the order of their places: the same bytes as by `BagWriter.write`."""
+    """Write messages of several topics in the order of their places: the same bytes as by `BagWriter.write`.
+
+    All go into one file.
+    """
     rows = [row for row in rows if len(row.stamps)]
     if not rows:
         return
-    block = block_of(rows, [bag.channels[row.topic] for row in rows], [bag.counts[row.topic] for row in rows])
-    write_block(bag.writer, block)
+    file = bag.file
+    block = block_of(rows, [file.channels[row.topic] for row in rows], [bag.counts[row.topic] for row in rows])
+    write_block(file.writer, block)
     for row in rows:
-        bag.count(row.topic, len(row.stamps), int(row.stamps.min()), int(row.stamps.max()))
+        bag.counts[row.topic] += len(row.stamps)
+        file.count(row.topic, len(row.stamps), int(row.stamps.min()), int(row.stamps.max()))
 
 
 def block_of(rows: Sequence[Rows], channels: Sequence[int], sequences: Sequence[int]) -> Block:

@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.answer import Ending
+from knee_contact_ros.apart import Tell
 from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.errors import UsageError
@@ -72,7 +73,8 @@ class Session:
         self._missed_before = 0
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, node.get_logger().error)
+        tell = Tell(node.get_logger().error, node.get_logger().warning)
+        self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
         by_user = QoSOverridingOptions.with_default_policies()
         self._contact, self._wrench, self._diagnostics = (
             node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.answer import Answer
-from knee_contact_ros.apart import Handling, Job, SinkProcess
+from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
 from knee_contact_ros.drawing import Drawing, shown_row
-from knee_contact_ros.outputs import partial_name
+from knee_contact_ros.record import Settings
 
 MOST_UNRECORDED = 500_000
 """Answers that may wait to be recorded: minutes, and 1 GB. A recording has no gaps: with more it has failed."""
@@ -23,21 +23,21 @@ def recorder(
     path: Path,
     provenance: Mapping[str, str],
     names: Mapping[str, str],
-    flush_period: float,
-    on_failure: Callable[[str], None],
+    settings: Settings,
+    tell: Tell,
     awaited: bool = False,
 ) -> SinkProcess:
     """A process that records to MCAP; see `record_answers.open_output` and `SinkProcess`."""
-    job = Job("knee_contact_ros.record_answers", (path, dict(provenance), dict(names), flush_period))
+    job = Job("knee_contact_ros.record_answers", (path, dict(provenance), dict(names), settings))
     handling = Handling(recorded_row, MOST_UNRECORDED, gaps_allowed=False, patience=PATIENCE)
-    return SinkProcess(f"recording {partial_name(path)}", job, handling, on_failure, awaited)
+    return SinkProcess(f"recording {path}", job, handling, tell, awaited)
 
 
-def viewer(path: Path, drawing: Drawing, on_failure: Callable[[str], None], awaited: bool = False) -> SinkProcess:
+def viewer(path: Path, drawing: Drawing, tell: Tell, awaited: bool = False) -> SinkProcess:
     """A process that writes a Rerun file; see `visualise.open_output` and `SinkProcess`."""
     job = Job("knee_contact_ros.visualise", (path, drawing))
     handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=PATIENCE)
-    return SinkProcess(f"Rerun recording {path}", job, handling, on_failure, awaited)
+    return SinkProcess(f"Rerun recording {path}", job, handling, tell, awaited)
 
 
 def recorded_row(answer: Answer) -> tuple[Any, ...]:

@@ -120,7 +120,7 @@ class Summary:
 
 
 def read_summary(recording: Path, body_weight: float) -> Summary:
-    """Summarise a short recording; looks for the peaks of the load too. `body_weight` is in N."""
+    """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N."""
     summary = Summary(body_weight)
     rows: list[LoadPeak] = []
     with BagReader(recording, {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
@@ -134,9 +134,11 @@ def read_summary(recording: Path, body_weight: float) -> Summary:
 
 
 def read_refused(recording: Path) -> Counter[str]:
-    """Refused samples by reason, as the recording tells."""
-    with recording.open("rb") as file:
-        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    """Refused samples by reason, as the recording, a file or a folder of several, tells."""
+    records: dict[str, dict[str, str]] = {}
+    for path in recording.glob("*.mcap") if recording.is_dir() else (recording,):
+        with path.open("rb") as file:
+            records |= {record.name: record.metadata for record in make_reader(file).iter_metadata()}
     counts = records.get(REFUSED_SAMPLES, {})
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
 

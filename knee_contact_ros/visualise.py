@@ -142,6 +142,7 @@ class Viewer:
     """A Rerun file as a sink's process writes it (`apart_child.Output`)."""
 
     period = BATCH_PERIOD
+    remarks: tuple[str, ...] = ()
 
     def __init__(self, scene: RerunFile) -> None:
         self._scene = scene
@@ -161,6 +162,10 @@ class Viewer:
         if self._batch:
             self._show()
         self._scene.flush()
+
+    def must_end(self) -> str:
+        """Only a full disk ends it, and `flush` tells that."""
+        return ""
 
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
         """Show what waits and complete the file."""

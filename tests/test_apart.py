@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -10,17 +11,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
+from shutil import disk_usage, rmtree
 from typing import Any
 
 import psutil
 import pytest
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
 from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.answer import Answer, Ending
-from knee_contact_ros.apart import Handling, Job, SinkProcess
+from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Point
@@ -28,6 +33,7 @@ from knee_contact_ros.drawing import drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.record import Limits, Settings
 from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED, PROVENANCE
 from knee_contact_ros.sinks import recorded_row, recorder, viewer
 from knee_contact_ros.solve import solve
@@ -38,6 +44,7 @@ from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CON
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
+SETTINGS = Settings(0.02)
 PATIENCE = 30.0
 """How long [s] to wait for what must come"""
 
@@ -96,19 +103,21 @@ class Started:
     def __init__(self) -> None:
         self.sinks: list[SinkProcess] = []
         self.told: list[str] = []
+        self.remarks: list[str] = []
+        self._tell = Tell(self.told.append, self.remarks.append)
 
-    def recorder(self, path: Path, wait: bool = True) -> SinkProcess:
+    def recorder(self, path: Path, wait: bool = True, settings: Settings = SETTINGS) -> SinkProcess:
         """A recorder."""
-        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, 0.02, self.told.append, awaited=True), wait)
+        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, settings, self._tell, awaited=True), wait)
 
     def viewer(self, path: Path, wait: bool = True) -> SinkProcess:
         """A viewer."""
-        return self._keep(viewer(path, drawing_of(MODEL, 737.0), self.told.append, awaited=True), wait)
+        return self._keep(viewer(path, drawing_of(MODEL, 737.0), self._tell, awaited=True), wait)
 
     def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
         """A sink that nobody waits for."""
         handling = Handling(row, 1000, gaps_allowed=False, patience=PATIENCE)
-        return self._keep(SinkProcess("output", job, handling, self.told.append, awaited=False), False)
+        return self._keep(SinkProcess("output", job, handling, self._tell, awaited=False), False)
 
     def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:
         self.sinks.append(sink)
@@ -215,7 +224,7 @@ def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path
 
 def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
     (tmp_path / "old.mcap").touch()
-    arguments = (tmp_path / "old.mcap", {}, ABSOLUTE_NAMES, 0.02)
+    arguments = (tmp_path / "old.mcap", {}, ABSOLUTE_NAMES, SETTINGS)
     sink = started.begun(Job("knee_contact_ros.record_answers", arguments), recorded_row)
     wait_until(sink.is_over)
     assert started.told == [f"{tmp_path / 'old.mcap'} exists already, and recordings are not overwritten"]
@@ -256,7 +265,7 @@ def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path,
         with pytest.raises(UsageError) as caught:
             sink.wait_until_open()
         sink.discard()
-        return str(caught.value).removeprefix(f"recording {tmp_path / 'out.mcap.partial'} cannot be opened: ")
+        return str(caught.value).removeprefix(f"recording {tmp_path / 'out.mcap'} cannot be opened: ")
 
     with monkeypatch.context() as patch:
         patch.setattr("sys.executable", "/no/where")
@@ -285,9 +294,120 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
         assert int(sink.diagnostics()["dropped"]) >= 10
         sink.close(NOTHING_LEFT)
     assert sorted(started.told) == sorted([recording.failure, picture.failure])
-    assert recording.failure == f"recording {path}.partial stopped: File too large"
+    assert recording.failure == f"recording {path} stopped: File too large"
     assert picture.failure.startswith(f"Rerun recording {tmp_path / 'knee.rrd'} stopped: ")  # Rerun itself says why
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
+
+
+def readable(path: Path, step: int = 1_000_000) -> list[int]:
+    """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
+    numbers: list[int] = []
+    with path.open("rb") as file, suppress(McapError):
+        for _, _, message in NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False):
+            numbers.append(message.log_time // step)
+    return numbers
+
+
+def test_what_was_written_before_the_disk_was_full_can_be_read(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path)
+    put(sink, range(1000))
+    partial = path.with_name("out.mcap.partial")
+    wait_until(lambda: len(readable(partial)) == 1000)
+    resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (partial.stat().st_size + 1000,) * 2)
+    put(sink, range(1000, 5000))
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT)
+    numbers = readable(partial)
+    assert len(numbers) >= 1000
+    assert numbers == list(range(len(numbers)))
+
+
+def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_path: Path) -> None:
+    free = disk_usage(tmp_path).free
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path, settings=SETTINGS._replace(min_free=free - 50_000_000))
+    put(sink, range(100))
+    with (tmp_path / "other").open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, 200_000_000)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT)
+    assert started.told == [sink.failure]
+    assert re.fullmatch(
+        rf"recording {path} has ended, complete up to here: [\d.]+ MB are free on its disk, "
+        r"and parameter record\.min_free keeps [\d.e+]+ MB",
+        sink.failure,
+    )
+    assert recorded_ticks(path) == list(range(100))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["metadata.yaml", "other", "out.mcap"]
+    with path.open("rb") as opened:
+        names = [record.name for record in StreamReader(opened).records if isinstance(record, Metadata)]
+    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]
+
+
+def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "out.mcap"
+    sink = started.recorder(path, wait=False, settings=SETTINGS._replace(min_free=1e18))
+    with pytest.raises(UsageError, match=rf"cannot write {path}: [\d.]+ MB are free .* keeps 1e\+12 MB"):
+        sink.wait_until_open()
+    sink.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    sink = started.recorder(folder / "out.mcap")
+    put(sink, range(100))
+    rmtree(folder)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT)
+    reason = "its file or folder was removed while it was written"
+    assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
+
+
+def test_recordings_that_were_cut_off_are_named_and_those_that_are_written_are_not(
+    started: Started, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.mcap.partial").touch()
+    first = started.recorder(tmp_path / "first.mcap")
+    second = started.recorder(tmp_path / "second.mcap")
+    expected = [
+        f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"
+        for partial in (tmp_path / "a.mcap.partial", tmp_path / "b.mcap.partial")
+    ]
+    assert started.remarks == expected * 2
+    assert started.told == []
+    first.close(NOTHING_LEFT)
+    second.close(NOTHING_LEFT)
+
+
+def test_a_recorder_splits_and_loses_nothing(started: Started, tmp_path: Path) -> None:
+    limits = Limits(duration=100_000_000)
+    sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
+    put(sink, range(450))
+    sink.note("parameters_changed", {"contact.damping": "0"})
+    put(sink, range(450, 1050))
+    sink.close(NOTHING_LEFT)
+    assert started.told == []
+    assert len(list(tmp_path.glob("*.mcap"))) == 11
+    assert recorded_ticks(tmp_path) == list(range(1050))
+
+
+def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_off(
+    started: Started, tmp_path: Path
+) -> None:
+    limits = Limits(duration=100_000_000)
+    sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
+    put(sink, range(450))
+    partial = tmp_path / "out_4.mcap.partial"
+    wait_until(lambda: partial.exists() and len(readable(partial)) == 50 and (tmp_path / "out_3.mcap").exists())
+    wait_until(lambda: len(recorded_ticks(tmp_path)) == 400)
+    os.kill(pid(sink), signal.SIGKILL)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT)
+    assert recorded_ticks(tmp_path) == list(range(400))
+    assert readable(partial) == list(range(400, 450))
 
 
 def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: Path) -> None:
@@ -299,7 +419,7 @@ def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: P
     wait_until(lambda: sink.failure)  # though nothing is put
     put(sink, range(100, 105))
     sink.close(NOTHING_LEFT)
-    assert started.told == [f"recording {path}.partial stopped: its process was ended by SIGKILL"]
+    assert started.told == [f"recording {path} stopped: its process was ended by SIGKILL"]
     assert sink.dropped == 5
     assert [p.name for p in tmp_path.iterdir()] == ["out.mcap.partial"]
 
@@ -348,7 +468,7 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     put(sink, range(900, 2000))
     wait_until(lambda: started.told)  # while it stands still
     sink.close(NOTHING_LEFT)
-    assert sink.failure.endswith("out.mcap.partial stopped: OverflowError: more than 1000 answers waited")
+    assert sink.failure.endswith("out.mcap stopped: OverflowError: more than 1000 answers waited")
     assert started.told == [sink.failure]
 
 
@@ -360,7 +480,7 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end(
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(5000))  # more than the socket takes
     sink.close(NOTHING_LEFT)
-    words = f"recording {tmp_path / 'out.mcap.partial'} stopped: nothing moved for 0.3 s when it was to be completed"
+    words = f"recording {tmp_path / 'out.mcap'} stopped: nothing moved for 0.3 s when it was to be completed"
     assert started.told == [sink.failure] == [words]
     assert sink.process
     assert sink.process.returncode == -signal.SIGKILL
@@ -386,7 +506,7 @@ def test_a_process_that_is_slow_to_start_is_not_ended_before_it_is_open(
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, 60.0, print)
+    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), Tell(print, print))
     sink.wait_until_open()
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))

@@ -20,6 +20,7 @@ CONTRACT = {
     "contact.allow_tension": False, "contact.layer_depth": 5.0e-4, "contact.stiffness_2": 3.112e9,
     "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6, "fidelity.budget": 0,
     "body_weight": 737.068, "autostart": True, "record.path": "", "record.flush_period": 0.05,
+    "record.max_size": 0.0, "record.max_duration": 0.0, "record.min_free": 100.0,
     "rerun.mode": "off", "rerun.path": "",
 }  # fmt: skip
 
@@ -38,6 +39,10 @@ def test_names_and_defaults_hold() -> None:
         ("contact.damping", True, "valid number"),
         ("contact.damping", float("nan"), "finite"),
         ("contact.law", "hook", "hertz, kelvin_voigt"),
+        ("record.max_size", 0.01, "allowed: 0 (off) or a number >= 0.1"),
+        ("record.max_size", -1.0, "allowed: 0 (off) or a number >= 0.1"),
+        ("record.max_duration", 0.5, "allowed: 0 (off) or a number >= 1"),
+        ("record.min_free", -1.0, "greater than or equal to 0"),
         ("contact.exponent", 0.5, "greater than or equal to 1"),
         ("contact.allow_tension", 1, "valid boolean"),
         ("femur.mass", 0.0, "greater than or equal to 0.0001"),

@@ -11,10 +11,13 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
+from knee_contact_ros.cdr_in import JointState
+from knee_contact_ros.cdr_out import encode_joint_state
 from knee_contact_ros.cli import knee_contact
+from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.provenance import Change, bag_digest, change_record, provenance_record, read_provenance
-from knee_contact_ros.record import BagWriter
+from knee_contact_ros.record import BagWriter, Limits
 from knee_contact_ros.record_answers import PROVENANCE
 from knee_contact_ros.solve import solve
 
@@ -118,3 +121,16 @@ def test_a_record_of_somebody_else_is_none_of_ours(tmp_path: Path, record: dict[
     with BagWriter(tmp_path / "out.mcap") as bag:
         bag.add_metadata("knee_contact", record)
     assert read_provenance(tmp_path / "out.mcap") is None
+
+
+def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run_0.mcap", limits=Limits(duration=10.0)) as bag:
+        bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({})))
+        for stamp in (0, 20):
+            bag.split_if_due(stamp)
+            bag.write("/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ())))
+    with pytest.raises(UsageError, match=r"run_1.mcap goes on with run_0.mcap"):
+        read_provenance(tmp_path / "run_1.mcap")
+    for whole in (tmp_path, tmp_path / "run_0.mcap"):
+        assert read_provenance(whole) is not None

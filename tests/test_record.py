@@ -132,10 +132,21 @@ def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_was_cut_off_is_not_lost(tmp_path: Path) -> None:
-    (tmp_path / "out.mcap.partial").write_text("all that is left")
-    with pytest.raises(UsageError, match=r"out\.mcap\.partial exists: a recording that was cut off"):
+    partial = tmp_path / "out.mcap.partial"
+    partial.write_text("all that is left")
+    with pytest.raises(UsageError, match=rf"was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"):
         BagWriter(tmp_path / "out.mcap")
-    assert (tmp_path / "out.mcap.partial").read_text() == "all that is left"
+    assert partial.read_text() == "all that is left"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwrite: bool) -> None:
+    with BagWriter(tmp_path / "out.mcap") as bag:
+        bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
+        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        with pytest.raises(UsageError, match=r"out\.mcap\.partial is being written by another process"):
+            BagWriter(tmp_path / "out.mcap", overwrite=overwrite)
+    assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
 
 
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:

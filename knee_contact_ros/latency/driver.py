@@ -8,8 +8,8 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, NamedTuple, TypeVar
 
 import rclpy
 from geometry_msgs.msg import WrenchStamped
@@ -169,15 +169,23 @@ class Driver:
         self._executor.spin_once(timeout_sec=seconds)
 
 
-@contextmanager
-def driver() -> Iterator[Driver]:
+AnyDriver = TypeVar("AnyDriver", bound=Driver)
+
+
+def driver() -> AbstractContextManager[Driver]:
     """The driver, in the ROS graph that the environment tells."""
+    return joined(Driver)
+
+
+@contextmanager
+def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
+    """A driver of some kind, likewise."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_latency")
     executor = EventsExecutor()
     executor.add_node(node)
     try:
-        yield Driver(node, executor)
+        yield kind(node, executor)
     finally:
         executor.shutdown()
         node.destroy_node()

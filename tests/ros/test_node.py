@@ -138,7 +138,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_node(peer: Peer, start_node
     peer.wait_until(lambda: len(peer.contacts) == 400)
     code, output = node.stop()
     assert code == 0
-    assert output.count("live.mcap.partial stopped: File too large") == 1
+    assert output.count("live.mcap stopped: File too large") == 1
     assert "400 ticks" in output
     assert not (tmp_path / "live.mcap").exists()
 
