@@ -11,10 +11,13 @@ from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.salvage.source import in_a_line
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_STATES
 
+SOURCE_DAMAGE = "source_damage"
+"""Name of the metadata record that says what is wrong with the bag"""
 WORTH_COMPILING = 50_000
 """Messages of a bag from which on compiling the kernel takes less time than it saves"""
 
@@ -25,7 +28,8 @@ def solve(
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
     `advance` is called after every message with the number of messages done and in all. With `overwrite`, an existing
-    output is replaced once the new one is complete.
+    output is replaced once the new one is complete. Of a damaged bag, what can be read is computed; the summary and a
+    metadata record say what is wrong with it.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
@@ -46,8 +50,11 @@ def solve(
             recorder.write(answer)
             summary.add(answer.stamp, answer.contact)
         recorder.finish(pipeline.ending())
-        summary.refused = pipeline.synchroniser.refused
+        if reader.damage:
+            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(reader.damage)})
+        summary.refused, summary.damage = pipeline.synchroniser.refused, reader.damage
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal})")
+            damage = f"; the bag is damaged: {in_a_line(reader.damage)}" if reader.damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){damage}")
     return summary
