@@ -1,4 +1,7 @@
-"""The command `knee-contact`. Bad input ends it with code 2 and one line, a full disk or a damaged bag with 1, Ctrl-C with 130."""
+"""The command `knee-contact`.
+
+Bad input ends it with code 2 and one line, a full disk or a damaged bag with 1, Ctrl-C with 130.
+"""
 
 from __future__ import annotations
 
@@ -224,10 +227,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     try:
         knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
-    except UsageError as error:
-        return fail(str(error))
-    except IncompleteError as error:
-        return fail(str(error), code=1)
+    except (UsageError, IncompleteError) as error:
+        return fail(str(error), code=2 if isinstance(error, UsageError) else 1)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "knee-contact"
         return fail(f"{error.format_message().rstrip('.')}; see {command} --help")

@@ -113,6 +113,35 @@ def _decompressed(
     return b"".join(parts), ""
 
 
+class Contents(NamedTuple):
+    """Where the messages of a chunk are, and its other records."""
+
+    messages: dict[int, tuple[int, int]]
+    """Channel and log time [ns] by offset"""
+    others: list[Record]
+    end: int
+    """[B] up to which the data are records"""
+
+
+def contents_of(data: bytes) -> Contents:
+    """What a chunk's data hold, without a copy of every message."""
+    messages: dict[int, tuple[int, int]] = {}
+    others = []
+    position, end = 0, len(data)
+    while position + HEAD.size <= end:
+        opcode, length = HEAD.unpack_from(data, position)
+        following = position + HEAD.size + length
+        if following > end:
+            break
+        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
+            channel, _, log_time, _ = MESSAGE.unpack_from(data, position + HEAD.size)
+            messages[position] = channel, log_time
+        else:
+            others.append(Record(opcode, position, data[position + HEAD.size : following]))
+        position = following
+    return Contents(messages, others, position)
+
+
 def records_in(data: bytes) -> Iterator[Record]:
     """The records in a chunk's data, up to the first that is not whole."""
     position, end = 0, len(data)

@@ -14,7 +14,8 @@ from knee_contact_ros.salvage.catalogue import Stream
 from knee_contact_ros.salvage.chunks import Message, is_message, read_chunk, read_message, records_in, unpack
 from knee_contact_ros.salvage.promises import broken_promises, found_counts
 from knee_contact_ros.salvage.records import HEAD, parsed, record_at
-from knee_contact_ros.salvage.scan import Advance, Scan, Segment
+from knee_contact_ros.salvage.scan import Advance, Scan
+from knee_contact_ros.salvage.segments import Segment
 
 
 class McapFile:

@@ -11,7 +11,8 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
 from knee_contact_ros.salvage.records import BLOCK, HEAD
-from knee_contact_ros.salvage.scan import ChunkFacts, Scan
+from knee_contact_ros.salvage.scan import Scan
+from knee_contact_ros.salvage.segments import ChunkFacts
 
 FOOTER_PART = struct.Struct("<BQQQ")
 """What the summary's checksum covers of the footer"""

@@ -37,6 +37,10 @@ CHUNK_HEAD = struct.Struct("<QQQII")
 """First and last time, size, checksum, length of the compression's name"""
 LONGEST_NAME = 16
 """[B] of a compression's name"""
+INDEX_HEAD = struct.Struct("<HI")
+"""Of a message index: channel, length of the entries [B]"""
+INDEX_ENTRY = struct.Struct("<QQ")
+"""Log time [ns], offset in the chunk [B]"""
 MESSAGE_HEAD = 22
 """[B] before the payload"""
 LARGEST_RECORD = 2**30
@@ -48,7 +52,6 @@ PARSERS: dict[int, Any] = {
     Opcode.FOOTER: Footer,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
-    Opcode.MESSAGE_INDEX: MessageIndex,
     Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.ATTACHMENT_INDEX: AttachmentIndex,
     Opcode.STATISTICS: Statistics,
@@ -73,7 +76,7 @@ class Record(NamedTuple):
 
     @property
     def end(self) -> int:
-        """[B]"""
+        """Where [B] the next record begins."""
         return self.offset + HEAD.size + len(self.content)
 
 
@@ -108,12 +111,24 @@ def parsed(record: Record) -> Any:
 
     Not for messages and chunks.
     """
+    if record.opcode == Opcode.MESSAGE_INDEX:
+        return _message_index(record.content)
     stream = _Exact(BytesIO(record.content))
     try:
         found = PARSERS[record.opcode].read(stream)
     except (KeyError, EndOfFile, struct.error, UnicodeDecodeError):
         return None
     return found if stream.count == len(record.content) else None
+
+
+def _message_index(content: bytes) -> MessageIndex | None:
+    """A message index, an entry per message: `mcap` would take as long for it as for the messages."""
+    if len(content) < INDEX_HEAD.size:
+        return None
+    channel, length = INDEX_HEAD.unpack_from(content)
+    if length % INDEX_ENTRY.size or length != len(content) - INDEX_HEAD.size:
+        return None
+    return MessageIndex(channel, list(INDEX_ENTRY.iter_unpack(content[INDEX_HEAD.size :])))
 
 
 def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hole]:
@@ -139,7 +154,7 @@ def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
     if head is None or offset + HEAD.size + head[1] > size or not _may_be_read(file, *head):
         return None
     record = Record(head[0], offset, _read(file, offset + HEAD.size, head[1]))
-    if record.opcode in PARSERS:
+    if record.opcode in PARSERS or record.opcode == Opcode.MESSAGE_INDEX:
         return record if parsed(record) is not None else None
     return record
 
@@ -199,7 +214,7 @@ def _may_be_read(file: IO[bytes], opcode: int, length: int) -> bool:
     if opcode == Opcode.MESSAGE:
         return length >= MESSAGE_HEAD
     if opcode != Opcode.CHUNK:
-        return opcode in PARSERS or opcode >= 0x80  # those from there on are anybody's
+        return opcode in KNOWN or opcode >= 0x80  # those from there on are anybody's
     head = file.read(CHUNK_HEAD.size)
     if len(head) < CHUNK_HEAD.size:
         return False

@@ -16,8 +16,8 @@ from knee_contact_ros.record import CHUNK_SIZE, LIBRARY
 from knee_contact_ros.salvage.inspection import open_file
 from knee_contact_ros.salvage.mcap_file import McapFile
 from knee_contact_ros.salvage.recovered_metadata import ROSBAG2, rosbag2_record, write_metadata
-from knee_contact_ros.salvage.sqlite_file import SqliteFile
 from knee_contact_ros.salvage.source import in_a_line
+from knee_contact_ros.salvage.sqlite_file import SqliteFile
 
 RECOVERED = "recovered"
 """Name of the metadata record that says from what a file was recovered"""
@@ -54,7 +54,10 @@ class Recovery(NamedTuple):
 
 
 def recover(
-    source: Path, output: Path, advance: Callable[[int, int], None] = lambda _done, _total: None, overwrite: bool = False
+    source: Path,
+    output: Path,
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    overwrite: bool = False,
 ) -> Recovery:
     """Write all that can be read of `source` to `output`; `advance` hears of it.
 

@@ -3,94 +3,21 @@
 from __future__ import annotations
 
 import zlib
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import IO, NamedTuple
+from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Footer, MessageIndex, Statistics
+from mcap.records import ChunkIndex, Footer, Statistics
 
 from knee_contact_ros.salvage.catalogue import Catalogue
-from knee_contact_ros.salvage.chunks import MESSAGE, is_message, read_chunk, records_in, unpack
+from knee_contact_ros.salvage.chunks import MESSAGE, contents_of, read_chunk, unpack
 from knee_contact_ros.salvage.records import HEAD, CutChunk, Hole, Record, parsed, read_records
+from knee_contact_ros.salvage.segments import ChunkFacts, Pending, Segment
 
 LONGEST_RUN = 2**20
 """[B] of messages outside chunks that are read at once"""
 Advance = Callable[[int, int], None]
 """Told how many bytes are done, and how many there are"""
-
-
-class Segment(NamedTuple):
-    """A piece of the file that is read at once: a chunk, or messages outside chunks."""
-
-    first: int
-    """Smallest log time [ns]"""
-    last: int
-    """Largest one"""
-    offset: int
-    end: int
-    """[B]"""
-    counts: Counter[int]
-    """Messages by channel"""
-    left_out: frozenset[int]
-    """Where in the chunk messages begin that are not trusted"""
-    cut: bool = False
-    loose: bool = False
-    """Outside chunks"""
-    behind_hole: bool = False
-    """Nobody knows whether a loose one is not part of a broken chunk"""
-
-
-@dataclass
-class ChunkFacts:
-    """What the index of chunks should say of one."""
-
-    offset: int
-    length: int
-    compression: str
-    compressed_size: int
-    size: int
-    indexes: dict[int, int] = field(default_factory=dict)
-    """Where the index of each channel's messages begins"""
-    indexes_length: int = 0
-
-
-class _Pending:
-    """A segment in the making: its messages by offset, with channel and log time."""
-
-    def __init__(self, offset: int, end: int, *, checked: bool, cut: bool = False) -> None:
-        self.offset, self.end, self.checked, self.cut = offset, end, checked, cut
-        self.messages: dict[int, tuple[int, int]] = {}
-        self.indexed: set[int] = set()  # channels that the index names
-        self.listed: set[int] = set()  # offsets that the index gives as they are
-        self.wrong = 0  # entries that are not as the index says
-
-    def compare(self, index: MessageIndex) -> None:
-        """Take a message index of the chunk."""
-        self.indexed.add(index.channel_id)
-        for log_time, offset in index.records:
-            if self.messages.get(offset) == (index.channel_id, log_time):
-                self.listed.add(offset)
-            else:
-                self.wrong += 1
-
-    def not_as_listed(self) -> frozenset[int]:
-        """Offsets of the messages that an index should give, and does not."""
-        return frozenset(
-            offset
-            for offset, (channel, _) in self.messages.items()
-            if channel in self.indexed and offset not in self.listed
-        )
-
-    def segment(self, left_out: frozenset[int], **kind: bool) -> Segment | None:
-        """The segment, without some messages; None if there are no others."""
-        kept = [message for offset, message in self.messages.items() if offset not in left_out]
-        if not kept:
-            return None
-        times = [log_time for _, log_time in kept]
-        counts = Counter(channel for channel, _ in kept)
-        return Segment(min(times), max(times), self.offset, self.end, counts, left_out, self.cut, **kind)
 
 
 class Scan:
@@ -115,8 +42,8 @@ class Scan:
         self.footer: tuple[int, Footer] | None = None
         self.statistics: Statistics | None = None
         self.chunk_indexes: list[ChunkIndex] = []
-        self._pending: _Pending | None = None
-        self._run: _Pending | None = None
+        self._pending: Pending | None = None
+        self._run: Pending | None = None
         self._behind_hole = False
         self._index_fits = False  # a message index may come here
         for piece in read_records(file, size):
@@ -189,23 +116,22 @@ class Scan:
         if not cut:
             length = HEAD.size + len(content)
             self.chunks.append(ChunkFacts(offset, length, chunk.compression, len(chunk.data), chunk.size))
-        pending = _Pending(offset, offset + HEAD.size + len(content), checked=bool(chunk.checksum), cut=cut)
-        usable, end = cut or not fault, 0
-        for record in records_in(data):
-            end = record.end
-            if is_message(record):
-                channel, _, log_time, _ = MESSAGE.unpack_from(record.content)
-                pending.messages[record.offset] = channel, log_time
-            else:
-                self.catalogue.add(record, doubtful=not usable)
+        pending = Pending(offset, offset + HEAD.size + len(content), checked=bool(chunk.checksum), cut=cut)
+        contents = contents_of(data)
+        pending.messages = contents.messages
+        usable = cut or not fault
+        for record in contents.others:
+            self.catalogue.add(record, doubtful=not usable)
         if not usable:
             self.unread += len(content)
             self.faults.append(f"the chunk at byte {offset} {fault}; its {len(content)} bytes are left out")
             return
         if cut:
             self.faults.append(f"the chunk at byte {offset} is cut off; {len(pending.messages)} messages could be read")
-        elif end != len(data):
-            self.faults.append(f"the chunk at byte {offset} ends in {len(data) - end} bytes that are no records")
+        elif contents.end != len(data):
+            self.faults.append(
+                f"the chunk at byte {offset} ends in {len(data) - contents.end} bytes that are no records"
+            )
         self._pending = pending
 
     def _index(self, record: Record) -> None:
@@ -223,7 +149,7 @@ class Scan:
         """Take a message outside chunks."""
         if self._run is None or record.offset - self._run.offset > LONGEST_RUN:
             self._close()
-            self._run = _Pending(record.offset, record.end, checked=False)
+            self._run = Pending(record.offset, record.end, checked=False)
         channel, _, log_time, _ = MESSAGE.unpack_from(record.content)
         self._run.messages[record.offset] = channel, log_time
         self._run.end = record.end
@@ -239,7 +165,7 @@ class Scan:
         if segment:
             self.segments.append(segment)
 
-    def _left_out(self, pending: _Pending) -> frozenset[int]:
+    def _left_out(self, pending: Pending) -> frozenset[int]:
         """The messages that are not trusted: no checksum covers them, and the index has them otherwise."""
         missing = pending.not_as_listed()
         if not missing and not pending.wrong:

@@ -94,7 +94,9 @@ def open_bag(path: Path) -> Opened:
             found.close()
             return Opened(reader, [])
         if found.compressed:
-            raise UsageError(f"bag {path} is damaged ({in_a_line(found.faults)}), and its messages are compressed one by one")
+            raise UsageError(
+                f"bag {path} is damaged ({in_a_line(found.faults)}), and its messages are compressed one by one"
+            )
     except UsageError as refused:
         if found.faults or not found.counts().total():
             found.close()

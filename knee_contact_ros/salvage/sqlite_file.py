@@ -99,7 +99,8 @@ class SqliteFile:
 
 ROWS = (
     "SELECT topic_id, timestamp, id FROM messages NOT INDEXED WHERE id >= ? AND typeof(topic_id) = 'integer' "
-    "AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob' AND substr(data, length(data), 1) IS NOT NULL ORDER BY id"
+    "AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob' "
+    "AND substr(data, length(data), 1) IS NOT NULL ORDER BY id"  # reads a long message to its end
 )
 ONE_ROW = "SELECT topic_id, timestamp, data FROM messages NOT INDEXED WHERE id = ?"
 
