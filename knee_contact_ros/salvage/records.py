@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from io import BytesIO
 from typing import IO, Any, NamedTuple
 
@@ -61,6 +61,9 @@ PARSERS: dict[int, Any] = {
     Opcode.ATTACHMENT: Attachment,
     Opcode.DATA_END: DataEnd,
 }
+IN_CHUNKS = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
+PRIVATE = 0x80
+"""Opcodes from here on are anybody's"""
 KNOWN = {int(opcode) for opcode in Opcode}
 CANDIDATE = re.compile(rb"(?s)(?=[\x01-\x0f].{4}\x00{4})")
 """The beginning of a record of less than 4 GiB"""
@@ -160,20 +163,20 @@ def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
 
 
 def _swallows_others(file: IO[bytes], found: Record | CutChunk, size: int) -> bool:
-    """Whether a message is that long only because its length is damaged: records begin in it, and none behind it."""
+    """Whether a message or a chunk is not as long as it says: others' records begin in it, and none behind it."""
     if not isinstance(found, Record) or _continues(file, found, size):
         return False
-    return _next_record(file, found.offset + 1, size) < found.end
+    return _next_record(file, found.offset + 1, size, IN_CHUNKS if found.opcode == Opcode.CHUNK else ()) < found.end
 
 
-def _next_record(file: IO[bytes], offset: int, size: int) -> int:
-    """Where the next record begins that is followed by another one; `size` if there is none."""
+def _next_record(file: IO[bytes], offset: int, size: int, but: Collection[int] = ()) -> int:
+    """Where the next record begins that is followed by another one, but for some kinds; `size` if there is none."""
     while offset < size:
         block = _read(file, offset, min(BLOCK + HEAD.size, size - offset))
         for candidate in CANDIDATE.finditer(block):
             begin = offset + candidate.start()
             record = record_at(file, begin, size)
-            if record is not None and _continues(file, record, size):
+            if record is not None and record.opcode not in but and _continues(file, record, size):
                 return begin
             if record is None and _cut_chunk_at(file, begin, size) is not None:
                 return begin
@@ -182,14 +185,16 @@ def _next_record(file: IO[bytes], offset: int, size: int) -> int:
 
 
 def _continues(file: IO[bytes], record: Record, size: int) -> bool:
-    """Whether a message is followed by a record; the others tell by themselves that they are records."""
-    if record.opcode != Opcode.MESSAGE or record.end == size:
+    """Whether a message or a chunk is followed by a record; the others tell by themselves that they are records."""
+    if record.opcode not in {Opcode.MESSAGE, Opcode.CHUNK} or record.end == size:
         return True
     head = _head_at(file, record.end)
-    return head is not None and head[0] in KNOWN and record.end + head[1] <= size
+    return head is not None and (head[0] in KNOWN or head[0] >= PRIVATE) and record.end + HEAD.size + head[1] <= size
 
 
 def _cut_chunk_at(file: IO[bytes], offset: int, size: int) -> CutChunk | None:
+    if _magic_at(file, size - len(MAGIC)):  # this is how a whole file ends
+        return None
     head = _head_at(file, offset)
     if head is None or head[0] != Opcode.CHUNK or offset + HEAD.size + head[1] <= size:
         return None
@@ -214,7 +219,7 @@ def _may_be_read(file: IO[bytes], opcode: int, length: int) -> bool:
     if opcode == Opcode.MESSAGE:
         return length >= MESSAGE_HEAD
     if opcode != Opcode.CHUNK:
-        return opcode in KNOWN or opcode >= 0x80  # those from there on are anybody's
+        return opcode in KNOWN or opcode >= PRIVATE
     head = file.read(CHUNK_HEAD.size)
     if len(head) < CHUNK_HEAD.size:
         return False
@@ -227,7 +232,7 @@ def _may_be_read(file: IO[bytes], opcode: int, length: int) -> bool:
 
 def _magic_at(file: IO[bytes], offset: int) -> int:
     """Length [B] of the magic at `offset`; 0 if there is none."""
-    return len(MAGIC) if _read(file, offset, len(MAGIC)) == MAGIC else 0
+    return len(MAGIC) if offset >= 0 and _read(file, offset, len(MAGIC)) == MAGIC else 0
 
 
 def _read(file: IO[bytes], offset: int, length: int) -> bytes:

@@ -11,7 +11,7 @@ from rosbags.interfaces import Connection
 
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import deserialize
-from knee_contact_ros.salvage.source import open_bag
+from knee_contact_ros.salvage.source import in_a_line, open_bag
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
@@ -54,9 +54,10 @@ class BagReader:
         """`damage` says what is wrong with the bag, in sentences; what can be read of it is read all the same"""
         try:
             self._connections = [self._connection(topic, type_name) for topic, type_name in types.items()]
-        except UsageError:
+        except UsageError as error:
             self.close()
-            raise
+            damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
+            raise UsageError(f"{error}{damage}") from None
 
     @property
     def count(self) -> int:

@@ -26,8 +26,8 @@ ABOUT = (
     "- *damage said, rest solved*: exit code 1, and one line that says what is missing.\n"
     "- *refused*: exit code 2, no output.\n"
     "- *nothing can notice it*: the damage is in the payload of a message that no checksum covers (sqlite3 has none, "
-    "and an MCAP writer may leave them out). The answers are then those that the pipeline gives to the damaged bytes as "
-    "other libraries read them (`sqlite3` of Python, `mcap`).\n"
+    "and an MCAP writer may leave them out). The answers are then those that the pipeline gives to the damaged bytes "
+    "as other libraries read them (`sqlite3` of Python, `mcap`).\n"
     "- the others: what must never be."
 )
 READ = (

@@ -104,6 +104,8 @@ MAKERS: Mapping[str, Callable[[Path], None]] = {
     "folder, sqlite3": sqlite,
     "folder, MCAP in three files": split,
 }
+UNPROTECTED = ("MCAP, uncompressed, no checksums", "folder, sqlite3")
+"""No checksum covers the messages of these"""
 IN_A_FOLDER = ("folder, sqlite3", "folder, MCAP in three files")
 
 
