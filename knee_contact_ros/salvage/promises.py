@@ -27,7 +27,7 @@ def broken_promises(file: IO[bytes], scan: Scan) -> list[str]:
     faults = []
     if scan.statistics and not _statistics_fit(scan):
         faults.append(_missing(scan))
-    if scan.chunk_indexes and not _chunks_fit(scan):
+    if scan.footer and scan.chunk_indexes and not _chunks_fit(scan):
         faults.append("the index of chunks does not fit the chunks")
     if scan.data_end and scan.data_end[1] and _checksum(file, 0, scan.data_end[0]) != scan.data_end[1]:
         faults.append("the data do not fit their checksum")

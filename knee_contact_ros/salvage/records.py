@@ -148,7 +148,7 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hol
         yield found
         position = found.end if isinstance(found, Record) else size
         if isinstance(found, Record) and found.opcode == Opcode.FOOTER:
-            position += _magic_at(file, position)
+            position += magic_at(file, position)
 
 
 def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
@@ -193,7 +193,7 @@ def _continues(file: IO[bytes], record: Record, size: int) -> bool:
 
 
 def _cut_chunk_at(file: IO[bytes], offset: int, size: int) -> CutChunk | None:
-    if _magic_at(file, size - len(MAGIC)):  # this is how a whole file ends
+    if magic_at(file, size - len(MAGIC)):  # this is how a whole file ends
         return None
     head = _head_at(file, offset)
     if head is None or head[0] != Opcode.CHUNK or offset + HEAD.size + head[1] <= size:
@@ -230,7 +230,7 @@ def _may_be_read(file: IO[bytes], opcode: int, length: int) -> bool:
     return len(rest) == 8 and int.from_bytes(rest, "little") == length - CHUNK_HEAD.size - name_length - 8
 
 
-def _magic_at(file: IO[bytes], offset: int) -> int:
+def magic_at(file: IO[bytes], offset: int) -> int:
     """Length [B] of the magic at `offset`; 0 if there is none."""
     return len(MAGIC) if offset >= 0 and _read(file, offset, len(MAGIC)) == MAGIC else 0
 

@@ -11,9 +11,11 @@ from mcap.records import ChunkIndex, Footer, Statistics
 
 from knee_contact_ros.salvage.catalogue import Catalogue
 from knee_contact_ros.salvage.chunks import MESSAGE, contents_of, read_chunk, unpack
-from knee_contact_ros.salvage.records import HEAD, CutChunk, Hole, Record, parsed, read_records
+from knee_contact_ros.salvage.records import HEAD, CutChunk, Hole, Record, magic_at, parsed, read_records
 from knee_contact_ros.salvage.segments import ChunkFacts, Pending, Segment
 
+FOOTER_SIZE = 29
+"""[B]"""
 LONGEST_RUN = 2**20
 """[B] of messages outside chunks that are read at once"""
 Advance = Callable[[int, int], None]
@@ -51,8 +53,8 @@ class Scan:
             advance(piece.offset, size)
         self._close()
         self._drop_debris()
-        if not self.footer:
-            self.faults.append("the end is missing: the recording was cut off")
+        if not self.footer or not magic_at(file, self.footer[0] + FOOTER_SIZE):
+            self.faults.insert(0, "the end is missing: the recording was cut off")
 
     def _take(self, piece: Record | CutChunk | Hole) -> None:
         if isinstance(piece, Record) and piece.opcode == Opcode.MESSAGE_INDEX:

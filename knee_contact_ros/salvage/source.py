@@ -88,23 +88,27 @@ def open_bag(path: Path) -> Opened:
         raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
     if found is None:
         return Opened(_ordinary(path), [])
-    try:
-        if not found.faults:
+    if not found.faults:
+        try:
             reader = _ordinary(path)
+        except UsageError as refused:
+            found.faults.append(str(refused))
+        else:
             found.close()
             return Opened(reader, [])
-        if found.compressed:
-            raise UsageError(
-                f"bag {path} is damaged ({in_a_line(found.faults)}), and its messages are compressed one by one"
-            )
-    except UsageError as refused:
-        if found.faults or not found.counts().total():
-            found.close()
-            raise
-        found.faults.append(str(refused))
-    if not found.counts().total():
+    try:
+        return _salvaged(path, found)
+    except UsageError:
         found.close()
-        raise UsageError(f"cannot read bag {path}: no message can be read of it; {in_a_line(found.faults)}")
+        raise
+
+
+def _salvaged(path: Path, found: Inspection) -> Opened:
+    faults = in_a_line(found.faults)
+    if found.compressed:
+        raise UsageError(f"bag {path} is damaged ({faults}), and rosbag2 has compressed its messages one by one")
+    if not found.counts().total():
+        raise UsageError(f"cannot read bag {path}: no message can be read of it; {faults}")
     return Opened(SalvageReader(found), found.faults)
 
 

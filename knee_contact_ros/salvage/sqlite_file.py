@@ -7,13 +7,17 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import quote
 
 import apsw
 import numpy as np
 
 from knee_contact_ros.salvage.chunks import Message
+from knee_contact_ros.salvage.whole_pages import NAME
 
 READ_ONLY = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
+FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
+"""Where in the header, and how long: size of a page, number of the last change, pages, change for which they count"""
 LONGEST_FAULT = 120
 """Characters of what sqlite says"""
 
@@ -79,9 +83,11 @@ class SqliteFile:
         except apsw.Error as error:
             self.faults.append(f"the table of topics cannot be read: {_said(error)}")
             return
+        if missing := _missing_bytes(self.path):
+            self.faults.append(f"it is cut off: its last {missing} bytes are missing")
         if fault:
             self.faults.append(f"sqlite finds it damaged: {fault}")
-            self._walked(database)
+            self.counts.update(self._walked(database).topics)
         else:
             self.counts.update(dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")))
         for number in [number for number in self.counts if number not in self.topics]:
@@ -90,10 +96,9 @@ class SqliteFile:
     def _walked(self, database: apsw.Connection) -> _Rows:
         """All rows that can be read."""
         if self._rows is None:
-            self._rows, self.counts = _Rows(), Counter()
+            self._rows = _Rows()
             for topic, time, number in _walk(database, self.size):
-                self.counts[topic] += 1
-                self._rows.add(time, number)
+                self._rows.add(topic, time, number)
         return self._rows
 
 
@@ -109,9 +114,11 @@ class _Rows:
     """Times and numbers of rows, 16 bytes each."""
 
     def __init__(self) -> None:
+        self.topics: Counter[int] = Counter()
         self._times, self._numbers = array("q"), array("q")
 
-    def add(self, time: int, number: int) -> None:
+    def add(self, topic: int, time: int, number: int) -> None:
+        self.topics[topic] += 1
         self._times.append(time)
         self._numbers.append(number)
 
@@ -122,10 +129,19 @@ class _Rows:
 
 
 def _opened(path: Path) -> apsw.Connection:
-    database = apsw.Connection(f"file:{path}?immutable=1", flags=READ_ONLY)
+    address = f"file:{quote(str(path))}?immutable=1"
+    database = apsw.Connection(address, flags=READ_ONLY, vfs=NAME if _missing_bytes(path) else None)
     database.execute("PRAGMA writable_schema = ON")  # else sqlite refuses a file that is shorter than it says
     database.execute("SELECT count(*) FROM sqlite_master").fetchall()
     return database
+
+
+def _missing_bytes(path: Path) -> int:
+    """How much shorter the file is than its header says: sqlite reads zeros there."""
+    with path.open("rb") as file:
+        head = file.read(100)
+    page, changes, pages, valid_for = (int.from_bytes(head[at : at + n], "big") for at, n in FIELDS)
+    return max(pages * (page if page > 1 else 65536) - path.stat().st_size, 0) if changes == valid_for else 0
 
 
 def _integrity(database: apsw.Connection) -> str:

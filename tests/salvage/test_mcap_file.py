@@ -75,7 +75,7 @@ def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: 
         path.write_bytes(whole[:size])
         found, faults = read(path)
         assert found == WRITTEN[: len(found)]
-        assert faults[-1] == "the end is missing: the recording was cut off"
+        assert faults[0] == "the end is missing: the recording was cut off"
         most = max(most, len(found))
     assert most == 2 * TICKS  # cut off in the summary
 
@@ -93,9 +93,9 @@ def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(tmp_path: Path) -> Non
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     found, faults = read(path)
-    assert 300 < len(found) < 500  # zstd gives blocks of 128 KiB, here 1 MB is halved
+    assert 300 < len(found) <= 500  # zstd gives blocks of 128 KiB
     assert [data for _, _, data in found] == payloads[: len(found)]
-    assert f"is cut off; {len(found)} messages could be read" in faults[0]
+    assert f"is cut off; {len(found)} messages could be read" in faults[1]
 
 
 @pytest.mark.parametrize("form", ["plain", "zstd", "lz4"])

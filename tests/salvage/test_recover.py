@@ -27,7 +27,8 @@ def cut(tmp_path: Path) -> Path:
     """A recording that was cut off."""
     path = tmp_path / "bag.mcap.partial"
     mcap(path, CompressionType.ZSTD)
-    path.write_bytes(path.read_bytes()[:8000])
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
     return path
 
 
