@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, NamedTuple, TypeVar
 
+from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from knee_contact_ros.salvage.records import Record, parsed
@@ -45,6 +46,7 @@ class Catalogue:
         self._schemas = _Numbered[Schema]()
         self._channels = _Numbered[Channel]()
         self._renumbered: list[str] = []
+        self._unreadable = 0
 
     def add(self, record: Record, *, doubtful: bool = False, in_summary: bool = False) -> None:
         """Take the record of a schema or a channel; others are ignored. A damaged chunk's are doubtful."""
@@ -56,6 +58,8 @@ class Catalogue:
             if in_summary and found.id not in known and found.topic in {channel.topic for channel in known.values()}:
                 self._renumbered.append(found.topic)
             self._channels.add(found, doubtful)
+        elif record.opcode in {Opcode.SCHEMA, Opcode.CHANNEL} and not doubtful:
+            self._unreadable += 1
 
     def streams(self) -> dict[int, Stream]:
         """All channels that have no schema, or one that is known."""
@@ -71,6 +75,8 @@ class Catalogue:
         texts = []
         if self._schemas.contradictions + self._channels.contradictions:
             texts.append("topics are declared in contradictory ways; the first one counts")
+        if self._unreadable:
+            texts.append(f"{self._unreadable} declarations of topics cannot be read")
         if self._renumbered:
             texts.append(f"the summary numbers {', '.join(sorted(self._renumbered))} differently")
         doubtful = [c.topic for number, c in self._channels.doubtful.items() if number not in self._channels.sure]

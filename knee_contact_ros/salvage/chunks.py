@@ -100,7 +100,8 @@ def _decompressed(
     decompressor: _Plain | zstandard.ZstdDecompressionObj | lz4.frame.LZ4FrameDecompressor, chunk: Chunk
 ) -> tuple[bytes, str]:
     """What comes out of a decompressor, no more than the chunk claims to hold, and what went wrong."""
-    parts, size = [], 0
+    parts: list[bytes] = []
+    size = 0
     try:
         for begin in range(0, len(chunk.data), STEP):
             part = decompressor.decompress(chunk.data[begin : begin + STEP])
@@ -158,7 +159,8 @@ def read_message(content: bytes) -> Message | None:
     """A message from its record's content; None if it is too short for one."""
     if len(content) < MESSAGE_HEAD:
         return None
-    return Message(*MESSAGE.unpack_from(content), content[MESSAGE_HEAD:])
+    channel, sequence, log_time, publish_time = MESSAGE.unpack_from(content)
+    return Message(channel, sequence, log_time, publish_time, content[MESSAGE_HEAD:])
 
 
 def is_message(record: Record) -> bool:

@@ -65,7 +65,7 @@ def inspect(path: Path) -> Inspection | None:
     """
     if not path.is_dir():
         file = open_file(path)
-        return file and Inspection([file], list(file.faults), "")
+        return None if file is None else Inspection([file], list(file.faults), "")
     metadata, faults = read_metadata(path)
     if metadata and metadata.compressed == "file":
         return None

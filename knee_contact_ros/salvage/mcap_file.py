@@ -66,7 +66,7 @@ class McapFile:
     @property
     def promised(self) -> dict[int, int] | None:
         """Messages by channel, as the file's statistics tell; None if it has none."""
-        return self._scan.statistics and self._scan.statistics.channel_message_counts
+        return self._scan.statistics.channel_message_counts if self._scan.statistics else None
 
     @property
     def times(self) -> tuple[int, int] | None:

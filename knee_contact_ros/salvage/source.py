@@ -11,7 +11,8 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import typestore
-from knee_contact_ros.salvage.inspection import Declared, Inspection, declarations, inspect
+from knee_contact_ros.salvage.folder_metadata import Declared
+from knee_contact_ros.salvage.inspection import Inspection, declarations, inspect
 
 MOST_SAID = 3
 """Faults that are told in a line"""

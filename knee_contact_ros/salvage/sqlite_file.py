@@ -51,10 +51,10 @@ class SqliteFile:
         log = path.with_name(path.name + "-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
+        self._database: apsw.Connection | None = None
         try:
             self._database = _opened(path)
         except apsw.Error as error:
-            self._database = None
             self.faults.append(f"no database: {_said(error)}")
             return
         self._read(self._database)
