@@ -55,14 +55,10 @@ class FileFacts(NamedTuple):
 
 def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[str, Any]:
     """Of a bag that consists of these files; `types` gives the message type of every topic."""
-    filled = [file for file in files if file.counts.total()]
-    first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
     total = sum((file.counts for file in files), Counter[str]())
-    return {
-        "version": 9,
-        "storage_identifier": "mcap",
-        **FileFacts("", first, last, total).times(),
-        "topics_with_message_count": [
+    return with_topics(
+        files,
+        [
             {
                 "topic_metadata": {
                     "name": topic,
@@ -75,6 +71,19 @@ def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[st
             }
             for topic, type_name in types.items()
         ],
+    )
+
+
+def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The same with what there is to say of every topic."""
+    filled = [file for file in files if file.counts.total()]
+    first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
+    total = sum((file.counts for file in files), Counter[str]())
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **FileFacts("", first, last, total).times(),
+        "topics_with_message_count": list(topics),
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in files],
@@ -84,18 +93,20 @@ def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[st
     }
 
 
-def write_metadata(folder: Path, files: Sequence[FileFacts], types: Mapping[str, str]) -> None:
+def write_metadata(folder: Path, content: dict[str, Any]) -> None:
     """Write `metadata.yaml` beside a bag's files, unless that is another bag's; at every moment there is a whole one.
+
+    `content` is as `information` gives it.
 
     Raises:
         OSError: it cannot be written; an earlier one is left as it was.
     """
     metadata = folder / METADATA
-    if metadata.exists() and _is_of_another_bag(metadata, files[0].name):
+    if metadata.exists() and _is_of_another_bag(metadata, content["relative_file_paths"][0]):
         return
     partial = partial_name(metadata)
     try:
-        partial.write_text(to_yaml({"rosbag2_bagfile_information": information(files, types)}), encoding="utf-8")
+        partial.write_text(to_yaml({"rosbag2_bagfile_information": content}), encoding="utf-8")
         partial.replace(metadata)
     except OSError:
         with suppress(OSError):

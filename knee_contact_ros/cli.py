@@ -1,4 +1,7 @@
-"""The command `knee-contact`. Bad input ends it with code 2 and one line, a full disk with 1, Ctrl-C with 130."""
+"""The command `knee-contact`.
+
+Bad input ends it with code 2 and one line, a full disk or a damaged bag with 1, Ctrl-C with 130.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.errors import UsageError
+from knee_contact_ros.errors import IncompleteError, UsageError
 
 DEFAULT_PARAMETERS = "healthy.yaml"
 INTERRUPTED = 130
@@ -116,10 +119,12 @@ def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite:
 
     As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file or a
     rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed again with
-    the parameters stored in it, unless --params is given.
+    the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed; the command
+    then says what is missing, and ends with code 1.
     """
     from knee_contact_ros.parameters import load_parameters
     from knee_contact_ros.provenance import read_provenance
+    from knee_contact_ros.salvage.source import in_a_line
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.terminal import progress, show_summary
 
@@ -128,6 +133,26 @@ def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite:
         summary = solve_bag(bag, stored or load_parameters(found(parameter_files)), output, advance, overwrite)
     rows = {"parameters": f"those in {bag.name}, made with {stored.package}"} if stored else {}
     show_summary(summary, rows, {"Recording": str(output)})
+    if summary.damage:
+        raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+
+
+@knee_contact.command()
+@click.argument("source", type=click.Path(path_type=Path), metavar="IN")
+@click.argument("output", type=click.Path(path_type=Path), metavar="OUT.mcap")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+def recover(source: Path, output: Path, overwrite: bool) -> None:
+    """Make a cut-off recording whole again.
+
+    Writes all that can be read of the MCAP file IN (ours: *.mcap.partial) to OUT.mcap, and says what is missing. IN
+    stays as it is.
+    """
+    from knee_contact_ros.salvage.recover import recover as recover_file
+    from knee_contact_ros.terminal import progress, show_recovery
+
+    with progress("Recovering") as advance:
+        recovery = recover_file(source, output, advance, overwrite)
+    show_recovery(recovery, str(output))
 
 
 @knee_contact.command()
@@ -206,8 +231,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     try:
         knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
-    except UsageError as error:
-        return fail(str(error))
+    except (UsageError, IncompleteError) as error:
+        return fail(str(error), code=2 if isinstance(error, UsageError) else 1)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "knee-contact"
         return fail(f"{error.format_message().rstrip('.')}; see {command} --help")

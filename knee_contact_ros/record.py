@@ -14,7 +14,7 @@ from typing import NamedTuple
 from mcap.writer import CompressionType
 
 from knee_contact_ros.bag_file import BagFile
-from knee_contact_ros.bag_metadata import FileFacts, write_metadata
+from knee_contact_ros.bag_metadata import FileFacts, information, write_metadata
 from knee_contact_ros.outputs import partial_name
 
 REFUSED_SAMPLES = "refused_samples"
@@ -146,7 +146,7 @@ class BagWriter:
     def _complete_file(self, file: BagFile) -> None:
         file.complete()
         self._complete.append(file.facts())
-        write_metadata(self.path.parent, self._complete, self._types)
+        write_metadata(self.path.parent, information(self._complete, self._types))
 
     def _settle(self, wait: bool) -> None:
         """Learn of the full files that have been completed, of all of them if it may take time.

@@ -17,6 +17,7 @@ from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import ABSOLUTE_NAMES, AnswerWriter
 from knee_contact_ros.record_blocks import write_rows
 from knee_contact_ros.redo import Changes
+from knee_contact_ros.salvage.source import in_a_line
 from knee_contact_ros.solve_blocks import take
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.summary import Summary
@@ -24,6 +25,8 @@ from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
 BLOCK = 8192
 """Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
+SOURCE_DAMAGE = "source_damage"
+"""Name of the metadata record that says what is wrong with the bag"""
 WORTH_COMPILING = 50_000
 """Messages of a bag from which on compiling the kernel takes less time than it saves"""
 
@@ -38,8 +41,9 @@ def solve(
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
     `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
-    called now and then with the number of messages done and in all. With `overwrite`, an existing output is
-    replaced once the new one is complete.
+    called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
+    once the new one is complete. Of a damaged bag, what can be read is computed; the summary and a metadata record say
+    what is wrong with it.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
@@ -60,10 +64,13 @@ def solve(
             advance(done, reader.count)
         run.keep(pipeline.give_up())
         recorder.finish(pipeline.ending())
-        summary.refused = pipeline.synchroniser.refused
+        if reader.damage:
+            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(reader.damage)})
+        summary.refused, summary.damage = pipeline.synchroniser.refused, reader.damage
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal})")
+            damage = f"; the bag is damaged: {in_a_line(reader.damage)}" if reader.damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){damage}")
     return summary
 
 

@@ -64,6 +64,8 @@ class Summary:
     """Ticks per status bit"""
     refused: Counter[str] = field(default_factory=Counter)
     """Refused samples per reason"""
+    damage: list[str] = field(default_factory=list)
+    """What is wrong with the bag that was computed, as sentences"""
     levels: Counter[str] = field(default_factory=Counter)
     """Ticks by the level that computed them"""
     evaluations: int = 0

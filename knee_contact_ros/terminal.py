@@ -12,11 +12,14 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.salvage.recover import Recovery
 from knee_contact_ros.summary import Summary
 
 MM = 1e3
 MICROMETRE = 1e6
 WIDTH = 78
+MOST_FAULTS = 20
+"""That are printed"""
 
 
 @contextmanager
@@ -56,6 +59,29 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     console.print()
     for name, path in files.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False, markup=False)
+
+
+def show_recovery(recovery: Recovery, output: str) -> None:
+    """Print what was recovered, what is missing, and where the file is."""
+    console = Console(width=WIDTH)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("topic", overflow="fold")
+    table.add_column("type", overflow="fold")
+    table.add_column("messages", justify="right", no_wrap=True)
+    table.add_column("missing", justify="right", no_wrap=True)
+    for row in recovery.topics:
+        missing = "unknown" if row.missing is None else str(row.missing)
+        table.add_row(escape(row.topic), escape(row.type), str(row.messages), missing)
+    console.print(table)
+    lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
+    if recovery.times:
+        first, last = recovery.times
+        lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
+    lines += [f"- {fault}" for fault in recovery.faults[:MOST_FAULTS]]
+    if len(recovery.faults) > MOST_FAULTS:
+        lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
+    for line in [*lines, f"Recovered: {output}"]:
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
 
 
 def peak_table(summary: Summary) -> Table:

@@ -7,11 +7,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import deserialize, typestore
+from knee_contact_ros.messages import deserialize
+from knee_contact_ros.salvage.source import in_a_line, open_bag
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
@@ -50,20 +50,14 @@ class BagReader:
         self.path = path
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
-        if path.is_dir() and not (path / "metadata.yaml").exists():
-            raise UsageError(f"{path} is no rosbag2 folder: it has no metadata.yaml")
-        try:
-            self._reader = AnyReader([path], default_typestore=typestore())
-            self._reader.open()
-        except Exception as error:  # whatever a broken file provokes in the reader
-            raise UsageError(
-                f"cannot read bag {path}: {' '.join(str(error).split()) or type(error).__name__}"
-            ) from None
+        self._reader, self.damage = open_bag(path)
+        """`damage` says what is wrong with the bag, in sentences; what can be read of it is read all the same"""
         try:
             self._connections = [self._connection(topic, type_name) for topic, type_name in types.items()]
-        except UsageError:
+        except UsageError as error:
             self.close()
-            raise
+            damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
+            raise UsageError(f"{error}{damage}") from None
 
     @property
     def count(self) -> int:

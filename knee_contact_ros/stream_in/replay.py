@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 
 from knee_contact_ros.graph import joining
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.salvage.source import in_a_line
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.terminal import progress
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
@@ -85,6 +86,8 @@ def run_replay(bag: Path, timing: Timing) -> None:
         UsageError: the bag cannot be used, or ROS does not let us in.
     """
     with BagReader(bag) as reader:
+        if reader.damage:
+            click.echo(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
         with joining():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
             node = Node("knee_contact_replay")

@@ -1,0 +1,1 @@
+"""Reads what can be read of damaged recordings, and knows what is missing."""

@@ -1,0 +1,128 @@
+"""Opens a bag: the ordinary way if it is whole, and else around what is damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.messages import typestore
+from knee_contact_ros.salvage.folder_metadata import Declared
+from knee_contact_ros.salvage.inspection import Inspection, declarations, inspect
+
+MOST_SAID = 3
+"""Faults that are told in a line"""
+
+
+class Reader(Protocol):
+    """What is asked of a bag's reader; `AnyReader` is one."""
+
+    connections: list[Connection]
+
+    def messages(self, connections: Collection[Connection] = ()) -> Iterator[tuple[Connection, int, bytes]]:
+        """Messages in the order of log time [ns]."""
+
+    def close(self) -> None:
+        """Close the bag."""
+
+
+class Opened(NamedTuple):
+    """An open bag."""
+
+    reader: Reader
+    damage: list[str]
+    """What is wrong with it, as sentences; empty if it is whole"""
+
+
+class SalvageReader:
+    """Reads what can be read of a bag."""
+
+    def __init__(self, found: Inspection) -> None:
+        self._found = found
+        counts = found.counts()
+        declared: dict[str, Declared] = {}
+        for file in found.files:
+            for number, topic in declarations(file).items():
+                if file.counts[number] or topic.topic not in declared:
+                    declared.setdefault(topic.topic, topic)
+        self.connections = [
+            self._connection(number, topic, counts[topic.topic])
+            for number, topic in enumerate(declared.values(), start=1)
+        ]
+
+    def messages(self, connections: Collection[Connection] = ()) -> Iterator[tuple[Connection, int, bytes]]:
+        """See `Reader`; one file after another."""
+        wanted = {(c.topic, c.msgtype): c for c in connections or self.connections}
+        for file in self._found.files:
+            numbers = {
+                number: wanted[topic.topic, topic.type]
+                for number, topic in declarations(file).items()
+                if (topic.topic, topic.type) in wanted
+            }
+            for message in file.by_time(numbers):
+                yield numbers[message.channel], message.log_time, message.data
+
+    def close(self) -> None:
+        """Close the bag."""
+        self._found.close()
+
+    def _connection(self, number: int, declared: Declared, count: int) -> Connection:
+        kind = MessageDefinitionFormat.MSG if declared.definition else MessageDefinitionFormat.NONE
+        definition = MessageDefinition(kind, declared.definition)
+        extension = ConnectionExtRosbag2(declared.encoding, [])
+        return Connection(number, declared.topic, declared.type, definition, "", count, extension, self)
+
+
+def open_bag(path: Path) -> Opened:
+    """Open a bag.
+
+    Raises:
+        UsageError: nothing of it can be read.
+    """
+    try:
+        found = inspect(path)
+    except OSError as error:
+        raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
+    if found is None:
+        return Opened(_ordinary(path), [])
+    if not found.faults:
+        try:
+            reader = _ordinary(path)
+        except UsageError as refused:
+            found.faults.append(str(refused))
+        else:
+            found.close()
+            return Opened(reader, [])
+    try:
+        return _salvaged(path, found)
+    except UsageError:
+        found.close()
+        raise
+
+
+def _salvaged(path: Path, found: Inspection) -> Opened:
+    faults = in_a_line(found.faults)
+    if found.compressed:
+        raise UsageError(f"bag {path} is damaged ({faults}), and rosbag2 has compressed its messages one by one")
+    if not found.counts().total():
+        raise UsageError(f"cannot read bag {path}: no message can be read of it; {faults}")
+    return Opened(SalvageReader(found), found.faults)
+
+
+def in_a_line(faults: Sequence[str]) -> str:
+    """The first faults, and how many more there are."""
+    more = len(faults) - MOST_SAID
+    return "; ".join(faults[:MOST_SAID]) + (f"; and {more} more" if more > 0 else "")
+
+
+def _ordinary(path: Path) -> AnyReader:
+    try:
+        reader = AnyReader([path], default_typestore=typestore())
+        reader.open()
+    except Exception as error:  # whatever a broken file provokes in the reader
+        raise UsageError(f"cannot read bag {path}: {' '.join(str(error).split()) or type(error).__name__}") from None
+    return reader

@@ -1,0 +1,176 @@
+"""One damaged bag through `solve` and `recover`, and what to think of what came out."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+from mcap.reader import make_reader
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.parameters import Parameters, load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.salvage import chunks
+from knee_contact_ros.salvage.mcap_file import McapFile
+from knee_contact_ros.salvage.recover import recover
+from knee_contact_ros.solve import solve
+from knee_contact_ros.stream_in.bag import BagReader
+from studies.fuzz_bags.bags import MAKERS, UNPROTECTED, Message, copy, messages
+from studies.fuzz_bags.mutations import mutate
+
+SAME = "no damage found, same answers"
+SAID = "damage said, rest solved"
+REFUSED = "refused"
+UNNOTICEABLE = "nothing can notice it"
+TRACEBACK = "TRACEBACK"
+HANG = "HANG"
+SILENT = "SILENT WRONG ANSWER"
+BAD_RECOVERY = "BAD RECOVERY"
+GOOD = (SAME, SAID, REFUSED, UNNOTICEABLE)
+BAD = (SILENT, BAD_RECOVERY, TRACEBACK, HANG)
+
+
+class Verdict(NamedTuple):
+    """What became of a case."""
+
+    kind: str
+    """Of the bag"""
+    mutation: str
+    outcome: str
+    """One of `GOOD` and `BAD`"""
+    detail: str
+    foreign: int = 0
+    """Messages read whose bytes were not in the undamaged bag"""
+    lost: int = 0
+    """Messages of the undamaged bag that were not read"""
+
+
+def try_case(seed: int, bags: dict[str, Path], folder: Path) -> Verdict:
+    """Damage a bag and use it."""
+    random = Random(seed)  # noqa: S311  (chance, no secret)
+    kind = list(MAKERS)[seed % len(MAKERS)]
+    bag = copy(bags[kind], folder)
+    mutation = mutate(bag, random)
+    try:
+        outcome, detail = solved(kind, bag, folder)
+        wrong = recovery_fault(bag, folder) if bag.suffix == ".mcap" and outcome in GOOD else ""
+        if wrong:
+            outcome, detail = BAD_RECOVERY, wrong
+        foreign, lost = compared(bag) if outcome in {SAID, SAME} else (0, 0)
+    except Exception as error:  # that is what is looked for
+        return Verdict(kind, mutation, TRACEBACK, repr(error))
+    return Verdict(kind, mutation, outcome, detail, foreign, lost)
+
+
+def solved(kind: str, bag: Path, folder: Path) -> tuple[str, str]:
+    """What `solve` makes of a bag."""
+    output = folder / "out" / "out.mcap"
+    try:
+        summary = solve(bag, parameters(), output, lambda _done, _total: None)
+    except UsageError as error:
+        left = list(output.parent.iterdir()) if output.parent.exists() else []
+        return (SILENT, f"left {left}") if left else (REFUSED, str(error))
+    if summary.damage:
+        return SAID, summary.damage[0]
+    found = answers_in(output)
+    if found == expected():
+        return SAME, ""
+    if kind in UNPROTECTED and found == otherwise(bag):
+        return UNNOTICEABLE, ""
+    return SILENT, f"{len(found)} answers, {len(expected())} expected"
+
+
+def recovery_fault(bag: Path, folder: Path) -> str:
+    """What is wrong with what `recover` makes of an MCAP file; empty if nothing is."""
+    output, before = folder / "recovered" / "r.mcap", bag.read_bytes()
+    try:
+        recovery = recover(bag, output)
+    except UsageError:
+        return "left something" if output.parent.exists() and list(output.parent.iterdir()) else ""
+    if bag.read_bytes() != before:
+        return "the input was changed"
+    with closing(McapFile(output)) as new, closing(McapFile(bag)) as old:
+        if new.faults:
+            return f"the output is damaged: {new.faults[0]}"
+        if everything(new) != everything(old):
+            return "the output holds something else"
+        if new.counts.total() != sum(topic.messages for topic in recovery.topics):
+            return "the output holds another number of messages"
+    return ""
+
+
+def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
+    """All messages of a file, in its order."""
+    return [
+        (file.streams[entry.channel].channel.topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
+        for _, entry in file.in_file_order()
+        if isinstance(entry, chunks.Message)
+    ]
+
+
+def compared(bag: Path) -> tuple[int, int]:
+    """Messages read that were not in the undamaged bag, and messages of it that were not read."""
+    with BagReader(bag) as reader:
+        found = {(message.topic, message.data) for message in reader.raw_messages()}
+    original = {(topic, data) for topic, _, data in messages()}
+    return len(found - original), len(original - found)
+
+
+@cache
+def parameters() -> Parameters:
+    """A model that is quickly computed."""
+    return load_parameters({"fidelity.level": "quasi_static"})
+
+
+@cache
+def expected() -> list[tuple[str, bytes]]:
+    """The answers to the undamaged bag."""
+    return answers_to(messages())
+
+
+def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
+    """What the pipeline makes of messages."""
+    pipeline, answers = Pipeline(parameters(), compiled=False), []
+    for topic, _, data in inputs:
+        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+        answers += list(feed(data))
+    answers += list(pipeline.give_up())
+    return [pair for a in answers for pair in (("/knee_contact", a.message), ("/knee_contact/wrench", a.wrench))]
+
+
+def answers_in(recording: Path) -> list[tuple[str, bytes]]:
+    """The answers in a recording."""
+    with recording.open("rb") as file:
+        found = make_reader(file).iter_messages(["/knee_contact", "/knee_contact/wrench"])
+        return [(channel.topic, message.data) for _, channel, message in found]
+
+
+def otherwise(bag: Path) -> list[tuple[str, bytes]] | None:
+    """The answers to a bag as other libraries read it; None if they cannot."""
+    try:
+        return answers_to(read_otherwise(bag))
+    except Exception:  # what they make of it is not ours
+        return None
+
+
+def read_otherwise(bag: Path) -> Iterator[Message]:
+    """A bag's messages by other libraries than those that `solve` uses."""
+    for path in [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.suffix != ".yaml"):
+        yield from _rows(path) if path.suffix == ".db3" else _messages(path)
+
+
+def _messages(path: Path) -> Iterator[Message]:
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            yield channel.topic, message.log_time, message.data
+
+
+def _rows(path: Path) -> Iterator[Message]:
+    query = "SELECT name, timestamp, data FROM messages JOIN topics ON topics.id = topic_id ORDER BY timestamp"
+    with closing(sqlite3.connect(f"file:{path}?immutable=1", uri=True)) as database:
+        yield from database.execute(query)

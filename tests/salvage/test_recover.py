@@ -1,0 +1,145 @@
+"""`recover`: all that can be read, in a file that every reader takes."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
+
+from knee_contact_ros.cli import main
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.salvage.mcap_file import McapFile
+from knee_contact_ros.salvage.recover import RECOVERED, recover
+from studies.fuzz_bags.bags import TICKS, mcap, messages
+from tests.messages import raw_inputs
+from tests.salvage.test_mcap_file import chunks
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Path:
+    """A recording that was cut off."""
+    path = tmp_path / "bag.mcap.partial"
+    mcap(path, CompressionType.ZSTD)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    return path
+
+
+def content(path: Path) -> dict[str, list[Any]]:
+    """All that a file holds, by the name of the record; strictly read."""
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for record in StreamReader(file, validate_crcs=True).records:
+            found.setdefault(type(record).__name__, []).append(record)
+    return found
+
+
+def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
+    before, output = cut.read_bytes(), tmp_path / "bag.mcap"
+    recovery = recover(cut, output)
+    assert cut.read_bytes() == before
+    with closing(McapFile(output)) as file:
+        assert file.faults == []
+    found = [tuple(message) for message in raw_inputs(output)]
+    assert found == list(messages())[: len(found)]
+    assert 20 < len(found) < 2 * TICKS
+    assert [topic.messages for topic in recovery.topics] == [(len(found) + 1) // 2, len(found) // 2]
+    assert {topic.missing for topic in recovery.topics} == {None}  # the statistics are gone
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag.mcap", "bag.mcap.partial", "metadata.yaml"]
+    with AnyReader([tmp_path]) as reader:
+        assert reader.message_count == len(found)
+    with output.open("rb") as file:
+        notes = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert notes[RECOVERED]["source"] == "bag.mcap.partial"
+    assert notes[RECOVERED]["messages"] == str(len(found))
+    assert notes[RECOVERED]["faults"] == "\n".join(recovery.faults)
+
+
+def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
+    path, output = tmp_path / "in.mcap", tmp_path / "o" / "out.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(profile="mine", library="me")
+        schema = writer.register_schema("Thing", "jsonschema", b"{}")
+        first = writer.register_channel("/things", "json", schema, {"a": "b"})
+        second = writer.register_channel("/bare", "", 0)
+        for time in (30, 10, 20):
+            writer.add_message(first, time, b"{%d}" % time, time - 5, time + 1)
+            writer.add_message(second, time, b"", 0)
+        writer.add_metadata("note", {"c": "d"})
+        writer.add_attachment(1, 2, "page.txt", "text/plain", b"some text")
+        writer.finish()
+    recovery = recover(path, output)
+    old, new = content(path), content(output)
+    for name in ("Schema", "Channel", "Message", "Attachment"):
+        assert new[name] == old[name], name
+    assert new["Header"][0].profile == "mine"
+    assert [record.name for record in new["Metadata"]] == ["note", RECOVERED]
+    assert new["Metadata"][0] == old["Metadata"][0]
+    assert {record.compression for record in new["ChunkIndex"]} == {"lz4"}
+    assert (recovery.faults, recovery.unread, [topic.missing for topic in recovery.topics]) == ([], 0, [0, 0])
+    assert not output.with_name("metadata.yaml").exists()  # not ROS 2's
+
+
+def test_the_missing_are_counted_where_the_statistics_are_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "in.mcap"
+    mcap(path, CompressionType.ZSTD)
+    data, (offset, length) = bytearray(path.read_bytes()), chunks(path)[1]
+    data[offset + length // 2] ^= 1
+    path.write_bytes(data)
+    assert main(["recover", str(path), str(tmp_path / "out.mcap")]) == 0
+    said = capsys.readouterr().out
+    left = len(raw_inputs(tmp_path / "out.mcap"))
+    missing = [int(line.split()[-1]) for line in said.splitlines() if line.startswith(" /joint")]
+    assert sum(missing) == 2 * TICKS - left > 0
+    assert f"the chunk at byte {offset} " in said
+    assert "from 0.005 s to 0.500 s" in said
+    assert f"Recovered: {tmp_path / 'out.mcap'}" in said
+
+
+def test_metadata_beside_tells_what_the_channels_say(right_bag: Path, tmp_path: Path) -> None:
+    recover(right_bag / "gait2354_right_0.mcap", tmp_path / "gait2354_right_0.mcap")
+    yaml = YAML(typ="safe", pure=True)
+    assert yaml.load(tmp_path / "metadata.yaml") == yaml.load(right_bag / "metadata.yaml")
+
+
+def test_metadata_of_another_bag_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [other.mcap]}")
+    recover(cut, tmp_path / "bag.mcap")
+    assert "other.mcap" in (tmp_path / "metadata.yaml").read_text()
+
+
+def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> None:
+    output = tmp_path / "bag.mcap"
+    output.write_text("precious")
+    with pytest.raises(UsageError, match="exists already"):
+        recover(cut, output)
+    assert output.read_text() == "precious"
+    recover(cut, output, overwrite=True)
+    with pytest.raises(UsageError, match="is the input"):
+        recover(output, output, overwrite=True)
+    assert raw_inputs(output)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [(None, "is not there"), (b"text", "is no MCAP file"), (b"", "is no MCAP file"), (b"SQLite format 3\0", "sqlite3")],
+)
+def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, words: str) -> None:
+    path = tmp_path / "in.mcap"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(UsageError, match=words):
+        recover(path, tmp_path / "o" / "out.mcap")
+    with pytest.raises(UsageError, match="is a folder"):
+        recover(tmp_path, tmp_path / "o" / "out.mcap")
+    assert not (tmp_path / "o").exists()
