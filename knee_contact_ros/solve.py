@@ -11,7 +11,9 @@ from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import AnswerWriter
-from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.stream_in.bag import INPUT_TYPES, BagReader
+from knee_contact_ros.stream_in.joints import check_joints
+from knee_contact_ros.stream_in.names import OWN_NAMES, Names
 from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_STATES
 
@@ -20,18 +22,24 @@ WORTH_COMPILING = 50_000
 
 
 def solve(
-    bag: Path, parameters: Parameters, output: Path, advance: Callable[[int, int], None], overwrite: bool = False
+    bag: Path,
+    parameters: Parameters,
+    output: Path,
+    advance: Callable[[int, int], None],
+    overwrite: bool = False,
+    names: Names = OWN_NAMES,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
     `advance` is called after every message with the number of messages done and in all. With `overwrite`, an existing
-    output is replaced once the new one is complete.
+    output is replaced once the new one is complete. `names` are those of the inputs in the bag.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
     with ExitStack() as opened:
-        reader = opened.enter_context(BagReader(bag))
+        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        check_joints(reader, parameters)
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer)
