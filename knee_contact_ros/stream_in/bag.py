@@ -8,10 +8,10 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import deserialize
+from knee_contact_ros.stream_in.mcap_file import open_reader
 from knee_contact_ros.stream_in.names import OWN_NAMES, Names, absolute
 from knee_contact_ros.stream_in.topics_in_bag import find_topic
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
@@ -55,8 +55,7 @@ class BagReader:
         if path.is_dir() and not (path / "metadata.yaml").exists():
             raise UsageError(f"{path} is no rosbag2 folder: it has no metadata.yaml")
         try:
-            self._reader = Reader(path)
-            self._reader.open()
+            self._reader = open_reader(path)
         except Exception as error:  # whatever a broken file provokes in the reader
             raise UsageError(
                 f"cannot read bag {path}: {' '.join(str(error).split()) or type(error).__name__}"
@@ -80,7 +79,7 @@ class BagReader:
     @property
     def end(self) -> int:
         """Log time [ns] behind the last message of the bag, whatever its topic."""
-        return self._reader.end_time
+        return int(self._reader.end_time)
 
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
@@ -150,7 +149,7 @@ class BagReader:
         self._storages().sort(key=lambda storage: storage.metadata.start_time)
 
     def _storages(self) -> list[Any]:
-        return getattr(self._reader.storage, "storages", [])  # a file by itself has none
+        return getattr(getattr(self._reader, "storage", None), "storages", [])  # a file by itself has none
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:

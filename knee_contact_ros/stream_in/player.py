@@ -97,7 +97,8 @@ class Player:
             due = math.inf if schedule.paused else schedule.due(log_time)
             if due <= now < self._look:
                 return now - due
-            self._wait_precisely(min(due, self._clock_due), now)
+            if not self._commands:
+                self._wait_precisely(min(due, self._clock_due), now)
             while self._commands:
                 command = self._commands.popleft()
                 if command is Command.STEP and schedule.paused:
