@@ -226,6 +226,16 @@ def test_empty_and_foreign_topics_are_told(tmp_path: Path) -> None:
         BagReader(empty(tmp_path / "json.mcap", channels, encoding="json"))
 
 
+@pytest.mark.parametrize("storage", [SQLITE, MCAP])
+def test_a_file_of_compressed_messages_asks_for_its_folder(
+    storage: StoragePlugin, gait: list[RawMessage], tmp_path: Path
+) -> None:
+    folder = write_rosbag2(tmp_path / "bag", gait, storage, CompressionMode.MESSAGE)
+    (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):
+        BagReader(file)
+
+
 def test_a_second_type_without_messages_does_not_matter(gait: list[RawMessage], tmp_path: Path) -> None:
     mcap = Mcap(tmp_path / "bag.mcap")
     mcap.channel(ANGLE, WRENCH)

@@ -18,6 +18,8 @@ from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """The topics that drive the model, by their absolute names, and their types."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How compressed bytes begin; a message never does"""
 
 
 class BagMessage(NamedTuple):
@@ -70,6 +72,7 @@ class BagReader:
             raise
         self._topics = {names.get(topic, topic): topic for topic in types}
         self._in_order_of_time()
+        self._refuse_compressed_messages()
 
     @property
     def count(self) -> int:
@@ -147,6 +150,13 @@ class BagReader:
     def _in_order_of_time(self) -> None:
         """The files of a split bag; metadata.yaml may list the tenth before the second."""
         self._storages().sort(key=lambda storage: storage.metadata.start_time)
+
+    def _refuse_compressed_messages(self) -> None:
+        """A file of a bag whose messages are compressed one by one does not tell so; its folder does."""
+        first = next(self.raw_messages(), None) if self.path.is_file() else None
+        if first and first.data.startswith(ZSTD):
+            self.close()
+            raise UsageError(f"bag {self.path} has compressed messages: give its folder, whose metadata.yaml says so")
 
     def _storages(self) -> list[Any]:
         return getattr(getattr(self._reader, "storage", None), "storages", [])  # a file by itself has none

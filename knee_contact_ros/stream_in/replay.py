@@ -134,7 +134,10 @@ def span_of(reader: BagReader, timing: Timing) -> Span:
     Raises:
         UsageError: no message is in it.
     """
-    first = next(reader.raw_messages()).log_time
+    message = next(reader.raw_messages(), None)
+    if message is None:
+        raise UsageError(f"bag {reader.path} has none of the {reader.count} messages that its metadata.yaml counts")
+    first = message.log_time
     start = first + round(timing.start_offset * NANOSECONDS)
     stop = reader.end if timing.duration is None else start + round(timing.duration * NANOSECONDS)
     if next(reader.raw_messages(start=start, stop=stop), None) is None:

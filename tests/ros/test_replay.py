@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import StoragePlugin
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -207,3 +209,14 @@ def test_what_cannot_be_played_is_told_in_one_line(arguments: list[str], words: 
     assert output == ""
     assert len(errors.splitlines()) == 1
     assert words in errors
+
+
+def test_a_bag_that_has_lost_its_messages_is_told(start, gait: list[RawMessage], tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", gait, StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM messages")
+    replay = start(bag)
+    _, errors = replay.communicate(timeout=PATIENCE)
+    assert replay.returncode == 2
+    assert errors.endswith("has none of the 774 messages that its metadata.yaml counts\n")
