@@ -109,7 +109,7 @@ class OptionalClockRate(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Give a plain `--clock` the number that stands for it."""
-        following = [*args[1:], ""]
+        following = [*args, ""][1:]
         filled = [
             f"{CLOCK}={WITH_EVERY_MESSAGE}" if argument == CLOCK and not is_number(after) else argument
             for argument, after in zip(args, following, strict=True)

@@ -124,7 +124,7 @@ def test_a_loop_starts_over_and_ends_at_once_with_all_that_was_sent(
     replay.send_signal(signal.SIGINT)
     _, errors = ear.listen_to(replay)
     assert replay.returncode == 130
-    assert errors == "knee-contact: interrupted\n"
+    assert errors.strip() == "knee-contact: interrupted"
     for topic, heard in ear.heard.items():
         once = len(part[topic])
         assert heard == (part[topic] * (len(heard) // once + 1))[: len(heard)]
@@ -139,7 +139,8 @@ def test_sigterm_ends_it_with_its_last_line(ear: Ear, start, right_bag: Path) ->
 
 
 def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMessage]) -> None:
-    with Terminal(*COMMAND, str(right_bag), "--start-paused", "--wait", "60") as terminal:
+    part = [message for message in gait if message.log_time >= gait[0].log_time + NANOSECONDS]
+    with Terminal(*COMMAND, str(right_bag), "--start-offset", "1", "--start-paused", "--wait", "60") as terminal:
         terminal.wait_for("Paused gait2354_right at rate 1")
         ear.peer.spin(0.3)
         assert ear.count == 0
@@ -156,12 +157,12 @@ def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMess
         ear.peer.spin(0.3)
         paused_at = ear.count
         ear.peer.spin(0.3)
-        assert ear.count == paused_at < len(gait)
+        assert ear.count == paused_at < len(part)
         terminal.press(b" ")
-        ear.peer.wait_until(lambda: ear.count == len(gait))
+        ear.peer.wait_until(lambda: ear.count == len(part))
         terminal.wait_for(LAST_LINE)
         terminal.wait_for(r"\[ended with 0, usual\]")
-    assert ear.heard == by_topic(gait)
+    assert ear.heard == by_topic(part)
 
 
 def test_ctrl_c_at_the_terminal(ear: Ear, right_bag: Path) -> None:
@@ -197,9 +198,7 @@ def test_a_replay_that_was_stopped_goes_on_where_it_was(ear: Ear, right_bag: Pat
         (["--start-offset", "100"], "has no message there; it lasts 1.930 s"),
         (["--clock", "-3"], "-3.0 is not in the range"),
         (["--duration", "0"], "0.0 is not in the range"),
-        (["--remap", "joint_states"], "it must be NAME:=VALUE"),
         (["--remap", "joint_states:=/exo"], "has no topic /exo (sensor_msgs/msg/JointState); its topics"),
-        (["--namespace", "left"], "has no topic /left/joint_states"),
     ],
 )
 def test_what_cannot_be_played_is_told_in_one_line(arguments: list[str], words: str, start, right_bag: Path) -> None:
