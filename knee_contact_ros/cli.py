@@ -8,13 +8,21 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from knee_contact_ros import __version__
 from knee_contact_ros.errors import IncompleteError, UsageError
+from knee_contact_ros.options import (
+    DEFAULT_PARAMETERS,
+    OptionalClockRate,
+    names_in_bag_options,
+    parameter_files,
+    parameter_values,
+    timing_options,
+)
 
-DEFAULT_PARAMETERS = "healthy.yaml"
 INTERRUPTED = 130
 
 
@@ -22,17 +30,6 @@ INTERRUPTED = 130
 @click.version_option(__version__, package_name="knee_contact_ros", message="%(prog)s %(version)s")
 def knee_contact() -> None:
     """Live tibiofemoral contact from streamed gait. A research tool, not a medical device."""
-
-
-parameter_files = click.option(
-    "--params",
-    "parameter_files",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Parameter file; can be given several times, the later one wins. A name that is not found here "
-    f"is looked up among the package's own. [default: {DEFAULT_PARAMETERS}]",
-)
 
 
 @knee_contact.command()
@@ -83,54 +80,62 @@ def node(ros_arguments: tuple[str, ...]) -> None:
     run_node(list(ros_arguments))
 
 
-@knee_contact.command()
+@knee_contact.command(cls=OptionalClockRate)
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option(
-    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of the bag per second."
-)
-@click.option("--loop", is_flag=True, help="Start over at the end.")
-@click.option("--clock", is_flag=True, help="Publish /clock.")
-@click.option(
-    "--wait",
-    type=click.FloatRange(0.0, 3600.0),
-    default=10.0,
-    show_default=True,
-    help="How long to wait for subscribers [s] before publishing all the same.",
-)
-def replay(bag: Path, rate: float, loop: bool, clock: bool, wait: float) -> None:
+@timing_options
+@names_in_bag_options
+def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) -> None:
     """Publish a bag's input topics in time.
 
-    BAG is an .mcap file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
+    rate.
     """
+    from knee_contact_ros.stream_in.names import names_in_bag
     from knee_contact_ros.stream_in.replay import Timing, run_replay
 
-    run_replay(bag, Timing(rate=rate, loop=loop, clock=clock, wait=wait))
+    run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace))
 
 
 @knee_contact.command()
 @click.argument("bag", type=click.Path(path_type=Path))
 @parameter_files
+@parameter_values
 @click.option(
     "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
 )
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
-def solve(bag: Path, parameter_files: tuple[Path, ...], output: Path, overwrite: bool) -> None:
+@names_in_bag_options
+def solve(
+    bag: Path,
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    output: Path,
+    overwrite: bool,
+    remaps: tuple[str, ...],
+    namespace: str,
+) -> None:
     """Compute a bag offline.
 
-    As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file or a
-    rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed again with
-    the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed; the command
-    then says what is missing, and ends with code 1.
+    As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file, a .db3
+    file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed
+    again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
+    the command then says what is missing, and ends with code 1.
     """
     from knee_contact_ros.parameters import load_parameters
-    from knee_contact_ros.provenance import read_provenance
+    from knee_contact_ros.provenance import read_provenance, with_values
+    from knee_contact_ros.ros_spelling import parameters_of
     from knee_contact_ros.salvage.source import in_a_line
     from knee_contact_ros.solve import solve as solve_bag
+    from knee_contact_ros.stream_in.names import names_in_bag
     from knee_contact_ros.terminal import progress, show_summary
 
     stored = None if parameter_files else read_provenance(bag)
+    values = parameters_of(parameter_values)
+    how = with_values(stored, values) if stored else load_parameters([*found(parameter_files), values])
+    names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
-        summary = solve_bag(bag, stored or load_parameters(found(parameter_files)), output, advance, overwrite)
+        summary = solve_bag(bag, how, output, advance, overwrite, names)
     rows = {"parameters": f"those in {bag.name}, made with {stored.package}"} if stored else {}
     show_summary(summary, rows, {"Recording": str(output)})
     if summary.damage:

@@ -16,8 +16,8 @@ from knee_contact_ros.resources import find_file
 Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def curve_texts(parameters: Parameters) -> dict[str, str]:
-    """Contents of the files that parameters name and that their model needs, by parameter.
+def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, str]:
+    """Contents of the files that parameters name and that their model needs, by parameter; as in `known` if there.
 
     Raises:
         UsageError: one cannot be read.
@@ -30,7 +30,10 @@ def curve_texts(parameters: Parameters) -> dict[str, str]:
         names["tibia.profile"] = tibia.profile
     if translation.mechanism == "table":
         names["translation.table"] = translation.table
-    return {parameter: _text(parameter, find_file(name)) for parameter, name in names.items()}
+    return {
+        parameter: known[parameter] if parameter in known else _text(parameter, find_file(name))
+        for parameter, name in names.items()
+    }
 
 
 def read_profile(parameter: str, name: str, texts: Mapping[str, str]) -> tuple[Path, Columns]:

@@ -12,7 +12,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +37,8 @@ from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.processes import PATIENCE, Child, child_process
 from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
+from knee_contact_ros.stream_in.keyboard import Command
+from knee_contact_ros.stream_in.player import Player
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
@@ -141,10 +143,12 @@ def play(
     try:
         node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
         node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
-        replayer = Replayer(node, reader)
+        messages = list(reader.raw_messages())
+        replayer = Replayer(node)
 
-        def spin(seconds: float) -> None:
+        def spin(seconds: float) -> Sequence[Command]:
             executor.spin_once(timeout_sec=seconds)
+            return ()
 
         with progress("Starting the node (the first time it compiles, for some ten seconds)") as advance:
             deadline = time.monotonic() + NODE_START
@@ -157,12 +161,10 @@ def play(
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
-
-            def published(message: RawMessage, number: int) -> None:
+            player = Player(replayer.publish, spin, rate=rate)
+            for number, (message, _) in enumerate(player.play(messages), start=1):
                 listener.on_published(message)
-                advance(number, len(replayer.messages))
-
-            replayer.run(rate, spin, published)
+                advance(number, len(messages))
         wait_for_last_answers(listener, spin)
         all_are_alive()
     finally:
@@ -171,7 +173,7 @@ def play(
         rclpy.shutdown()
 
 
-def wait_for_last_answers(listener: Listener, spin: Callable[[float], None]) -> None:
+def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -> None:
     """Wait until every force is answered, or until nothing has come for a while."""
     missing, since = listener.missing, time.monotonic()
     while missing and time.monotonic() - since < LAST_ANSWERS:

@@ -227,8 +227,10 @@ def flat_parameters(parameters: Parameters) -> dict[str, Any]:
     return _flat(parameters.model_dump())
 
 
-def load_parameters(source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path]) -> Parameters:
-    """Read parameters from a ROS 2 parameter file, from several (the later one wins), or from a mapping.
+def load_parameters(
+    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path | Mapping[str, Any]],
+) -> Parameters:
+    """Read parameters from a ROS 2 parameter file, from a mapping, or from several of these (the later one wins).
 
     A mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
 
@@ -239,11 +241,14 @@ def load_parameters(source: Parameters | Mapping[str, Any] | str | Path | Sequen
         return source
     if isinstance(source, Mapping):
         return _validated(_flat(_section_of_node(source, "the mapping")), "")
-    paths = [source] if isinstance(source, (str, Path)) else source
+    parts = [source] if isinstance(source, (str, Path)) else source
     merged: dict[str, Any] = {}
-    for path in paths:
-        values = _flat(_section_of_node(_read_yaml(Path(path)), str(path)))
-        _validated(values, f"{path}: ")
+    for part in parts:
+        if isinstance(part, Mapping):
+            merged |= _flat(_section_of_node(part, "the mapping"))
+            continue
+        values = _flat(_section_of_node(_read_yaml(Path(part)), str(part)))
+        _validated(values, f"{part}: ")
         merged |= values
     return _validated(merged, "")
 

@@ -13,7 +13,6 @@ from mcap.reader import make_reader
 
 import knee_contact_ros.core
 from knee_contact_ros import __version__
-from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
 from knee_contact_ros.record import CONTINUED
@@ -56,15 +55,12 @@ class Provenance(NamedTuple):
 
 
 def provenance_record(
-    parameters: Parameters, curves: Mapping[str, str] | None = None, source: Path | None = None, ticks_before: int = 0
+    parameters: Parameters, curves: Mapping[str, str], source: Path | None = None, ticks_before: int = 0
 ) -> dict[str, str]:
     """Content of the metadata record; nothing in it depends on where or when it is written.
 
-    `curves` gives the contents of the files that parameters name, if they are at hand; `source` is the bag that the
-    inputs come from, if they do.
-
-    Raises:
-        UsageError: a file that a parameter names cannot be read.
+    `curves` gives the contents of the files that parameters name (`curve_texts`); `source` is the bag that the inputs
+    come from, if they do.
     """
     values = {
         name: value for name, value in flat_parameters(parameters).items() if not name.startswith(NOT_OF_THE_RESULT)
@@ -75,8 +71,7 @@ def provenance_record(
         "parameters": json.dumps(values, indent=0),
         "ticks_before": str(ticks_before),
     }
-    texts = curve_texts(parameters) if curves is None else curves
-    record |= {CURVE + name: text for name, text in texts.items()}
+    record |= {CURVE + name: text for name, text in curves.items()}
     return record | ({"source": source.name, "source_sha256": bag_digest(source)} if source else {})
 
 
@@ -111,6 +106,18 @@ def read_provenance(bag: Path) -> Provenance | None:
         )  # fmt: skip
     except (KeyError, ValueError):  # somebody else's record of the same name
         return None
+
+
+def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
+    """The same with other values of some parameters, by dotted names.
+
+    Raises:
+        UsageError: an unknown name, a wrong type or a value outside its range.
+    """
+    curves = {name: text for name, text in provenance.curves.items() if name not in values}
+    return provenance._replace(
+        parameters=load_parameters(flat_parameters(provenance.parameters) | dict(values)), curves=curves
+    )
 
 
 def model_digest() -> str:

@@ -59,7 +59,7 @@ class Session:
         self.node = node
         self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self.parameters = parameters
-        self._curves = curve_texts(parameters)
+        self._curves = curve_texts(parameters, {})
         self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
         self.inputs = {
             stream.topic: stream

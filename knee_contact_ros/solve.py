@@ -19,7 +19,9 @@ from knee_contact_ros.record_blocks import write_rows
 from knee_contact_ros.redo import Changes
 from knee_contact_ros.salvage.source import in_a_line
 from knee_contact_ros.solve_blocks import take
-from knee_contact_ros.stream_in.bag import BagReader, RawMessage
+from knee_contact_ros.stream_in.bag import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.stream_in.joints import check_joints
+from knee_contact_ros.stream_in.names import OWN_NAMES, Names
 from knee_contact_ros.summary import Summary
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
@@ -37,22 +39,24 @@ def solve(
     output: Path,
     advance: Callable[[int, int], None],
     overwrite: bool = False,
+    names: Names = OWN_NAMES,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`.
 
     `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
     called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
-    once the new one is complete. Of a damaged bag, what can be read is computed; the summary and a metadata record say
-    what is wrong with it.
+    once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
+    computed; the summary and a metadata record say what is wrong with it.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
     parameters = how.parameters if isinstance(how, Provenance) else how
-    curves = how.curves if isinstance(how, Provenance) else curve_texts(parameters)
+    curves = curve_texts(parameters, how.curves if isinstance(how, Provenance) else {})
     changes = Changes(how.changes if isinstance(how, Provenance) else ())
     with ExitStack() as opened:
-        reader = opened.enter_context(BagReader(bag))
+        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        check_joints(reader, parameters)
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))

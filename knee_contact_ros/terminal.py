@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich import box
@@ -20,10 +22,33 @@ MICROMETRE = 1e6
 WIDTH = 78
 MOST_FAULTS = 20
 """That are printed"""
+PERIOD = 0.05
+"""[s] from one movement of a bar to the next: a movement takes some 20 µs, more than many a message"""
+
+
+class Bar:
+    """A function of (done, total) that moves a bar on the terminal."""
+
+    def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
+        self._bar = bar
+        self._task = bar.add_task(what, total=None)
+        self._still = still
+        self._next = 0.0 if not bar.disable else math.inf
+
+    def __call__(self, done: int, total: int) -> None:
+        """Move the bar, unless it has just moved; the last step always shows."""
+        now = time.monotonic()
+        if now >= self._next or (done == total and self._next < math.inf):
+            self._next = now + PERIOD
+            self._bar.update(self._task, completed=done, total=total, refresh=self._still)
+
+    def describe(self, what: str) -> None:
+        """Say something else beside the bar."""
+        self._bar.update(self._task, description=what, refresh=self._still)
 
 
 @contextmanager
-def progress(what: str, *, still: bool = False) -> Iterator[Callable[[int, int], None]]:
+def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
     """A bar on the terminal, nothing in a pipe; yields a function of (done, total).
 
     A `still` bar moves only in that function, so that no thread disturbs what is measured.
@@ -32,12 +57,8 @@ def progress(what: str, *, still: bool = False) -> Iterator[Callable[[int, int],
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     disable = not console.is_terminal
     with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
-        task = bar.add_task(what, total=None)
-
-        def advance(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total, refresh=still)
-
-        yield advance
+        console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
+        yield Bar(bar, what, still=still)
 
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:

@@ -94,7 +94,7 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
     """Changes count from the beginning of the recording, whatever the node had computed before."""
     recording = tmp_path / "out.mcap"
     with BagWriter(recording) as bag:
-        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.6}), ticks_before=1000))
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.6}), {}, ticks_before=1000))
         bag.add_metadata("parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5}))
         bag.add_metadata("reset", {"tick": "1200"})
     found = read_provenance(recording)
@@ -126,7 +126,7 @@ def test_a_record_of_somebody_else_is_none_of_ours(tmp_path: Path, record: dict[
 def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run_0.mcap", limits=Limits(duration=10.0)) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
-        bag.add_metadata("knee_contact", provenance_record(load_parameters({})))
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
         for stamp in (0, 20):
             bag.split_if_due(stamp)
             bag.write("/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ())))

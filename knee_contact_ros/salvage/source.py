@@ -6,25 +6,30 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import typestore
 from knee_contact_ros.salvage.folder_metadata import Declared
 from knee_contact_ros.salvage.inspection import Inspection, declarations, inspect
+from knee_contact_ros.stream_in.mcap_file import open_reader
 
 MOST_SAID = 3
 """Faults that are told in a line"""
 
 
 class Reader(Protocol):
-    """What is asked of a bag's reader; `AnyReader` is one."""
+    """What is asked of a bag's reader; that of `rosbags` is one."""
 
     connections: list[Connection]
 
-    def messages(self, connections: Collection[Connection] = ()) -> Iterator[tuple[Connection, int, bytes]]:
-        """Messages in the order of log time [ns]."""
+    @property
+    def end_time(self) -> int:
+        """Log time [ns] behind the last message."""
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Messages in the order of log time [ns], from `start` to before `stop`."""
 
     def close(self) -> None:
         """Close the bag."""
@@ -54,9 +59,16 @@ class SalvageReader:
             for number, topic in enumerate(declared.values(), start=1)
         ]
 
-    def messages(self, connections: Collection[Connection] = ()) -> Iterator[tuple[Connection, int, bytes]]:
+    @property
+    def end_time(self) -> int:
+        """See `Reader`; looks through all messages."""
+        return 1 + max((log_time for _, log_time, _ in self.messages(self.connections)), default=0)
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
         """See `Reader`; one file after another."""
-        wanted = {(c.topic, c.msgtype): c for c in connections or self.connections}
+        wanted = {(c.topic, c.msgtype): c for c in connections}
         for file in self._found.files:
             numbers = {
                 number: wanted[topic.topic, topic.type]
@@ -64,6 +76,9 @@ class SalvageReader:
                 if (topic.topic, topic.type) in wanted
             }
             for message in file.by_time(numbers):
+                time = message.log_time
+                if (start is not None and time < start) or (stop is not None and time >= stop):
+                    continue
                 yield numbers[message.channel], message.log_time, message.data
 
     def close(self) -> None:
@@ -119,10 +134,9 @@ def in_a_line(faults: Sequence[str]) -> str:
     return "; ".join(faults[:MOST_SAID]) + (f"; and {more} more" if more > 0 else "")
 
 
-def _ordinary(path: Path) -> AnyReader:
+def _ordinary(path: Path) -> Reader:
     try:
-        reader = AnyReader([path], default_typestore=typestore())
-        reader.open()
+        reader: Reader = open_reader(path)
     except Exception as error:  # whatever a broken file provokes in the reader
         raise UsageError(f"cannot read bag {path}: {' '.join(str(error).split()) or type(error).__name__}") from None
     return reader

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -12,17 +12,21 @@ from rosbags.interfaces import Connection
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import deserialize
 from knee_contact_ros.salvage.source import in_a_line, open_bag
+from knee_contact_ros.stream_in.names import OWN_NAMES, Names, absolute
+from knee_contact_ros.stream_in.topics_in_bag import find_topic
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
-"""The topics that drive the model, under their names in a bag, and their types."""
+"""The topics that drive the model, by their absolute names, and their types."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How compressed bytes begin; a message never does"""
 
 
 class BagMessage(NamedTuple):
     """A message from a bag, in the order of log time."""
 
     topic: str
-    """Absolute name"""
+    """Absolute name, as the node has it"""
     log_time: int
     """[ns]"""
     message: Any
@@ -41,8 +45,8 @@ class RawMessage(NamedTuple):
 class BagReader:
     """A bag that is known to hold the topics asked for."""
 
-    def __init__(self, path: Path, types: Mapping[str, str] = INPUT_TYPES) -> None:
-        """Open the bag at `path` and look for topics (absolute names) of the given types.
+    def __init__(self, path: Path, types: Mapping[str, str] = INPUT_TYPES, names: Names = OWN_NAMES) -> None:
+        """Open the bag at `path` and look for topics (absolute names) of the given types; `names` they have in there.
 
         Raises:
             UsageError: no such bag, not a bag, a topic is missing or empty, or has another type.
@@ -53,26 +57,45 @@ class BagReader:
         self._reader, self.damage = open_bag(path)
         """`damage` says what is wrong with the bag, in sentences; what can be read of it is read all the same"""
         try:
-            self._connections = [self._connection(topic, type_name) for topic, type_name in types.items()]
+            self._connections = {
+                topic: find_topic(path, self._reader.connections, topic, type_name, names.get(topic, topic))
+                for topic, type_name in types.items()
+            }
         except UsageError as error:
             self.close()
             damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
             raise UsageError(f"{error}{damage}") from None
+        self._topics = {names.get(topic, topic): topic for topic in types}
+        self._in_order_of_time()
+        self._refuse_compressed_messages()
 
     @property
     def count(self) -> int:
         """Number of messages on the topics asked for."""
-        return sum(connection.msgcount for connection in self._connections)
+        return sum(connection.msgcount for found in self._connections.values() for connection in found)
 
-    def raw_messages(self) -> Iterator[RawMessage]:
+    @property
+    def end(self) -> int:
+        """Log time [ns] behind the last message of the bag, whatever its topic."""
+        return int(self._reader.end_time)
+
+    def raw_messages(
+        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
+    ) -> Iterator[RawMessage]:
         """Messages in the order of log time, as their bytes.
+
+        Args:
+            topics: only these of the topics asked for; none: all.
+            start: log time [ns] of the first one.
+            stop: log time [ns] behind the last one.
 
         Raises:
             UsageError: the bag breaks off.
         """
+        asked = self._stored(topics or self._connections)
         try:
-            for connection, log_time, data in self._reader.messages(connections=self._connections):
-                yield RawMessage(connection.topic, log_time, bytes(data))
+            for connection, log_time, data in self._reader.messages(asked, start, stop):
+                yield RawMessage(self._topics[absolute(connection.topic)], log_time, bytes(data))
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
 
@@ -104,16 +127,34 @@ class BagReader:
     ) -> None:
         self.close()
 
-    def _connection(self, topic: str, type_name: str) -> Connection:
-        on_topic = [connection for connection in self._reader.connections if connection.topic == topic]
-        if not on_topic:
-            found = ", ".join(sorted({connection.topic for connection in self._reader.connections})) or "none"
-            raise UsageError(f"bag {self.path} has no topic {topic} ({type_name}); its topics: {found}")
-        if on_topic[0].msgtype != type_name:
-            raise UsageError(f"bag {self.path}: topic {topic} is a {on_topic[0].msgtype}; it must be a {type_name}")
-        if not on_topic[0].msgcount:
-            raise UsageError(f"bag {self.path}: topic {topic} has no messages")
-        return on_topic[0]
+    def _stored(self, topics: Collection[str]) -> list[Connection]:
+        """Connections with the QoS of the storage files beside those of metadata.yaml.
+
+        The library matches the two by QoS as well, and finds no message where somebody has edited metadata.yaml.
+        """
+        asked = [connection for topic in topics for connection in self._connections[topic]]
+        in_files = [
+            connection._replace(ext=stored.ext)
+            for storage in self._storages()
+            for stored in storage.connections
+            for connection in asked
+            if (stored.topic, stored.msgtype) == (connection.topic, connection.msgtype) and stored.ext != connection.ext
+        ]
+        return asked + in_files
+
+    def _in_order_of_time(self) -> None:
+        """The files of a split bag; metadata.yaml may list the tenth before the second."""
+        self._storages().sort(key=lambda storage: storage.metadata.start_time)
+
+    def _refuse_compressed_messages(self) -> None:
+        """A file of a bag whose messages are compressed one by one does not tell so; its folder does."""
+        first = next(self.raw_messages(), None) if self.path.is_file() else None
+        if first and first.data.startswith(ZSTD):
+            self.close()
+            raise UsageError(f"bag {self.path} has compressed messages: give its folder, whose metadata.yaml says so")
+
+    def _storages(self) -> list[Any]:
+        return getattr(getattr(self._reader, "storage", None), "storages", [])  # a file by itself has none
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:

@@ -1,0 +1,139 @@
+"""Single keys from the terminal while something runs, and the terminal as it was afterwards, whatever happens.
+
+The terminal goes into cbreak mode: keys come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning. It is ours
+only while this process is in the foreground: it is given back before Ctrl-Z stops us, and taken again when we go on.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from enum import Enum
+from types import FrameType, TracebackType
+from typing import Any
+
+
+class Command(Enum):
+    """What a key asks for."""
+
+    PAUSE = "pause or go on"
+    STEP = "one message while paused"
+    FASTER = "faster"
+    SLOWER = "slower"
+
+
+COMMANDS = {
+    b" ": Command.PAUSE,
+    b"s": Command.STEP,
+    b"\x1b[C": Command.STEP,
+    b"\x1b[A": Command.FASTER,
+    b"\x1b[B": Command.SLOWER,
+}
+HELP = "space: pause, s: step, up/down: rate"
+KEY = re.compile(rb"\x1b[\[O][A-Z]|.", re.DOTALL)
+LONGEST = 0.2
+"""[s] after which to look whether the terminal is ours"""
+
+
+class Keyboard:
+    """The keys of the terminal at standard input; without one there are none."""
+
+    def __init__(self, stood_still: Callable[[float], None]) -> None:
+        """`stood_still` is told for how long [s] the process was stopped."""
+        self._input = sys.stdin.fileno() if has_terminal() else None
+        self._stood_still = stood_still
+        self._usual: list[Any] | None = None  # the terminal's modes while it is ours
+        self._stop_handler: Any = None
+
+    def __enter__(self) -> Keyboard:
+        if self._input is not None:
+            if signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL:  # a shell without job control has it ignored
+                self._stop_handler = signal.signal(signal.SIGTSTP, self._on_stop)
+            self._take()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._give_back()
+        if self._stop_handler is not None:
+            signal.signal(signal.SIGTSTP, self._stop_handler)
+
+    def wait(self, seconds: float) -> list[Command]:
+        """Wait for keys, so long at most; what they ask for."""
+        if self._usual is None:
+            time.sleep(min(seconds, LONGEST))
+            self._take()
+            return []
+        if self._input is None or not select.select([self._input], [], [], min(seconds, LONGEST))[0]:
+            return []
+        return self._pressed()
+
+    def _pressed(self) -> list[Command]:
+        keys = b""
+        with suppress(OSError):  # the terminal is gone
+            keys = os.read(self._input or 0, 1024)
+        if not keys:
+            self._input = self._usual = None
+        found = (key.group().replace(b"\x1bO", b"\x1b[") for key in KEY.finditer(keys))
+        return [COMMANDS[key] for key in found if key in COMMANDS]
+
+    def _take(self) -> None:
+        """Take the terminal if we are in the foreground; a background process that tries is stopped."""
+        if self._input is not None and self._usual is None and in_foreground(self._input):
+            self._usual = termios.tcgetattr(self._input)
+            tty.setcbreak(self._input, termios.TCSANOW)
+
+    def _give_back(self) -> None:
+        if self._input is not None and self._usual is not None:
+            with suppress(termios.error):  # the terminal is gone
+                termios.tcsetattr(self._input, termios.TCSANOW, self._usual)
+        self._usual = None
+
+    def _on_stop(self, number: int, _frame: FrameType | None) -> None:
+        """Stop as asked, with the terminal as it was; this call returns when the process goes on."""
+        began = time.perf_counter()
+        self._give_back()
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+        signal.signal(number, self._on_stop)
+        self._take()
+        self._stood_still(time.perf_counter() - began)
+
+
+def has_terminal() -> bool:
+    """Whether somebody can press keys."""
+    return sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty()
+
+
+def in_foreground(terminal: int) -> bool:
+    """Whether a terminal listens to this process; one that controls nobody listens to all."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return True
+
+
+@contextmanager
+def unwinding_on_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the process by an exception, so that everything is put back on the way."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) == signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)

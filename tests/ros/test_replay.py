@@ -1,0 +1,221 @@
+"""`knee-contact replay` over real topics: what arrives, in which part, with which clock, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import StoragePlugin
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.stream_in.bag import INPUT_TYPES, RawMessage
+from tests.bags import write_rosbag2
+from tests.messages import raw_inputs
+from tests.ros.conftest import PATIENCE, Peer
+from tests.terminals import Terminal
+
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli", "replay"]
+ANGLE, FORCE = INPUT_TYPES
+LAST_LINE = (
+    r"(\d+) messages published, \d+ \([0-9.e-]+ %\) later than 1 ms, the latest by [0-9.]+ ms; drift at the end "
+)
+
+
+class Ear:
+    """Hears what a replay publishes."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.heard: dict[str, list[bytes]] = {ANGLE: [], FORCE: []}
+        self.clock: list[int] = []
+        qos = QoSProfile(depth=5000)
+        for topic, kind in ((ANGLE, JointState), (FORCE, WrenchStamped)):
+            peer.node.create_subscription(kind, topic, self.heard[topic].append, qos, raw=True)
+        peer.node.create_subscription(Clock, "/clock", lambda m: self.clock.append(stamp_to_ns(m.clock)), qos)
+
+    @property
+    def count(self) -> int:
+        return sum(map(len, self.heard.values()))
+
+    def listen_to(self, replay: subprocess.Popen[str]) -> tuple[str, str]:
+        """Until it has ended, and until all has come that it has said to have published."""
+        self.peer.wait_until(lambda: replay.poll() is not None)
+        output, errors = replay.communicate(timeout=PATIENCE)
+        said = re.match(LAST_LINE, output)
+        assert said, output + errors
+        self.peer.wait_until(lambda: self.count == int(said[1]))
+        return output, errors
+
+
+@pytest.fixture
+def ear(peer: Peer) -> Ear:
+    return Ear(peer)
+
+
+@pytest.fixture(scope="module")
+def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
+    return raw_inputs(request.getfixturevalue("right_bag"))
+
+
+@pytest.fixture
+def start() -> Iterator:
+    started = []
+
+    def start(*arguments: str | Path) -> subprocess.Popen[str]:
+        command = [*COMMAND, *map(str, arguments)]
+        started.append(
+            subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def by_topic(messages: list[RawMessage]) -> dict[str, list[bytes]]:
+    return {topic: [message.data for message in messages if message.topic == topic] for topic in INPUT_TYPES}
+
+
+def test_every_message_comes_as_it_was_recorded(ear: Ear, start, right_bag: Path, gait: list[RawMessage]) -> None:
+    """A plain --clock, here before BAG, tells the time of every message."""
+    replay = start("--clock", right_bag, "--rate", "4", "--wait", "60")
+    _, errors = ear.listen_to(replay)
+    assert (replay.returncode, errors) == (0, "")  # no progress bar in a pipe
+    assert ear.heard == by_topic(gait)
+    ear.peer.wait_until(lambda: len(ear.clock) == len(gait))
+    assert ear.clock == [message.log_time for message in gait]
+
+
+def test_a_part_of_a_namespace_with_a_clock_of_its_own_rate(
+    ear: Ear, start, gait: list[RawMessage], tmp_path: Path
+) -> None:
+    bag = write_rosbag2(tmp_path / "bag", gait, name=lambda topic: f"/left{topic}")
+    replay = start(bag, "--namespace", "left", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50")
+    ear.listen_to(replay)
+    begin = gait[0].log_time + NANOSECONDS // 2
+    end = begin + 4 * NANOSECONDS // 10
+    assert ear.heard == by_topic([message for message in gait if begin <= message.log_time < end])
+    assert 3 < len(ear.clock) <= 21  # every 20 ms; a busy machine may leave some out
+    assert ear.clock == sorted(ear.clock)
+    assert ear.clock[0] >= begin
+
+
+def test_a_loop_starts_over_and_ends_at_once_with_all_that_was_sent(
+    ear: Ear, start, right_bag: Path, gait: list[RawMessage]
+) -> None:
+    replay = start(right_bag, "--loop", "--start-offset", "1.6", "--rate", "2")
+    part = by_topic([m for m in gait if m.log_time >= gait[0].log_time + 16 * NANOSECONDS // 10])
+    ear.peer.wait_until(lambda: len(ear.heard[FORCE]) > 2.5 * len(part[FORCE]))
+    replay.send_signal(signal.SIGINT)
+    _, errors = ear.listen_to(replay)
+    assert replay.returncode == 130
+    assert errors.strip() == "knee-contact: interrupted"
+    for topic, heard in ear.heard.items():
+        once = len(part[topic])
+        assert heard == (part[topic] * (len(heard) // once + 1))[: len(heard)]
+
+
+def test_sigterm_ends_it_with_its_last_line(ear: Ear, start, right_bag: Path) -> None:
+    replay = start(right_bag, "--rate", "0.1")
+    ear.peer.wait_until(lambda: ear.count)
+    replay.terminate()
+    ear.listen_to(replay)
+    assert replay.returncode == 128 + signal.SIGTERM
+
+
+def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMessage]) -> None:
+    part = [message for message in gait if message.log_time >= gait[0].log_time + NANOSECONDS]
+    with Terminal(*COMMAND, str(right_bag), "--start-offset", "1", "--start-paused", "--wait", "60") as terminal:
+        terminal.wait_for("Paused gait2354_right at rate 1")
+        ear.peer.spin(0.3)
+        assert ear.count == 0
+        for steps, key in enumerate((b"s", b"\x1b[C", b"s"), start=1):
+            terminal.press(key)
+            ear.peer.wait_until(lambda steps=steps: ear.count == steps)
+        ear.peer.spin(0.3)
+        assert ear.count == 3
+        terminal.press(b"\x1b[A ")
+        terminal.wait_for("Replaying gait2354_right at rate 1.1")
+        ear.peer.wait_until(lambda: ear.count > 20)
+        terminal.press(b" ")
+        terminal.wait_for("Paused gait2354_right at rate 1.1")
+        ear.peer.spin(0.3)
+        paused_at = ear.count
+        ear.peer.spin(0.3)
+        assert ear.count == paused_at < len(part)
+        terminal.press(b" ")
+        ear.peer.wait_until(lambda: ear.count == len(part))
+        terminal.wait_for(LAST_LINE)
+        terminal.wait_for(r"\[ended with 0, usual\]")
+    assert ear.heard == by_topic(part)
+
+
+def test_ctrl_c_at_the_terminal(ear: Ear, right_bag: Path) -> None:
+    with Terminal(*COMMAND, str(right_bag), "--loop") as terminal:
+        ear.peer.wait_until(lambda: ear.count)
+        terminal.press(b"\x03")
+        terminal.wait_for(LAST_LINE)
+        terminal.wait_for("knee-contact: interrupted")
+        terminal.wait_for(r"\[ended with 130, usual\]")
+
+
+def test_a_replay_that_was_stopped_goes_on_where_it_was(ear: Ear, right_bag: Path) -> None:
+    with Terminal(*COMMAND, str(right_bag), "--rate", "0.2") as terminal:
+        ear.peer.wait_until(lambda: ear.count)
+        terminal.press(b"\x1a")
+        terminal.wait_for(r"\[stopped, usual\]")
+        ear.peer.spin(0.5)
+        stopped_at = ear.count
+        ear.peer.spin(2.0)
+        assert ear.count == stopped_at
+        terminal.press(b"\n")
+        ear.peer.wait_until(lambda: ear.count > stopped_at)
+        # 2.5 s of the pause at rate 0.2 are 200 messages, if they were made up for.
+        assert ear.count < stopped_at + 100
+        os.kill(terminal.pid, signal.SIGTERM)
+        terminal.wait_for(r"\[ended with 143, usual\]")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--start-paused"], "--start-paused needs a terminal"),
+        (["--start-offset", "100"], "has no message there; it lasts 1.930 s"),
+        (["--clock", "-3"], "-3.0 is not in the range"),
+        (["--duration", "0"], "0.0 is not in the range"),
+        (["--remap", "joint_states:=/exo"], "has no topic /exo (sensor_msgs/msg/JointState); its topics"),
+    ],
+)
+def test_what_cannot_be_played_is_told_in_one_line(arguments: list[str], words: str, start, right_bag: Path) -> None:
+    replay = start(right_bag, *arguments)
+    output, errors = replay.communicate(timeout=PATIENCE)
+    assert replay.returncode == 2
+    assert output == ""
+    assert len(errors.splitlines()) == 1
+    assert words in errors
+
+
+def test_a_bag_that_has_lost_its_messages_is_told(start, gait: list[RawMessage], tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", gait, StoragePlugin.SQLITE3)
+    (file,) = bag.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM messages")
+    replay = start(bag)
+    _, errors = replay.communicate(timeout=PATIENCE)
+    assert replay.returncode == 2
+    assert errors.endswith("has none of the 774 messages that its metadata.yaml counts\n")

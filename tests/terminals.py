@@ -1,0 +1,79 @@
+"""A terminal of its own for a command, with a small shell that stops it, lets it go on, and looks at the modes."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+from types import TracebackType
+
+PATIENCE = 120.0
+"""How long [s] to wait for what must come"""
+SHELL = """
+import fcntl, os, signal, subprocess, sys, termios
+
+def modes():
+    flags = termios.tcgetattr(0)[3]
+    return "usual" if flags & termios.ICANON and flags & termios.ECHO else "single keys"
+
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+child = subprocess.Popen(sys.argv[1:], process_group=0)
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTTOU])
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+os.tcsetpgrp(0, child.pid)
+print(f"[started {child.pid}]", flush=True)
+while True:
+    _, status = os.waitpid(child.pid, os.WUNTRACED)
+    os.tcsetpgrp(0, os.getpgrp())
+    if not os.WIFSTOPPED(status):
+        break
+    print(f"[stopped, {modes()}]", flush=True)
+    sys.stdin.readline()
+    os.tcsetpgrp(0, child.pid)
+    os.kill(child.pid, signal.SIGCONT)
+print(f"[ended with {os.waitstatus_to_exitcode(status)}, {modes()}]", flush=True)
+"""
+"""What a shell with job control does: `fg` is any line"""
+
+
+class Terminal:
+    """A command in a terminal."""
+
+    def __init__(self, *command: str) -> None:
+        self.master, slave = pty.openpty()
+        self.shell = subprocess.Popen(
+            [sys.executable, "-c", SHELL, *command], stdin=slave, stdout=slave, stderr=slave, start_new_session=True
+        )
+        os.close(slave)
+        self.text = ""
+        self.pid = int(self.wait_for(r"\[started (\d+)\]")[1])
+
+    def press(self, keys: bytes) -> None:
+        """Press keys."""
+        os.write(self.master, keys)
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        """Wait for words; what stood before them is forgotten."""
+        deadline = time.monotonic() + PATIENCE
+        while (found := re.search(pattern, self.text)) is None:
+            assert time.monotonic() < deadline, f"no {pattern!r} in {self.text!r}"
+            if select.select([self.master], [], [], 0.1)[0]:
+                self.text += os.read(self.master, 65536).decode()
+        self.text = self.text[found.end() :]
+        return found
+
+    def __enter__(self) -> Terminal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.shell.poll() is None and kind is not None:
+            os.kill(self.pid, 9)
+            self.shell.kill()
+        os.close(self.master)
+        self.shell.wait(PATIENCE)
