@@ -110,11 +110,13 @@ class Peer(Driver):
         """Have the node begin another recording; returns when it is open: what is put before waits in the node."""
         name = Parameter("record.path", value=str(path)).to_parameter_msg()
         self._call(SetParameters, "knee_contact/set_parameters", SetParameters.Request(parameters=[name]))
-        self._call(Trigger, "knee_contact/start_recording", Trigger.Request())
+        while not self._call(Trigger, "knee_contact/start_recording", Trigger.Request()).success:
+            self._spin(CHECK)  # it has yet to notice that the other one is dead
         while not (partial_name(path).exists() and partial_name(path).stat().st_size):
             self._spin(CHECK)
 
-    def _call(self, kind: Any, name: str, request: Any) -> None:
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        """A service's answer."""
         client = self._node.create_client(kind, name)
         while not client.service_is_ready():
             self._spin(CHECK)
@@ -122,6 +124,7 @@ class Peer(Driver):
         while not future.done():
             self._spin(CHECK)
         self._node.destroy_client(client)
+        return future.result()
 
 
 @contextmanager
