@@ -10,6 +10,7 @@ import errno
 import os
 from collections import Counter
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
@@ -48,16 +49,13 @@ class BagFile:
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
         if type_name not in self._schemas:
-            text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
+            text = definition(type_name)
             self._schemas[type_name] = self.writer.register_schema(name=type_name, encoding="ros2msg", data=text)
         self.channels[topic] = self.writer.register_channel(
             topic=topic,
             message_encoding="cdr",
             schema_id=self._schemas[type_name],
-            metadata={
-                "offered_qos_profiles": to_yaml(OFFERED_QOS),
-                "topic_type_hash": typestore().hash_rihs01(type_name),
-            },
+            metadata={"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(type_name)},
         )
         self._types[topic] = type_name
         self.counts[topic] = 0
@@ -116,3 +114,15 @@ class BagFile:
         with suppress(OSError):  # a full disk also refuses what is still in the file's buffer
             self._file.close()
         self.partial.unlink(missing_ok=True)
+
+
+@cache  # the next file of a recording must be open at once
+def definition(type_name: str) -> bytes:
+    """A message's definition with those that it consists of."""
+    return typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
+
+
+@cache
+def offered_qos() -> str:
+    """As YAML text."""
+    return to_yaml(OFFERED_QOS)
