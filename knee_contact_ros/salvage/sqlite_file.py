@@ -160,7 +160,8 @@ def _topics(database: apsw.Connection) -> dict[int, Topic]:
 
 
 def _counts(database: apsw.Connection) -> dict[int, int]:
-    return dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id").fetchall())
+    rows = database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id").fetchall()
+    return {topic: count for topic, count in rows if isinstance(topic, int) and isinstance(count, int)}
 
 
 def _walk(database: apsw.Connection, most: int) -> Iterator[tuple[int, int, int]]:
