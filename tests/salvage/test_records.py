@@ -7,12 +7,12 @@ from io import BytesIO
 import pytest
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from knee_contact_ros.salvage.records import MAGIC, Hole, Record, parsed, read_records
 
 
-def bytes_of(*records: Header | Schema | Channel | Metadata) -> bytes:
+def bytes_of(*records: Header | Schema | Channel | Metadata | Attachment) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -46,6 +46,13 @@ def test_a_record_must_fill_its_length_exactly(length: int) -> None:
         Hole(len(MAGIC) + len(bytes_of(HEADER)), len(schema), cut=False),
         Opcode.METADATA,
     ]
+
+
+@pytest.mark.parametrize("length", [10, 2**40, 2**64 - 1])
+def test_a_length_beyond_all_memory_is_no_record(length: int) -> None:
+    attachment = bytearray(bytes_of(Attachment(1, 1, "page.txt", "text/plain", b"some text")))
+    attachment[-21:-13] = length.to_bytes(8, "little")
+    assert parsed(Record(Opcode.ATTACHMENT, 0, bytes(attachment[9:]))) is None
 
 
 def test_a_hole_may_be_the_end() -> None:
