@@ -15,6 +15,8 @@ from knee_contact_ros.salvage.records import CHUNK_HEAD, HEAD, LARGEST_RECORD, M
 
 MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time [ns]"""
+CHANNEL_AND_TIME = struct.Struct("<H4xQ")
+"""Of a message: channel and log time [ns]"""
 STEP = 4096
 """[B] given to a decompressor at once: what it makes of them counts if all of them are right"""
 
@@ -128,15 +130,18 @@ def contents_of(data: bytes) -> Contents:
     """What a chunk's data hold, without a copy of every message."""
     messages: dict[int, tuple[int, int]] = {}
     others = []
-    position, end = 0, len(data)
-    while position + HEAD.size <= end:
-        opcode, length = HEAD.unpack_from(data, position)
-        following = position + HEAD.size + length
+    position, end, head_size, kind = 0, len(data), HEAD.size, int(Opcode.MESSAGE)
+    head, channel_and_time = (
+        HEAD.unpack_from,
+        CHANNEL_AND_TIME.unpack_from,
+    )  # by names: every message of a bag comes here
+    while position + head_size <= end:
+        opcode, length = head(data, position)
+        following = position + head_size + length
         if following > end:
             break
-        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
-            channel, _, log_time, _ = MESSAGE.unpack_from(data, position + HEAD.size)
-            messages[position] = channel, log_time
+        if opcode == kind and length >= MESSAGE_HEAD:
+            messages[position] = channel_and_time(data, position + head_size)
         else:
             others.append(Record(opcode, position, data[position + HEAD.size : following]))
         position = following

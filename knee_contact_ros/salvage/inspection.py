@@ -69,7 +69,10 @@ def inspect(path: Path) -> Inspection | None:
     metadata, faults = read_metadata(path)
     if metadata and metadata.compressed == "file":
         return None
-    names = metadata.files if metadata else guessed(path)
+    names = metadata.files if metadata else []
+    if not any((path / name).is_file() for name in names):
+        faults += [f"{name} is missing" for name in names]
+        names = guessed(path)
     files = []
     for name in names:
         file = open_file(path / name) if (path / name).is_file() else None

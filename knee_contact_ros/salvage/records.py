@@ -102,11 +102,14 @@ class Hole(NamedTuple):
 class _Exact(ReadDataStream):
     """Gives all the bytes asked for, or none."""
 
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
+
     def read(self, length: int) -> bytes:
-        data: bytes = super().read(length)
-        if len(data) != length:
+        if length > self._size - self.count:
             raise EndOfFile
-        return data
+        return bytes(super().read(length))
 
 
 def parsed(record: Record) -> Any:
@@ -116,7 +119,7 @@ def parsed(record: Record) -> Any:
     """
     if record.opcode == Opcode.MESSAGE_INDEX:
         return _message_index(record.content)
-    stream = _Exact(BytesIO(record.content))
+    stream = _Exact(record.content)
     try:
         found = PARSERS[record.opcode].read(stream)
     except (KeyError, EndOfFile, struct.error, UnicodeDecodeError):

@@ -18,6 +18,8 @@ from knee_contact_ros.salvage.whole_pages import NAME
 READ_ONLY = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
 FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
 """Where in the header, and how long: size of a page, number of the last change, pages, change for which they count"""
+UNREADABLE = (apsw.Error, UnicodeDecodeError)
+"""What damaged pages, and damaged texts on them, provoke"""
 LONGEST_FAULT = 120
 """Characters of what sqlite says"""
 
@@ -54,7 +56,7 @@ class SqliteFile:
         self._database: apsw.Connection | None = None
         try:
             self._database = _opened(path)
-        except apsw.Error as error:
+        except UNREADABLE as error:
             self.faults.append(f"no database: {_said(error)}")
             return
         self._read(self._database)
@@ -66,7 +68,7 @@ class SqliteFile:
         for number in self._walked(self._database).by_time():
             try:
                 row = self._database.execute(ONE_ROW, (number,)).fetchone()
-            except apsw.Error:
+            except UNREADABLE:
                 continue  # it could be read before: somebody is at the file
             if row and row[0] in topics:
                 yield Message(row[0], 0, row[1], row[1], bytes(row[2]))
@@ -78,18 +80,15 @@ class SqliteFile:
 
     def _read(self, database: apsw.Connection) -> None:
         fault = _integrity(database)
-        try:
-            self.topics = _topics(database)
-        except apsw.Error as error:
-            self.faults.append(f"the table of topics cannot be read: {_said(error)}")
-            return
         if missing := _missing_bytes(self.path):
             self.faults.append(f"it is cut off: its last {missing} bytes are missing")
         if fault:
             self.faults.append(f"sqlite finds it damaged: {fault}")
-            self.counts.update(self._walked(database).topics)
-        else:
-            self.counts.update(dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")))
+        try:
+            self.topics = _topics(database)
+            self.counts.update(self._walked(database).topics if fault else _counts(database))
+        except UNREADABLE as error:
+            self.faults.append(f"the tables are not those of rosbag2, or cannot be read: {_said(error)}")
         for number in [number for number in self.counts if number not in self.topics]:
             self.faults.append(f"{self.counts.pop(number)} messages are of topic {number}, which nothing declares")
 
@@ -147,7 +146,7 @@ def _missing_bytes(path: Path) -> int:
 def _integrity(database: apsw.Connection) -> str:
     try:
         found = database.execute("PRAGMA integrity_check(1)").fetchone()
-    except apsw.Error as error:
+    except UNREADABLE as error:
         return _said(error)
     return "" if found and found[0] == "ok" else " ".join(str(found and found[0]).split())[:LONGEST_FAULT]
 
@@ -160,6 +159,11 @@ def _topics(database: apsw.Connection) -> dict[int, Topic]:
     return {int(number): Topic(*map(str, rest)) for number, *rest in rows}
 
 
+def _counts(database: apsw.Connection) -> dict[int, int]:
+    rows = database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id").fetchall()
+    return {topic: count for topic, count in rows if isinstance(topic, int) and isinstance(count, int)}
+
+
 def _walk(database: apsw.Connection, most: int) -> Iterator[tuple[int, int, int]]:
     """Topic, time [ns] and number of every row that can be read; numbers go up to `most`."""
     number = 0
@@ -169,7 +173,7 @@ def _walk(database: apsw.Connection, most: int) -> Iterator[tuple[int, int, int]
                 if row >= number:  # a damaged tree may lead to the same rows twice
                     yield topic, time, row
                     number = row + 1
-        except apsw.Error:
+        except UNREADABLE:
             number = _next_readable(database, number + 1, most)
             continue
         return
@@ -196,10 +200,10 @@ def _readable(database: apsw.Connection, number: int) -> bool:
     """Whether reading can go on from a row on."""
     try:
         database.execute(f"{ROWS} LIMIT 1", (number,)).fetchone()
-    except apsw.Error:
+    except UNREADABLE:
         return False
     return True
 
 
-def _said(error: apsw.Error) -> str:
+def _said(error: Exception) -> str:
     return " ".join(str(error).split())[:LONGEST_FAULT]

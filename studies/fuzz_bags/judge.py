@@ -38,6 +38,7 @@ BAD = (SILENT, BAD_RECOVERY, TRACEBACK, HANG)
 class Verdict(NamedTuple):
     """What became of a case."""
 
+    seed: int
     kind: str
     """Of the bag"""
     mutation: str
@@ -63,8 +64,8 @@ def try_case(seed: int, bags: dict[str, Path], folder: Path) -> Verdict:
             outcome, detail = BAD_RECOVERY, wrong
         foreign, lost = compared(bag) if outcome in {SAID, SAME} else (0, 0)
     except Exception as error:  # that is what is looked for
-        return Verdict(kind, mutation, TRACEBACK, repr(error))
-    return Verdict(kind, mutation, outcome, detail, foreign, lost)
+        return Verdict(seed, kind, mutation, TRACEBACK, repr(error))
+    return Verdict(seed, kind, mutation, outcome, detail, foreign, lost)
 
 
 def solved(kind: str, bag: Path, folder: Path) -> tuple[str, str]:
@@ -146,7 +147,7 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
 def answers_in(recording: Path) -> list[tuple[str, bytes]]:
     """The answers in a recording."""
     with recording.open("rb") as file:
-        found = make_reader(file).iter_messages(["/knee_contact", "/knee_contact/wrench"])
+        found = make_reader(file).iter_messages(["/knee_contact", "/knee_contact/wrench"], log_time_order=False)
         return [(channel.topic, message.data) for _, channel, message in found]
 
 

@@ -97,4 +97,4 @@ def _replace(worker: Worker, busy: dict[Connection, Worker]) -> None:
 
 def _lost(worker: Worker, why: str) -> Verdict:
     kind = list(MAKERS)[worker.seed % len(MAKERS)]
-    return Verdict(kind, f"seed {worker.seed}", HANG, why)
+    return Verdict(worker.seed, kind, "unknown", HANG, why)

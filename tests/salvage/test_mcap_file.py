@@ -67,6 +67,20 @@ def test_the_shipped_bags_have_no_faults_and_are_read_in_the_ordinary_order(righ
     assert read(path) == (ordinary, [])
 
 
+def test_messages_come_by_time_and_equal_times_as_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=200)
+        writer.start("ros2")
+        channel = writer.register_channel("/things", "cdr", 0)
+        for number in range(100):
+            writer.add_message(channel, number * 37 % 50, b"%3d" % number, 0)
+        writer.finish()
+    found, faults = read(path)
+    assert faults == []
+    assert [(time, int(data)) for _, time, data in found] == sorted((n * 37 % 50, n) for n in range(100))
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: str) -> None:
     path = made(tmp_path, form)

@@ -106,6 +106,15 @@ def test_the_missing_are_counted_where_the_statistics_are_left(
     assert f"Recovered: {tmp_path / 'out.mcap'}" in said
 
 
+def test_an_attachment_that_does_not_fit_its_checksum_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "in.mcap"
+    mcap(path, CompressionType.ZSTD)
+    path.write_bytes(path.read_bytes().replace(b"some text", b"same text"))
+    recovery = recover(path, tmp_path / "out.mcap")
+    assert "Attachment" not in content(tmp_path / "out.mcap")
+    assert any("the attachment at byte" in fault for fault in recovery.faults)
+
+
 def test_metadata_beside_tells_what_the_channels_say(right_bag: Path, tmp_path: Path) -> None:
     recover(right_bag / "gait2354_right_0.mcap", tmp_path / "gait2354_right_0.mcap")
     yaml = YAML(typ="safe", pure=True)

@@ -72,3 +72,11 @@ def test_messages_of_unknown_topics_are_counted(database: Path) -> None:
     found, faults = read(database)
     assert len(found) == len(WRITTEN) - 1
     assert faults == ["1 messages are of topic 7, which nothing declares"]
+
+
+def test_texts_that_are_none_are_a_fault(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as connection, connection:
+        connection.execute("UPDATE topics SET name = CAST(x'ff' AS TEXT) WHERE id = 1")
+    found, faults = read(database)
+    assert found == []
+    assert faults[0].startswith("the tables are not those of rosbag2, or cannot be read: ")
