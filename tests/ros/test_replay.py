@@ -54,7 +54,7 @@ class Ear:
         output, errors = replay.communicate(timeout=PATIENCE)
         said = re.match(LAST_LINE, output)
         assert said, output + errors
-        self.peer.wait_until(lambda: self.count == int(said[1]))
+        self.peer.wait_until(lambda: self.count >= int(said[1]))  # a signal may come between a message and its count
         return output, errors
 
 
@@ -218,4 +218,5 @@ def test_a_bag_that_has_lost_its_messages_is_told(start, gait: list[RawMessage],
     replay = start(bag)
     _, errors = replay.communicate(timeout=PATIENCE)
     assert replay.returncode == 2
-    assert errors.endswith("has none of the 774 messages that its metadata.yaml counts\n")
+    assert "no message can be read of it" in errors
+    assert "387 of 387 messages are missing on /joint_states" in errors
