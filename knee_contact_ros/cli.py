@@ -136,7 +136,9 @@ def solve(
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
         summary = solve_bag(bag, how, output, advance, overwrite, names)
-    rows = {"parameters": f"those in {bag.name}, made with {stored.package}"} if stored else {}
+    files = ", ".join(str(name) for name in parameter_files or (DEFAULT_PARAMETERS,))
+    source = f"those in {bag.name}, made with {stored.package}" if stored else files
+    rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Metadata
 
 import knee_contact_ros.core
 from knee_contact_ros import __version__
@@ -17,6 +20,8 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
 from knee_contact_ros.record import CONTINUED
 from knee_contact_ros.record_answers import PROVENANCE
+from knee_contact_ros.salvage.inspection import open_file
+from knee_contact_ros.salvage.mcap_file import McapFile
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of what happened to a running node"""
@@ -156,6 +161,19 @@ def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
     for path in sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]:
         try:
             with path.open("rb") as file:
-                yield from [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
-        except (McapError, OSError, ValueError, EOFError):
-            continue
+                found = list(make_reader(file).iter_metadata())
+        except (McapError, OSError, ValueError, EOFError, struct.error):
+            found = _in_damaged(path)
+        yield from ((record.name, record.metadata) for record in found)
+
+
+def _in_damaged(path: Path) -> list[Metadata]:
+    """What is left of the metadata in a file that is damaged or was cut off, if it is of the kind."""
+    try:
+        file = open_file(path)
+    except OSError:
+        return []
+    if file is None:
+        return []
+    with closing(file):
+        return list(file.metadata()) if isinstance(file, McapFile) else []

@@ -68,6 +68,8 @@ def solve(
             advance(done, reader.count)
         run.keep(pipeline.give_up())
         recorder.finish(pipeline.ending())
+        if reader.damage and isinstance(how, Provenance) and how.changes:
+            reader.damage.append("what changed in the node meanwhile may come too late, as ticks before it are missing")
         if reader.damage:
             writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(reader.damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, reader.damage

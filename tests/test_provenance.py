@@ -123,6 +123,15 @@ def test_a_record_of_somebody_else_is_none_of_ours(tmp_path: Path, record: dict[
     assert read_provenance(tmp_path / "out.mcap") is None
 
 
+def test_a_recording_that_was_cut_off_still_says_it(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap", silent)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
+    found = read_provenance(cut)
+    assert found is not None
+    assert found.parameters == load_parameters(config / "osteoarthritis.yaml")
+
+
 def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run_0.mcap", limits=Limits(duration=10.0)) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")

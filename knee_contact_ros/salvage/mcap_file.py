@@ -84,6 +84,13 @@ class McapFile:
             if message is not None:
                 yield message
 
+    def metadata(self) -> Iterator[Metadata]:
+        """The metadata records that can be read."""
+        for offset in self._scan.metadata:
+            record = self._record(offset)
+            if isinstance(record, Metadata):
+                yield record
+
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
         """Everything but schemas and channels as the file has it, each with where [B] it was."""
         places = [(segment.offset, segment) for segment in self._scan.segments]
