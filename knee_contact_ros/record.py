@@ -19,6 +19,7 @@ from knee_contact_ros.outputs import partial_name
 
 REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record that counts refused samples by reason."""
+MB = 10**6
 FIRST = "_0"
 """How rosbag2 ends the name of a recording's first file"""
 
@@ -30,6 +31,17 @@ class Limits(NamedTuple):
     """[B] that a file has reached"""
     duration: float = math.inf
     """[ns] of stamps that a file spans less than"""
+
+
+class Settings(NamedTuple):
+    """How to record beside a node."""
+
+    flush_period: float
+    """[s] what a crash may lose"""
+    limits: Limits = Limits()
+    """When to go on in a new file"""
+    min_free: float = 0.0
+    """[B] that must stay free on the disk"""
 
 
 class BagWriter:

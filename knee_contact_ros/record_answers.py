@@ -8,32 +8,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from shutil import disk_usage
-from typing import Any, NamedTuple
+from typing import Any
 
 from knee_contact_ros.answer import Answer, Ending, Input
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.outputs import cut_off, leftovers
-from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter, Limits
+from knee_contact_ros.record import MB, REFUSED_SAMPLES, BagWriter, Settings
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
 NODE_GONE = "the node was gone before it closed the recording"
-MB = 10**6
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
-
-
-class Settings(NamedTuple):
-    """How to record beside a node."""
-
-    flush_period: float
-    """[s] what a crash may lose"""
-    limits: Limits = Limits()
-    """When to go on in a new file"""
-    min_free: float = 0.0
-    """[B] that must stay free on the disk"""
 
 
 class AnswerWriter:

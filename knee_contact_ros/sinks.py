@@ -9,7 +9,7 @@ from typing import Any
 from knee_contact_ros.answer import Answer
 from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
 from knee_contact_ros.drawing import Drawing, shown_row
-from knee_contact_ros.record_answers import Settings
+from knee_contact_ros.record import Settings
 
 MOST_UNRECORDED = 500_000
 """Answers that may wait to be recorded: minutes, and 1 GB. A recording has no gaps: with more it has failed."""

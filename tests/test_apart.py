@@ -34,8 +34,8 @@ from knee_contact_ros.drawing import drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.record import Limits
-from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED, Settings
+from knee_contact_ros.record import Limits, Settings
+from knee_contact_ros.record_answers import ABSOLUTE_NAMES, INTERRUPTED
 from knee_contact_ros.sinks import recorded_row, recorder, viewer
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, read_bag
