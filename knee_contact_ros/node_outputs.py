@@ -15,8 +15,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.outputs import refuse_existing
 from knee_contact_ros.parameters import Parameters, Record
-from knee_contact_ros.record import Limits, Settings
-from knee_contact_ros.record_answers import MB
+from knee_contact_ros.record import MB, Limits, Settings
 from knee_contact_ros.sinks import recorder, viewer
 
 RECORDER, VIEWER = "recorder", "viewer"

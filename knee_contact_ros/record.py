@@ -21,6 +21,7 @@ REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record that counts refused samples by reason."""
 CONTINUED = "continued"
 """Name of the metadata record of a file that goes on with a recording"""
+MB = 10**6
 FIRST = "_0"
 """How rosbag2 ends the name of a recording's first file"""
 

@@ -15,7 +15,7 @@ from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.outputs import cut_off, leftovers
-from knee_contact_ros.record import REFUSED_SAMPLES, BagWriter, Settings
+from knee_contact_ros.record import MB, REFUSED_SAMPLES, BagWriter, Settings
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
 PROVENANCE = "knee_contact"
@@ -23,7 +23,6 @@ PROVENANCE = "knee_contact"
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
 NODE_GONE = "the node was gone before it closed the recording"
-MB = 10**6
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 
 
