@@ -100,12 +100,15 @@ class BagFile:
         return FileFacts(self.path.name, self.first, self.last, Counter(self.counts))
 
     def complete(self) -> None:
-        """Complete the file and give it its name."""
+        """Write what ends the file."""
         whole = information([self.facts()], self._types)
         self.writer.add_metadata("rosbag2", {"serialized_metadata": to_yaml(whole)})
         self.writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
+
+    def take_name(self) -> None:
+        """Give the complete file its final name."""
         self.partial.replace(self.path)
         self._file.close()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -93,25 +93,26 @@ def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) ->
     }
 
 
-def write_metadata(folder: Path, content: dict[str, Any]) -> None:
-    """Write `metadata.yaml` beside a bag's files, unless that is another bag's; at every moment there is a whole one.
+def prepare_metadata(folder: Path, content: dict[str, Any]) -> Callable[[], object]:
+    """Write what is to stand in `metadata.yaml` beside a bag's files, and return what makes it stand there.
 
-    `content` is as `information` gives it.
+    `content` is as `information` gives it. There is a whole `metadata.yaml` at every moment; one of another bag is left
+    alone.
 
     Raises:
         OSError: it cannot be written; an earlier one is left as it was.
     """
     metadata = folder / METADATA
     if metadata.exists() and _is_of_another_bag(metadata, content["relative_file_paths"][0]):
-        return
+        return lambda: None
     partial = partial_name(metadata)
     try:
         partial.write_text(to_yaml({"rosbag2_bagfile_information": content}), encoding="utf-8")
-        partial.replace(metadata)
     except OSError:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
         raise
+    return lambda: partial.replace(metadata)
 
 
 def to_yaml(content: Any) -> str:

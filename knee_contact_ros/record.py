@@ -14,7 +14,7 @@ from typing import NamedTuple
 from mcap.writer import CompressionType
 
 from knee_contact_ros.bag_file import BagFile
-from knee_contact_ros.bag_metadata import FileFacts, information, write_metadata
+from knee_contact_ros.bag_metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.outputs import partial_name
 
 REFUSED_SAMPLES = "refused_samples"
@@ -145,9 +145,14 @@ class BagWriter:
         self._completing.append((full, self._behind.submit(self._complete_file, full)))
 
     def _complete_file(self, file: BagFile) -> None:
+        """Both names change at nearly the same moment, so that a kill leaves a bag with all of its whole files."""
         file.complete()
         self._complete.append(file.facts())
-        write_metadata(self.path.parent, information(self._complete, self._types))
+        try:
+            put_metadata = prepare_metadata(self.path.parent, information(self._complete, self._types))
+        finally:
+            file.take_name()
+        put_metadata()
 
     def _settle(self, wait: bool) -> None:
         """Learn of the full files that have been completed, of all of them if it may take time.

@@ -70,7 +70,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
             terminal.press(b"\x1a")
             terminal.wait_for(r"\[stopped, usual\]")
             terminal.press(b"\n")
-            terminal.wait_for(r"<stood still for [0-9.]+>")
+            terminal.wait_for(r"<stood still for [0-9.e-]+>")
             terminal.press(b" ")
             terminal.wait_for("<PAUSE>")
         terminal.press(b"\x1b[A")

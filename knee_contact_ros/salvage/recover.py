@@ -12,7 +12,7 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bag_file import CHUNK_SIZE, LIBRARY
-from knee_contact_ros.bag_metadata import write_metadata
+from knee_contact_ros.bag_metadata import prepare_metadata
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.outputs import is_being_written
 from knee_contact_ros.salvage.inspection import open_file
@@ -85,7 +85,7 @@ def recover(
         finally:
             partial.unlink(missing_ok=True)
         if found.profile == "ros2":
-            write_metadata(output.parent, information(output.name, found))
+            prepare_metadata(output.parent, information(output.name, found))()
         return result
     finally:
         found.close()
