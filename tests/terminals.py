@@ -9,6 +9,7 @@ import select
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 
 PATIENCE = 120.0
@@ -62,7 +63,10 @@ class Terminal:
         while (found := re.search(pattern, self.text)) is None:
             assert time.monotonic() < deadline, f"no {pattern!r} in {self.text!r}"
             if select.select([self.master], [], [], 0.1)[0]:
-                self.text += os.read(self.master, 65536).decode()
+                try:
+                    self.text += os.read(self.master, 65536).decode()
+                except OSError:  # nobody is there any more
+                    raise AssertionError(f"no {pattern!r} in {self.text!r}") from None
         self.text = self.text[found.end() :]
         return found
 
@@ -73,7 +77,8 @@ class Terminal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self.shell.poll() is None and kind is not None:
-            os.kill(self.pid, 9)
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, 9)
             self.shell.kill()
         os.close(self.master)
         self.shell.wait(PATIENCE)

@@ -12,9 +12,13 @@ import pytest
 from tests.terminals import Terminal
 
 PROGRAM = """
+import os
 from knee_contact_ros.stream_in.keyboard import Command, Keyboard, unwinding_on_signals
 
-with unwinding_on_signals(), Keyboard(lambda seconds: print(f"<stood still for {seconds}>", flush=True)) as keyboard:
+def stood_still(seconds):  # in a signal handler, which may interrupt a print
+    os.write(1, f"<stood still for {seconds}>\\n".encode())
+
+with unwinding_on_signals(), Keyboard(stood_still) as keyboard:
     keyboard.wait(0.0)
     while True:
         if keyboard._usual is not None:
