@@ -6,6 +6,7 @@ A sample is late if this process is; that is counted (`slips`), and a latency co
 from __future__ import annotations
 
 import gc
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -76,6 +77,7 @@ class Driver:
         self._waiting: dict[int, int] = {}  # stamp to time of publishing, both in [ns]
         self._latencies: list[int] = []
         self._last = 0  # time of the last answer [ns]
+        self._spinning = self._interrupted = False
 
     def wait_for_node(self, check: Callable[[], None]) -> None:
         """Wait until the one node is there and answers; `check` raises if it has died.
@@ -120,7 +122,7 @@ class Driver:
 
     def _publish_all(self, coming: Iterator[Sample], period: float, number: int) -> tuple[list[int], float]:
         """Publish on schedule, `period` in [ns]; return how late each was [ns] and how long it took [s]."""
-        clock, spin, waiting = time.perf_counter_ns, self._executor.spin_once, self._waiting
+        clock, spin, waiting = time.perf_counter_ns, self._spin, self._waiting
         publish_angle, publish_force = self._angle.publish, self._force.publish
         slips = []
         begin = clock()
@@ -128,9 +130,9 @@ class Driver:
             stamp, angle, force = next(coming)
             due = begin + int(index * period)
             if waiting and clock() > due:
-                spin(timeout_sec=0.0)  # behind the schedule there is time for one answer per sample all the same
+                spin(0.0)  # behind the schedule there is time for one answer per sample all the same
             while (left := due - clock()) > 0:
-                spin(timeout_sec=left * 1e-9)
+                spin(left * 1e-9)
             slips.append(-left)
             publish_angle(angle)
             waiting[stamp] = clock()
@@ -166,7 +168,18 @@ class Driver:
         return [*listening, self._node.count_publishers(KNEE_CONTACT)]
 
     def _spin(self, seconds: float) -> None:
+        """Handle an event; Ctrl-C meanwhile counts behind it, for the executor logs what is raised within."""
+        self._spinning = True
         self._executor.spin_once(timeout_sec=seconds)
+        self._spinning = False
+        if self._interrupted:
+            raise KeyboardInterrupt
+
+    def on_interrupt(self, _number: int, _frame: object) -> None:
+        """Take SIGINT."""
+        self._interrupted = True
+        if not self._spinning:
+            raise KeyboardInterrupt
 
 
 AnyDriver = TypeVar("AnyDriver", bound=Driver)
@@ -184,9 +197,13 @@ def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
     node = Node("knee_contact_latency")
     executor = EventsExecutor()
     executor.add_node(node)
+    before = signal.getsignal(signal.SIGINT)
     try:
-        yield kind(node, executor)
+        peer = kind(node, executor)
+        signal.signal(signal.SIGINT, peer.on_interrupt)
+        yield peer
     finally:
+        signal.signal(signal.SIGINT, before)
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
