@@ -20,7 +20,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
 from knee_contact_ros.record import CONTINUED
 from knee_contact_ros.record_answers import PROVENANCE
-from knee_contact_ros.salvage.inspection import open_file
+from knee_contact_ros.salvage.inspection import files_of, open_file
 from knee_contact_ros.salvage.mcap_file import McapFile
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
@@ -131,9 +131,9 @@ def model_digest() -> str:
 
 
 def bag_digest(bag: Path) -> str:
-    """SHA-256 of a bag: of its file, or of all files of its folder."""
+    """SHA-256 of a bag: of its file, or of the files that its folder's metadata lists."""
     if bag.is_dir():
-        return _digest(path for path in bag.iterdir() if path.is_file())
+        return _digest(path for path in files_of(bag) if path.is_file())
     with bag.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -158,7 +158,7 @@ def _changes(records: Iterable[tuple[str, dict[str, str]]]) -> Iterator[Change]:
 
 def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """Names and contents of the metadata records of a bag's MCAP files; none of those that cannot be read."""
-    for path in sorted(bag.glob("*.mcap")) if bag.is_dir() else [bag]:
+    for path in files_of(bag):
         try:
             with path.open("rb") as file:
                 found = list(make_reader(file).iter_metadata())

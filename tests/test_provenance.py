@@ -143,3 +143,14 @@ def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
         read_provenance(tmp_path / "run_1.mcap")
     for whole in (tmp_path, tmp_path / "run_0.mcap"):
         assert read_provenance(whole) is not None
+
+
+def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: Path) -> None:
+    shutil.copytree(right_bag, tmp_path / "bag")
+    folder, digest = tmp_path / "bag", bag_digest(tmp_path / "bag")
+    with BagWriter(folder / "a_earlier.mcap") as bag:
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.9}), {}))
+        bag.add_metadata("reset", {"tick": "5"})
+    assert read_provenance(folder / "a_earlier.mcap") is not None
+    assert read_provenance(folder) is None
+    assert bag_digest(folder) == digest

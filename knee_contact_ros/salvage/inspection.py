@@ -87,6 +87,18 @@ def inspect(path: Path) -> Inspection | None:
     return found
 
 
+def files_of(bag: Path) -> list[Path]:
+    """A bag's files: itself, or those of its folder, in which other bags may lie as well.
+
+    Raises:
+        UsageError: it is not clear which files are the bag's.
+    """
+    if not bag.is_dir():
+        return [bag]
+    metadata, _ = read_metadata(bag)
+    return [bag / name for name in (metadata.files if metadata else guessed(bag))]
+
+
 def open_file(path: Path, advance: Advance = lambda _done, _total: None) -> McapFile | SqliteFile | None:
     """A file by its beginning, or else by its name; None if it is of another kind."""
     with path.open("rb") as file:
