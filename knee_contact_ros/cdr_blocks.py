@@ -31,6 +31,8 @@ LITTLE_ENDIAN = (0, 1)
 """First bytes of the header"""
 STAMP = {"seconds": ("<i4", 4), "nanoseconds": ("<u4", 8)}
 """Type and offset of the fields that all messages begin with"""
+TOLD = 16
+"""Numbers of an answer that its message tells"""
 T = TypeVar("T", JointState, WrenchStamped)
 
 
@@ -100,12 +102,7 @@ def encode_wrenches(frame_id: str, stamps: Stamps, numbers: Floats) -> Bytes:
 def encode_contacts(frame_id: str, stamps: Stamps, answers: Floats, status: NDArray[np.int64]) -> Bytes:
     """Bytes of `KneeContact` messages: row by row those of `encode_numbers`; `answers` has shape (n, `ANSWER`)."""
     template = encode_numbers(0, frame_id, [0.0] * ANSWER, 0)
-    end = len(template)
-    layout = STAMP | {
-        "numbers": ("(12,)<f8", end - 116), "flags": ("(3,)u1", end - 20), "error": ("<f8", end - 12),
-        "evaluations": ("<u4", end - 4),
-    }  # fmt: skip
-    rows, matrix = _rows(template, layout, stamps)
+    rows, matrix = _rows(template, _contact_layout(len(template)), stamps)
     numbers = rows["numbers"]
     numbers[:, :8] = answers[:, :8]
     numbers[:, 9:] = answers[:, 8:11]  # behind the contact point's z, which is 0
@@ -113,6 +110,28 @@ def encode_contacts(frame_id: str, stamps: Stamps, answers: Floats, status: NDAr
     rows["flags"][:, 2] |= status.astype(np.uint8)
     rows["error"], rows["evaluations"] = answers[:, 14], answers[:, 15]
     return matrix
+
+
+def decode_contacts(messages: Sequence[bytes]) -> tuple[Stamps, Floats] | None:
+    """Stamps and numbers of `KneeContact` messages, shape (n, `TOLD`): the first columns of `Stream.answer`.
+
+    None if they do not all have the same layout.
+    """
+    frame_length = int.from_bytes(messages[0][12:16], "little")
+    length = len(encode_numbers(0, "x" * (frame_length - 1), [0.0] * ANSWER, 0)) if 0 < frame_length < 256 else 0
+    lengths = set(map(len, messages))
+    if not length or not length <= min(lengths) <= max(lengths) <= length + MOST_TRAILING:
+        return None
+    matrix = np.frombuffer(b"".join(message[:length] for message in messages), np.uint8).reshape(-1, length)
+    if (matrix[:, :2] != LITTLE_ENDIAN).any() or (matrix[:, 12:16] != matrix[0, 12:16]).any():
+        return None
+    rows = matrix.reshape(-1).view(_dtype(_contact_layout(length), length))
+    numbers = np.empty((len(rows), TOLD))
+    numbers[:, :8] = rows["numbers"][:, :8]
+    numbers[:, 8:11] = rows["numbers"][:, 9:]  # behind the contact point's z
+    numbers[:, 11:14] = rows["flags"]
+    numbers[:, 14], numbers[:, 15] = rows["error"], rows["evaluations"]
+    return rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"], numbers
 
 
 def encode_contact_wrenches(frame_id: str, stamps: Stamps, answers: Floats) -> Bytes:
@@ -143,6 +162,13 @@ def _joint_state_layout(message: JointState) -> Layout:
 
 def _wrench_layout(message: WrenchStamped) -> Layout:
     return STAMP | {"numbers": ("(6,)<f8", len(encode_wrench_stamped(message)) - 48)}
+
+
+def _contact_layout(length: int) -> Layout:
+    return STAMP | {
+        "numbers": ("(12,)<f8", length - 116), "flags": ("(3,)u1", length - 20), "error": ("<f8", length - 12),
+        "evaluations": ("<u4", length - 4),
+    }  # fmt: skip
 
 
 def _same_joints(one: JointState, other: JointState) -> bool:

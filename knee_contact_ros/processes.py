@@ -43,11 +43,12 @@ def child_process(name: str, arguments: Sequence[str], log: Path, patience: floa
     Raises:
         UsageError: it failed, or did not end.
     """
-    with log.open("wb") as output:
-        command = [sys.executable, *arguments]
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
-    child = Child(name, process, log)
+    command = [sys.executable, *arguments]
+    process = None
     try:
+        with log.open("wb") as output, signals_later():
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+        child = Child(name, process, log)
         yield child
         process.send_signal(signal.SIGINT)
         process.wait(patience)
@@ -56,7 +57,28 @@ def child_process(name: str, arguments: Sequence[str], log: Path, patience: floa
     except subprocess.TimeoutExpired:
         raise UsageError(f"{name} did not end within {patience:g} s") from None
     finally:
-        end(process, patience)
+        if process:
+            end(process, patience)
+
+
+@contextmanager
+def signals_later() -> Iterator[None]:
+    """Hold SIGINT and SIGTERM back meanwhile: one between a process's start and its being known would leave it behind.
+
+    Of the main thread only, which alone has them.
+    """
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _frame: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)
 
 
 def end(process: subprocess.Popen[bytes], patience: float) -> None:
