@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -29,13 +28,15 @@ from knee_contact_ros.view.window import (
     LOCALHOST,
     address,
     connect_command,
+    ending,
     executable,
-    last_line,
     refuse_blind,
+    start,
 )
 
 SERVED = "rerun+"
 """How the address of a scene begins that a node serves"""
+INSTEAD = "say --save OUT.rrd or --serve"
 PATIENCE = 5.0
 """How long [s] a viewer may take to end"""
 URL_OF_PAGE = "http://{host}:{web}?url=rerun%2Bhttp%3A%2F%2F{host}%3A{port}%2Fproxy"
@@ -64,7 +65,7 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
     if served:
         if len(served) < len(sources) or way.save or way.serve:
             raise UsageError(f"{served[0]}: what a node serves can only be looked at, and not together with files")
-        refuse_blind()
+        refuse_blind(INSTEAD)
         look(connect_command(served))
         return
     check(way)
@@ -98,7 +99,7 @@ def check(way: Way) -> None:
         for port in (way.port, way.port + 1):
             refuse_taken(port, "--port")
     if not way.save and not way.serve:
-        refuse_blind()
+        refuse_blind(INSTEAD)
 
 
 def with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
@@ -159,10 +160,10 @@ def look(command: Sequence[str]) -> None:
         IncompleteError: it failed.
     """
     with TemporaryFile() as log:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        process = start(command, log)
         try:
             code = process.wait()
         finally:
             end(process, PATIENCE)
         if code:
-            raise IncompleteError(f"Rerun's viewer ended with code {code}: {last_line(log)}")
+            raise IncompleteError(f"the Rerun viewer {ending(code, log)}")
