@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knee_contact_ros.plots import JOINTS, LANES, PLOTS, Curve, Lane, Plot
+from knee_contact_ros.plots import JOINTS, LANES, PLOTS, STATES, Curve, Lane, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 
@@ -35,13 +35,6 @@ def component(topic: str) -> str:
 def selector(field: str) -> str:
     """Rerun's name for a field of a message."""
     return f".{field}"
-
-
-def title(plot: Plot) -> str:
-    """What a view is called. It says which curve is which: a legend would lie over the curves."""
-    if len(plot.curves) == 1:
-        return plot.with_unit(plot.title)
-    return plot.with_unit(f"{plot.title}: {', '.join(f'{curve.name} {curve.colour.name}' for curve in plot.curves)}")
 
 
 def blueprint(namespace: str = "") -> rrb.Blueprint:
@@ -72,14 +65,14 @@ def save(path: Path, application: str = APPLICATION, namespace: str = "") -> Non
 def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
     import rerun.blueprint as rrb
 
-    overrides: dict[str, Any] = {}
+    overrides: dict[str, list[Any]] = {}
     for curve in plot.curves:
         overrides.setdefault(absolute(curve.topic, namespace), []).append(_line(plot, curve))
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(overrides),
-        name=title(plot),
-        overrides=overrides,
+        name=plot.headline,
+        overrides={**overrides},
         **_axes(legend=False),
     )
 
@@ -108,7 +101,7 @@ def _lanes(namespace: str) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
         origin="/",
         contents=[entity],
-        name="Contact, level of the model, status",
+        name=STATES,
         overrides={entity: [lane(what) for what in LANES]},
         time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
     )

@@ -37,7 +37,7 @@ RED = Colour(235, 95, 80, "red")
 GREY = Colour(140, 150, 175, "grey")
 YELLOW = Colour(250, 200, 70, "yellow")
 GREEN = Colour(110, 200, 130, "green")
-BONE = Colour(225, 215, 195, "ivory")
+BONE = Colour(205, 175, 120, "sand")
 VIOLET = Colour(190, 140, 230, "violet")
 
 
@@ -65,6 +65,14 @@ class Plot(NamedTuple):
     def with_unit(self, name: str) -> str:
         """`load [N]`."""
         return f"{name} [{self.unit}]" if self.unit else name
+
+    @property
+    def headline(self) -> str:
+        """The title with the unit; it says which curve is which, because a legend would lie over the curves."""
+        if len(self.curves) == 1:
+            return self.with_unit(self.title)
+        names = ", ".join(f"{curve.name} {curve.colour.name}" for curve in self.curves)
+        return self.with_unit(f"{self.title}: {names}")
 
 
 class Lane(NamedTuple):
@@ -126,6 +134,8 @@ PLOTS = (
 )
 JOINTS = "Joint positions [rad]"
 """Title of the plot of `joint_states`, whose curves have the names of the joints"""
+STATES = "Contact, level of the model, status"
+"""Title of the lanes"""
 
 
 def _status_words() -> dict[int, str]:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
-from knee_contact_ros.direct_blueprint import APPLICATION, TIMELINE, application_of, save, title
+from knee_contact_ros.direct_blueprint import APPLICATION, TIMELINE, application_of, save
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.plots import JOINTS, LANES, PLOTS, Colour
+from knee_contact_ros.plots import JOINTS, LANES, PLOTS, STATES, Colour
 from knee_contact_ros.solve import solve
 from tests.viewer import RERUN, Screen, pixels_of, rendered
 
@@ -153,11 +153,11 @@ def seen(screen: Screen) -> None:
     assert screen.complaints() == []
     assert len(screen.views()) == len(PLOTS) + 2
     for plot in PLOTS:
-        picture = screen.picture(title(plot))
+        picture = screen.picture(plot.headline)
         for curve in plot.curves:
             # A line across the view has a pixel in each of its 800 columns; edges are blended, and curves cross.
             assert pixels_of(picture, curve.colour.rgb) > picture.shape[1] / 8, (plot.title, curve.name)
-    lanes = screen.picture("Contact, level of the model, status")
+    lanes = screen.picture(STATES)
     for word in (ContactState.CARTILAGE, ContactState.BONE):
         assert darkened(lanes, LANES[0].colours[word]) > 1000
     assert darkened(lanes, LANES[1].colours[Fidelity.DYNAMIC]) > 1000
