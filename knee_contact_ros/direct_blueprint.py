@@ -65,14 +65,14 @@ def save(path: Path, application: str = APPLICATION, namespace: str = "") -> Non
 def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
     import rerun.blueprint as rrb
 
-    overrides: dict[str, list[Any]] = {}
+    overrides: dict[Any, list[Any]] = {}
     for curve in plot.curves:
         overrides.setdefault(absolute(curve.topic, namespace), []).append(_line(plot, curve))
     return rrb.TimeSeriesView(
         origin="/",
         contents=list(overrides),
         name=plot.headline,
-        overrides={**overrides},
+        overrides=overrides,
         **_axes(legend=False),
     )
 

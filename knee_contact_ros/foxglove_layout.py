@@ -31,10 +31,10 @@ def layout(namespace: str = "") -> dict[str, Any]:
     plots = {f"Plot!{number}": _plot(plot, namespace) for number, plot in enumerate(PLOTS)}
     joints = {f"Plot!{len(PLOTS)}": _joints(namespace)}
     states = {"StateTransitions!states": _states(namespace)}
-    messages: Panels = {
-        "RawMessages!answer": {"topicPath": absolute(KNEE_CONTACT, namespace), **_NO_COMPARISON},
-        "RawMessages!joints": {"topicPath": absolute(JOINT_STATES, namespace), **_NO_COMPARISON},
-        "DiagnosticSummary!node": {"topicToRender": DIAGNOSTICS, "minLevel": 0, "pinnedIds": [], "hardwareIdFilter": ""},
+    messages = {
+        "RawMessages!answer": _raw(absolute(KNEE_CONTACT, namespace)),
+        "RawMessages!joints": _raw(absolute(JOINT_STATES, namespace)),
+        "DiagnosticSummary!node": {"topicToRender": DIAGNOSTICS, "minLevel": 0, "pinnedIds": []},
     }
     ids = list(plots)
     knee = beside(above(*ids[:4]), above(*states, above(*ids[4:], *joints), share=34.0))
@@ -73,7 +73,8 @@ def _split(direction: str, parts: Sequence[Mosaic], share: float | None = None) 
     return {"direction": direction, "first": parts[0], "second": rest, "splitPercentage": share}
 
 
-_NO_COMPARISON = {"diffEnabled": False, "diffMethod": "custom", "diffTopicPath": "", "showFullMessageForDiff": False}
+def _raw(topic: str) -> dict[str, Any]:
+    return {"topicPath": topic, "diffEnabled": False, "diffMethod": "custom", "diffTopicPath": ""}
 
 
 def _plot(plot: Plot, namespace: str) -> dict[str, Any]:

@@ -88,7 +88,7 @@ class Lane(NamedTuple):
 PLOTS = (
     Plot("Flexion angle", "rad", (Curve(KNEE_CONTACT, "flexion_angle", "flexion angle", BLUE, 2.0),)),
     Plot(
-        "Force on the compartment",
+        "Force",
         "N",
         (
             Curve(KNEE_CONTACT, "load", "load", GREY, 4.0),
@@ -99,32 +99,32 @@ PLOTS = (
         "Depth",
         "m",
         (
-            Curve(KNEE_CONTACT, "penetration_depth", "penetration depth", BLUE, 2.0),
-            Curve(KNEE_CONTACT, "bone_depth", "its part in the second layer", BONE),
+            Curve(KNEE_CONTACT, "penetration_depth", "penetration", BLUE, 2.0),
+            Curve(KNEE_CONTACT, "bone_depth", "in the second layer", BONE),
             Curve(KNEE_CONTACT, "gap", "gap", GREY),
         ),
     ),
     Plot(
-        "Contact point on the tibia",
+        "Contact point",
         "m",
         (
             Curve(KNEE_CONTACT, "contact_point.x", "anterior", YELLOW, 3.0),
             Curve(KNEE_CONTACT, "contact_point.y", "superior", GREEN),
         ),
     ),
-    Plot("Evaluations of the contact law per tick", "", (Curve(KNEE_CONTACT, "evaluations", "evaluations", VIOLET),)),
-    Plot("Error estimate of the depth", "m", (Curve(KNEE_CONTACT, "error_estimate", "error estimate", YELLOW),)),
+    Plot("Evaluations per tick", "", (Curve(KNEE_CONTACT, "evaluations", "evaluations", VIOLET),)),
+    Plot("Error estimate", "m", (Curve(KNEE_CONTACT, "error_estimate", "error estimate", YELLOW),)),
     Plot(
-        "Joint reaction on the tibia",
+        "Joint reaction",
         "N",
         (
             Curve(JOINT_REACTION_FORCE, "wrench.force.x", "anterior", BLUE),
             Curve(JOINT_REACTION_FORCE, "wrench.force.y", "superior", RED, 2.0),
-            Curve(JOINT_REACTION_FORCE, "wrench.force.z", "to the right", GREY),
+            Curve(JOINT_REACTION_FORCE, "wrench.force.z", "right", GREY),
         ),
     ),
     Plot(
-        "Contact force on the tibia",
+        "Force on the tibia",
         "N",
         (
             Curve(KNEE_CONTACT_WRENCH, "wrench.force.x", "anterior", BLUE),
