@@ -10,20 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Fidelity, Status
+from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.record import REFUSED_SAMPLES
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
-
-PEAK_LOAD = 1.0
-"""Smallest load [BW] that counts as a peak of stance."""
-PEAK_DISTANCE = 0.25
-"""Smallest time [s] between two peaks of stance."""
-
 
 PEAKS = {"load": 1, "contact_force": 2, "penetration_depth": 3}
 """Fields whose largest values are kept, and their columns in `Stream.answer`"""
@@ -131,7 +125,7 @@ def read_summary(recording: Path, body_weight: float) -> Summary:
             summary.add(stamp, message)
             rows.append(LoadPeak(stamp, message.load, message.contact_force, message.penetration_depth))
     summary.refused = read_refused(recording)
-    summary.load_peaks = [rows[index] for index in load_peaks(rows, body_weight)]
+    summary.load_peaks = load_peaks(rows, body_weight)
     return summary
 
 
@@ -145,11 +139,10 @@ def read_refused(recording: Path) -> Counter[str]:
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
 
 
-def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> NDArray[np.intp]:
-    """Indices of the stance peaks: loads above 1 BW, the largest within `PEAK_DISTANCE`, not at the run's ends."""
-    load = np.array([row.load for row in rows])
-    period = (rows[-1].stamp - rows[0].stamp) / max(len(rows) - 1, 1)
-    reach = max(1, round(PEAK_DISTANCE * NANOSECONDS / max(period, 1.0)))
-    around = sliding_window_view(np.pad(load, reach, constant_values=-np.inf), 2 * reach + 1).max(axis=1)
-    peaks = np.flatnonzero((load == around) & (load >= PEAK_LOAD * body_weight))
-    return peaks[(peaks > 0) & (peaks < len(rows) - 1)]
+def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> list[LoadPeak]:
+    """Those where the load has a peak of stance; see `GaitEvents`. `body_weight` is in N."""
+    stamps, load = np.array([row.stamp for row in rows], dtype=np.int64), np.array([row.load for row in rows])
+    finder = GaitEvents(body_weight)
+    events = finder.add(stamps, np.zeros_like(load), load) + finder.finish()
+    found = {event.stamp for event in events if event.kind == LOAD_PEAK}
+    return [row for row in rows if row.stamp in found]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rerun.experimental import ViewerClient
 
-from knee_contact_ros.visualise import TIMELINE
+from knee_contact_ros.view.scene import TIMELINE
 
 LOADING = 6.0
 """Time [s] that the viewer gets to load and draw."""
