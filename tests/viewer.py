@@ -95,7 +95,7 @@ def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterato
     """
     with TemporaryDirectory() as home:
         environment = {**os.environ, "HOME": home, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home}
-        environment |= {"XDG_RUNTIME_DIR": home, "NO_COLOR": "1", "RUST_LOG": "warn"}  # no bubble in the picture
+        environment |= {"XDG_RUNTIME_DIR": home, "NO_COLOR": "1", "RUST_LOG": "warn,egui_wgpu=error,re_renderer=error"}
         subprocess.run([RERUN, "analytics", "disable"], env=environment, capture_output=True, check=True)
         port, log = free_port(), Path(home) / "log"
         options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
