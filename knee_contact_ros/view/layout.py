@@ -14,10 +14,12 @@ from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
 PATH_SPAN = 1.5
 """How long [s] the contact point's way stays: a little more than a stride"""
-LIVE_SPAN = 10.0
+LIVE_SPAN = 6.0
 """How long [s] the curves are seen while they grow"""
 CLOSE = 10.0
 """How far [mm] the close view reaches beyond where the contact goes"""
+CELLS = 9
+"""Views beside the planes of a knee that has the screen for itself"""
 DARK = (16, 17, 20)
 
 
@@ -42,15 +44,16 @@ def blueprint(drawings: Sequence[Drawing], latency: bool = False, follow: bool =
 
 
 def _one(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
-    """A knee that has the screen for itself: no cell stays empty, and states need little height."""
-    if len(plots) % 2:
-        curves: rrb.Container = rrb.Grid(*plots.values(), states, grid_columns=2)
+    """A knee that has the screen for itself: nine cells beside the planes, none of them empty."""
+    cells = [*plots.values(), states]
+    left: list[rrb.View] = [_plane(drawing), _close(drawing)]
+    shares = [5.0, 4.0]
+    if len(cells) < CELLS:
+        cells.append(_events(drawing.knee))
     else:
-        curves = rrb.Vertical(rrb.Grid(*plots.values(), grid_columns=2), states, row_shares=[11, 2])
+        left, shares = [*left, _events(drawing.knee)], [5.0, 3.0, 4.0]
     return rrb.Horizontal(
-        rrb.Vertical(_plane(drawing), _close(drawing), _events(drawing.knee), row_shares=[5, 4, 4]),
-        curves,
-        column_shares=[4, 8],
+        rrb.Vertical(*left, row_shares=shares), rrb.Grid(*cells, grid_columns=3), column_shares=[4, 9]
     )
 
 

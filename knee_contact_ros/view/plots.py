@@ -51,14 +51,14 @@ PLOTS = (
     Plot(FLEXION, "Flexion angle [deg]", (
         Series("flexion angle [deg]", ANGLE, 2.0, lambda shown, _: np.degrees(shown.flexion_angle)),
     )),
-    Plot(CONTACT_POINT, "Contact point along the plateau [mm]", (
+    Plot(CONTACT_POINT, "Contact point, anterior > 0 [mm]", (
         Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown.point_x),
     )),
-    Plot(NEWTONS, "Force [N]: contact orange, load grey", (
+    Plot(NEWTONS, "Force [N]; load grey", (
         Series("contact force [N]", FORCE, 3.0, lambda shown, _: shown.contact_force),
         Series("load [N]", LOAD, 1.0, lambda shown, _: shown.load),
     )),
-    Plot(BODY_WEIGHTS, "Force [BW]: contact orange, load grey", (
+    Plot(BODY_WEIGHTS, "Force [BW]; load grey", (
         Series("contact force [BW]", FORCE, 3.0, lambda shown, weight: shown.contact_force / weight),
         Series("load [BW]", LOAD, 1.0, lambda shown, weight: shown.load / weight),
     )),

@@ -17,6 +17,8 @@ LOCALHOST = "127.0.0.1"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY = "1GB"
 """What a viewer beside a node may take; older data goes first"""
+BEHIND = ("nice", "-n", "10")
+"""Before the command of a viewer that runs beside a node: it may wait, a tick may not"""
 LOCAL = ("--bind", LOCALHOST)
 ANY_PORT = ("--port", "0")
 """Of the viewer's own server: with a port that is taken it would take the other for a viewer and send it its data"""
@@ -85,7 +87,7 @@ def ending(code: int, log: IO[bytes]) -> str:
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """What opens a viewer that shows what is served at some addresses."""
-    return [str(executable()), *LOCAL, *ANY_PORT, "--memory-limit", MEMORY, *addresses]
+    return [*BEHIND, str(executable()), *LOCAL, *ANY_PORT, "--memory-limit", MEMORY, *addresses]
 
 
 def start(command: Sequence[str], log: IO[bytes], start_new_session: bool = False) -> subprocess.Popen[bytes]:
