@@ -88,7 +88,7 @@ class Screen:
 
 
 @contextmanager
-def rendered(*files: Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Screen]:
+def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterator[Screen]:
     """A viewer of `size` pixels in which `rerun FILE ...` has loaded its files; skips where nothing can be drawn.
 
     It listens on this machine only, knows no settings of the user's, sends no statistics, and is gone afterwards.

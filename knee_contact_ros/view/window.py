@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sysconfig
 import tempfile
@@ -36,10 +37,7 @@ class Window:
         if code is None or self._told:
             return ()
         self._told = True
-        why = ""
-        if code:
-            why = f" with code {code} ({last_line(self._log)})"
-        return (f"the Rerun viewer has ended{why}; {self._still}",)
+        return (f"the Rerun viewer {ending(code, self._log)}; {self._still}",)
 
     def close(self) -> None:
         """End it."""
@@ -63,26 +61,39 @@ def executable() -> Path:
     return path
 
 
-def refuse_blind() -> None:
-    """Tell that a viewer could not be seen.
+def refuse_blind(instead: str) -> None:
+    """Tell that a viewer could not be seen, and what to do `instead`.
 
     Raises:
         UsageError: this machine has no screen.
     """
     if not any(os.environ.get(name) for name in SCREENS):
-        raise UsageError("there is no screen (DISPLAY is not set): save or serve the scene instead")
+        raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
 
 
-def last_line(log: IO[bytes]) -> str:
-    """The last that a process has said."""
+def ending(code: int, log: IO[bytes]) -> str:
+    """How a viewer that said something to `log` has ended."""
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    if not code:
+        return "has ended"
     log.seek(0)
     lines = log.read().decode(errors="replace").strip().splitlines()
-    return lines[-1].strip() if lines else "it said nothing"
+    told = [line for line in lines if "error" in line.lower()] or lines or ["it said nothing"]
+    return f"has ended with code {code} ({told[-1].strip()})"
 
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """What opens a viewer that shows what is served at some addresses."""
     return [str(executable()), *LOCAL, *ANY_PORT, "--memory-limit", MEMORY, *addresses]
+
+
+def start(command: Sequence[str], log: IO[bytes], start_new_session: bool = False) -> subprocess.Popen[bytes]:
+    """Start a viewer that says what it says to `log`."""
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=start_new_session,
+        env=os.environ | {"NO_COLOR": "1"},
+    )  # fmt: skip
 
 
 def open_window(address: str) -> Window:
@@ -91,8 +102,8 @@ def open_window(address: str) -> Window:
     Raises:
         UsageError: there is none on this machine, or no screen.
     """
-    refuse_blind()
+    refuse_blind("parameter rerun.mode can be serve or file")
     log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
     command = connect_command([address])
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+    process = start(command, log, start_new_session=True)
     return Window(process, log, f"the scene is still served: knee-contact view {address}")

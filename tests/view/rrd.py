@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rerun.chunk import RrdReader
@@ -10,7 +11,7 @@ from rerun.chunk import RrdReader
 
 def column(path: Path, entity: str, component: str) -> np.ndarray:
     """All values that a recording holds of one component, in the order of the stamps."""
-    values: list[tuple[object, int, object]] = []
+    values: list[tuple[int, int, Any]] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path == entity and not chunk.is_static:
             batch = chunk.to_record_batch()
@@ -22,7 +23,7 @@ def column(path: Path, entity: str, component: str) -> np.ndarray:
     return np.array([value for _, _, value in sorted(values)])
 
 
-def lists(path: Path, entity: str, component: str) -> list[tuple[object, object]]:
+def lists(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
     """The same with the stamps, where values have not all the same length."""
     values = []
     for chunk in RrdReader(path).stream():
