@@ -15,7 +15,7 @@ import click
 from knee_contact_ros import foxglove_layout, plotjuggler_layout
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.outputs import claim
-from knee_contact_ros.plots import checked
+from knee_contact_ros.plotted_fields import checked
 
 
 @click.command()

@@ -18,7 +18,7 @@ import click
 from knee_contact_ros.direct_blueprint import APPLICATION, application_of, save
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.outputs import claim
-from knee_contact_ros.plots import checked
+from knee_contact_ros.plotted_fields import checked
 
 
 @click.command()

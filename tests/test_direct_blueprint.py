@@ -23,7 +23,7 @@ from rerun.chunk import RrdReader
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
 from knee_contact_ros.direct_blueprint import APPLICATION, TIMELINE, application_of, save
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.plots import JOINTS, LANES, PLOTS, STATES, Colour
+from knee_contact_ros.plotted_fields import JOINTS, LANES, PLOTS, STATES, Colour
 from knee_contact_ros.solve import solve
 from tests.viewer import RERUN, Screen, pixels_of, rendered
 

@@ -22,7 +22,7 @@ from rosbags.typesys import get_types_from_msg
 from knee_contact_ros import foxglove_layout, plotjuggler_layout
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.plots import LANES, PLOTS
+from knee_contact_ros.plotted_fields import LANES, PLOTS
 from knee_contact_ros.solve import solve
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "make_layouts.py"
