@@ -12,10 +12,10 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros import foxglove_layout, plotjuggler_layout
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.layouts import foxglove, plotjuggler
+from knee_contact_ros.layouts.fields import checked
 from knee_contact_ros.outputs import claim
-from knee_contact_ros.plotted_fields import checked
 
 
 @click.command()
@@ -25,8 +25,8 @@ def main(namespace: str, output: Path) -> None:
     """Make the layouts for Foxglove and PlotJuggler."""
     name = "_".join([*checked(namespace).strip("/").split("/"), "knee_contact"]).lstrip("_")
     files = {
-        f"foxglove/{name}.json": json.dumps(foxglove_layout.layout(namespace), indent=2) + "\n",
-        f"plotjuggler/{name}.xml": plotjuggler_layout.layout(namespace),
+        f"foxglove/{name}.json": json.dumps(foxglove.layout(namespace), indent=2) + "\n",
+        f"plotjuggler/{name}.xml": plotjuggler.layout(namespace),
     }
     for file, text in files.items():
         partial = claim(output / file, overwrite=True)

@@ -19,13 +19,13 @@ from mcap.reader import make_reader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from knee_contact_ros import foxglove_layout, plotjuggler_layout
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
+from knee_contact_ros.layouts import foxglove, plotjuggler
+from knee_contact_ros.layouts.fields import LANES, PLOTS
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.plotted_fields import LANES, PLOTS
 from knee_contact_ros.solve import solve
 
-SCRIPT = Path(__file__).parents[1] / "scripts" / "make_layouts.py"
+SCRIPT = Path(__file__).parents[2] / "scripts" / "make_layouts.py"
 PLOTJUGGLER_STYLES = {"Lines", "Dots", "LinesAndDots", "Sticks", "Steps", "StepsInv"}
 FOXGLOVE_PANELS = {"Plot", "StateTransitions", "RawMessages", "DiagnosticSummary", "Tab"}
 SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
@@ -78,7 +78,7 @@ def leaves(mosaic: Any) -> Iterator[str]:
 
 def test_foxglove_every_path_is_a_number_of_the_recording(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
     layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
-    assert layout == foxglove_layout.layout(), "make it again: scripts/make_layouts.py"
+    assert layout == foxglove.layout(), "make it again: scripts/make_layouts.py"
     series = [series for panel in layout["configById"].values() for series in panel.get("paths", [])]
     assert len(series) == SERIES
     for value in (item["value"] for item in series):
@@ -121,7 +121,7 @@ def test_plotjuggler_every_curve_is_a_number_of_the_recording(
     config: Path, schemas: dict[str, tuple[str, str]]
 ) -> None:
     text = (config / "plotjuggler" / "knee_contact.xml").read_text()
-    assert text == plotjuggler_layout.layout(), "make it again: scripts/make_layouts.py"
+    assert text == plotjuggler.layout(), "make it again: scripts/make_layouts.py"
     curves = [curve.attrib["name"] for curve in ET.fromstring(text).iter("curve")]  # noqa: S314  (our own file)
     assert len(curves) == SERIES
     for curve in curves:

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
-from knee_contact_ros.direct_blueprint import APPLICATION, TIMELINE, application_of, save
+from knee_contact_ros.layouts.fields import JOINTS, LANES, PLOTS, STATES, Colour
+from knee_contact_ros.layouts.rerun_direct import APPLICATION, TIMELINE, application_of, save
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.plotted_fields import JOINTS, LANES, PLOTS, STATES, Colour
 from knee_contact_ros.solve import solve
 from tests.viewer import RERUN, Screen, pixels_of, rendered
 
-SCRIPT = Path(__file__).parents[1] / "scripts" / "make_rerun_blueprint.py"
+SCRIPT = Path(__file__).parents[2] / "scripts" / "make_rerun_blueprint.py"
 TICKS, FIRST, LAST = 387, 530_000_000, 2_460_000_000
 """of the right leg's gait; [ns]"""
 PEAK = 2_430_000_000

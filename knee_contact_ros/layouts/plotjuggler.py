@@ -10,7 +10,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-from knee_contact_ros.plotted_fields import BLUE, LANES, PLOTS, RED, VIOLET, Colour, Plot
+from knee_contact_ros.layouts.fields import BLUE, LANES, PLOTS, RED, VIOLET, Colour, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT
 

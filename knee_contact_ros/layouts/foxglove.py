@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from knee_contact_ros.plotted_fields import BLUE, JOINTS, LANES, PLOTS, STATES, Curve, Plot
+from knee_contact_ros.layouts.fields import BLUE, JOINTS, LANES, PLOTS, STATES, Curve, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT
 

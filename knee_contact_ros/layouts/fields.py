@@ -1,6 +1,6 @@
 """What is plotted of a recording in viewers that know nothing of a knee: fields of messages, in SI units.
 
-`direct_blueprint.py`, `foxglove_layout.py` and `plotjuggler_layout.py` say it in each viewer's language.
+`rerun_direct.py`, `foxglove.py` and `plotjuggler.py` say it in each viewer's language.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knee_contact_ros.plotted_fields import JOINTS, LANES, PLOTS, STATES, Curve, Lane, Plot
+from knee_contact_ros.layouts.fields import JOINTS, LANES, PLOTS, STATES, Curve, Lane, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 
