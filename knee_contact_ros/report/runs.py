@@ -19,7 +19,7 @@ from knee_contact_ros.provenance import NOT_OF_THE_RESULT, Provenance, read_prov
 from knee_contact_ros.report.gather import Gathered
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import answer_blocks, answer_topics
-from knee_contact_ros.stream_in.names import OWN_NAMES, Names
+from knee_contact_ros.stream_in.names import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.summary import read_refused
 from knee_contact_ros.topics import KNEE_CONTACT
 
@@ -80,11 +80,15 @@ def collect(asked: Asked, work: Path, say: Callable[[str], Advance]) -> list[Run
         )
     for number, path in enumerate(asked.files):
         label = asked.labels[number] if asked.labels else path.stem
-        own = [_recorded(path, topic, label, asked, say) for topic in recorded[path]]
+        several = len(recorded[path]) > 1
+        own = [
+            _recorded(path, topic, f"{label} {topic.strip('/')}" if several else label, asked, say)
+            for topic in recorded[path]
+        ]
         for run in own or [_solved(path, label, asked, work, say)]:
             runs.append(run)
             if asked.compare:
-                runs.append(_compared(run, label, len(runs) - 1, asked, work, say))
+                runs.append(_compared(run, len(runs) - 1, asked, work, say))
     return _told_apart(runs)
 
 
@@ -128,7 +132,7 @@ def _solved(path: Path, label: str, asked: Asked, work: Path, say: Callable[[str
     return run._replace(name=label, label=", ".join([label, *stems]) if asked.compare else label, origin=origin)
 
 
-def _compared(run: Run, label: str, beside: int, asked: Asked, work: Path, say: Callable[[str], Advance]) -> Run:
+def _compared(run: Run, beside: int, asked: Asked, work: Path, say: Callable[[str], Advance]) -> Run:
     """The same inputs with other parameters."""
     before = flat_parameters(run.parameters)
     after = flat_parameters(load_parameters([before, *asked.compare]))
@@ -140,9 +144,11 @@ def _compared(run: Run, label: str, beside: int, asked: Asked, work: Path, say: 
         f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.label}”, "
         f"with {_spelled(asked.compare)} over its parameters."
     )
-    computed = _computed(run.source, how, asked.names, work, say)
-    told = ", ".join([label, *(path.stem for path in asked.compare)])
-    return computed._replace(name=label, label=told, origin=origin, beside=beside)
+    namespace = run.topic.removesuffix(OWN_TOPIC).strip("/")
+    names = names_in_bag((), namespace) if namespace else asked.names
+    computed = _computed(run.source, how, names, work, say)
+    told = ", ".join([run.name, *(path.stem for path in asked.compare)])
+    return computed._replace(name=run.name, label=told, topic=run.topic, origin=origin, beside=beside)
 
 
 def _spelled(sources: Sequence[Source]) -> str:
@@ -173,7 +179,7 @@ def _gathered(path: Path, topic: str, parameters: Parameters, advance: Advance) 
 
 
 def _told_apart(runs: list[Run]) -> list[Run]:
-    """Labels that several runs have get their topic, or a number."""
+    """Labels that several runs have get a number."""
     counts = Counter(run.label for run in runs)
     seen: Counter[str] = Counter()
     told = []
@@ -181,8 +187,8 @@ def _told_apart(runs: list[Run]) -> list[Run]:
         label = run.label
         if counts[label] > 1:
             seen[label] += 1
-            label = f"{label} {run.topic}" if run.topic != OWN_TOPIC else f"{label} ({seen[label]})"
-        told.append(run._replace(label=label))
+            label = f"{label} ({seen[label]})"
+        told.append(run._replace(label=label, name=label if run.name == run.label else run.name))
     return told
 
 

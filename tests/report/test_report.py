@@ -18,11 +18,14 @@ import pytest
 
 from knee_contact_ros.cli import main
 from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.record import BagWriter
 from knee_contact_ros.report.cycles import PERCENT
 from knee_contact_ros.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS
 from knee_contact_ros.report.in_vivo import MEDIAL, SOURCES, TOTAL
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import read_answers
+from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from tests.test_solve import make_bag, silent
 
 BODY_WEIGHT = 737.068
@@ -187,6 +190,35 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
     assert float(healthy[1]["load_BW"]) == pytest.approx(float(healthy[1]["load_N"]) / BODY_WEIGHT, rel=1e-8)
     own = [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == "knee"]
     assert float(own[1]["load_BW"]) == pytest.approx(float(own[1]["load_N"]) / 700.0, rel=1e-8)
+
+
+def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
+    """Somebody else's recorder stores the messages, and no parameters."""
+    path = tmp_path / "both.mcap"
+    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items() if topic != KNEE_CONTACT_WRENCH}
+    with BagWriter(path) as bag, BagReader(recording, types) as reader:
+        for side in ("left", "right"):
+            for topic, name in types.items():
+                bag.add_topic(f"/{side}{topic}", name)
+        for message in reader.raw_messages():
+            for side in ("left", "right"):
+                bag.write(f"/{side}{message.topic}", message.log_time, message.data)
+    arguments = ["--compare", "healthy.yaml", "--output", str(tmp_path / "out")]
+    assert main(["report", str(path), *arguments]) == 0
+    rows = read(tmp_path / "out" / "peaks.csv")
+    labels = list(dict.fromkeys(row["run"] for row in rows))
+    assert labels == ["both left/knee_contact", "both left/knee_contact, healthy", "both right/knee_contact",
+                      "both right/knee_contact, healthy"]  # fmt: skip
+    depths = [max(float(row["penetration_depth_mm"]) for row in rows if row["run"] == label) for label in labels]
+    assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
+    text = text_of(page_of(tmp_path / "out"))
+    assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text
+
+
+def test_files_of_one_name_are_told_apart(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    assert main(["report", str(bags[0]), str(bags[0]), "--output", str(tmp_path / "out")]) == 0
+    rows = read(tmp_path / "out" / "peaks.csv")
+    assert {row["run"] for row in rows} == {"gait2354_right (1)", "gait2354_right (2)"}
 
 
 def test_a_femur_from_mri_shows_the_way_of_the_contact_point(bags: tuple[Path, Path], tmp_path: Path) -> None:
