@@ -36,7 +36,7 @@ def peak_table(run: Run) -> Table:
     """The first peaks of stance, and mean and spread of all first and second ones."""
     peaks, weight = stance_peaks(run.gathered), run.parameters.body_weight
     head = ("peak", "load [N]", "load [BW]", "contact force [N]", "contact force [BW]", "depth [mm]", "gait cycle [%]",
-            "time [s]")  # fmt: skip
+            "stamp [s]")  # fmt: skip
     rows = [
         (
             peak.which or NONE, *_forces(peak, weight), f"{MM * peak.moment.penetration_depth:.3f}",
