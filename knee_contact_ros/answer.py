@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
@@ -29,6 +30,8 @@ class Answer(NamedTuple):
     """The answer as a `KneeContact`, as it is published and recorded"""
     wrench: bytes
     """The contact force on the tibia as a `WrenchStamped`, likewise"""
+    latency: float = math.nan
+    """[s] from the load's arrival to the answer's publication; not a number offline"""
 
 
 class Ending(NamedTuple):

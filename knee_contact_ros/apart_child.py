@@ -32,8 +32,6 @@ class Output(Protocol):
 
     period: float
     """How often [s] to flush"""
-    remarks: tuple[str, ...]
-    """What the user shall know of the beginning"""
 
     def write(self, row: tuple[Any, ...]) -> None:
         """Take what was sent of an answer."""
@@ -46,6 +44,9 @@ class Output(Protocol):
 
     def must_end(self) -> str:
         """Why the output has to be completed though more may come; empty if it has not. Asked once a second."""
+
+    def news(self) -> tuple[str, ...]:
+        """What the user shall know and was not told yet. Asked once a second."""
 
     def finish(self, ending: Ending | None) -> None:
         """Complete the output; without an ending, because the node is gone or it has to end."""
@@ -66,7 +67,7 @@ class Child:
         """Do a job; whether it went well."""
         try:
             output = import_module(job.module).open_output(*job.arguments)
-            self._report(OPEN, remarks=output.remarks)
+            self._report(OPEN, remarks=output.news())
             reason = self._keep(output)
             self._report(ENDED if reason else DONE, reason)
         except UsageError as error:
@@ -85,8 +86,7 @@ class Child:
                 output.flush()
                 due = now + output.period
             if now >= looked + LOOK_PERIOD:
-                if reason := output.must_end():
-                    output.finish(None)
+                if reason := self._must_end(output):
                     return reason
                 looked = now
             if now >= reported + REPORT_PERIOD and self.written != self._reported:
@@ -104,6 +104,15 @@ class Child:
                 else:
                     output.write(item)
                     self.written += 1
+
+    def _must_end(self, output: Output) -> str:
+        """Complete the output if it has to be, and give the reason; report its news."""
+        reason = output.must_end()
+        if reason:
+            output.finish(None)
+        elif news := output.news():
+            self._report(OPEN, remarks=news)
+        return reason
 
     def _next(self, patience: float) -> list[Any]:
         """What was sent; empty if nothing comes within `patience` [s], None in it if nothing will any more."""

@@ -145,6 +145,39 @@ def solve(
 
 
 @knee_contact.command()
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...")
+@parameter_files
+@parameter_values
+@click.option("--save", type=click.Path(path_type=Path), metavar="OUT.rrd", help="Write a Rerun file instead.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.rrd if it exists.")
+@click.option("--serve", is_flag=True, help="Serve it to browsers and viewers on this machine instead.")
+@click.option(
+    "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True, help="For --serve; and the next one."
+)
+def view(
+    sources: tuple[str, ...],
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    save: Path | None,
+    overwrite: bool,
+    serve: bool,
+    port: int,
+) -> None:
+    """See recordings in Rerun.
+
+    FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of ours is drawn with
+    the parameters stored in it, others with those of --params. Several knees, of one recording or of several, are seen
+    side by side. In place of files, the address that a node logs when it serves (rerun.mode serve).
+    """
+    from knee_contact_ros.parameters import load_parameters
+    from knee_contact_ros.ros_spelling import parameters_of
+    from knee_contact_ros.view.run import Way, run_view
+
+    parameters = load_parameters([*found(parameter_files), parameters_of(parameter_values)])
+    run_view(sources, parameters, Way(save, overwrite, serve, port))
+
+
+@knee_contact.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.option(
     "--output",

@@ -10,13 +10,14 @@ from pathlib import Path
 from knee_contact_ros.answer import Answer, Ending
 from knee_contact_ros.apart import SinkProcess, Tell
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.drawing import drawing_of
+from knee_contact_ros.drawing import Serving, drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.outputs import refuse_existing
 from knee_contact_ros.parameters import Parameters, Record
 from knee_contact_ros.record import MB, Limits, Settings
 from knee_contact_ros.sinks import recorder, viewer
+from knee_contact_ros.topics import KNEE_CONTACT, knee_name
 
 RECORDER, VIEWER = "recorder", "viewer"
 
@@ -53,9 +54,8 @@ class Outputs:
             if parameters.record.path:
                 self._sinks[RECORDER] = self._recorder(Path(parameters.record.path), awaited=True)
                 undo.callback(self._sinks[RECORDER].discard)
-            if parameters.rerun.mode == "file":
-                drawing = drawing_of(model, parameters.body_weight)
-                self._sinks[VIEWER] = viewer(Path(parameters.rerun.path), drawing, tell, awaited=True)
+            if parameters.rerun.mode != "off":
+                self._sinks[VIEWER] = _viewer(parameters, model, knee_name(names[KNEE_CONTACT]), tell)
                 undo.callback(self._sinks[VIEWER].discard)
             for sink in self._sinks.values():
                 sink.wait_until_open()
@@ -118,6 +118,18 @@ class Outputs:
 
     def _recorder(self, path: Path, awaited: bool = False) -> SinkProcess:
         return recorder(path, self.provenance, self._names, self._recording, self._tell, awaited)
+
+
+def _viewer(parameters: Parameters, model: KneeModel, knee: str, tell: Tell) -> SinkProcess:
+    rerun = parameters.rerun
+    knees = tuple(name.strip() for name in rerun.knees.split(",")) if rerun.knees else ()
+    if knees and (knee not in knees or "" in knees):
+        raise UsageError(
+            f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {knee}, must be one of them"
+        )
+    path = Path(rerun.path) if rerun.mode == "file" else None
+    serving = Serving(rerun.port, rerun.mode == "spawn", knees)
+    return viewer(path, serving, drawing_of(model, knee, parameters.body_weight), tell, awaited=True)
 
 
 def recording_settings(record: Record) -> Settings:

@@ -181,10 +181,16 @@ class Record(Section):
 
 
 class Rerun(Section):
-    """The Rerun recording."""
+    """The Rerun scene."""
 
-    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file")] = Field("off", description="off or file")
+    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = Field(
+        "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
+    )
     path: str = Field("", description=".rrd file to write in mode file")
+    port: int = Field(9876, ge=1024, le=65535, description="to serve on")
+    knees: str = Field(
+        "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
+    )
 
 
 class Parameters(Section):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from knee_contact_ros.answer import Answer, Ending, Input
@@ -87,8 +88,8 @@ class Pipeline:
         numbers = self.stream.answer.tolist()
         return encode_numbers(load.stamp, load.frame_id, numbers, pair.status), numbers
 
-    def answer(self, pair: PairedSample, message: bytes, numbers: Sequence[float]) -> Answer:
-        """All that a computed tick leaves behind."""
+    def answer(self, pair: PairedSample, message: bytes, numbers: Sequence[float], latency: float = math.nan) -> Answer:
+        """All that a computed tick leaves behind; `latency` as in `Answer`."""
         load = pair.load
         contact = as_contact(numbers, pair.status)
         femoral_x, *normal = numbers[PLACING]
@@ -103,6 +104,7 @@ class Pipeline:
             inputs=tuple(inputs),
             message=message,
             wrench=encode_contact_wrench(load.stamp, load.frame_id, contact, (normal[0], normal[1])),
+            latency=latency,
         )
 
     def retune(self, parameters: Parameters) -> None:

@@ -74,7 +74,7 @@ class Recorder:
     def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
         """`remarks` are what the user shall know of the beginning."""
         self.period = settings.flush_period
-        self.remarks = tuple(remarks)
+        self._news = tuple(remarks)
         self._writer = writer
         self._min_free = settings.min_free
         self._interruption = NODE_GONE
@@ -104,6 +104,11 @@ class Recorder:
             self._interruption = shortage
             shortage = f"recording {bag.path} has ended, complete up to here: {shortage}"
         return shortage
+
+    def news(self) -> tuple[str, ...]:
+        """The remarks, once; see `apart_child.Output`."""
+        news, self._news = self._news, ()
+        return news
 
     def finish(self, ending: Ending | None) -> None:
         """Complete the file; without an ending it says so."""

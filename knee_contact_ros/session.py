@@ -30,6 +30,7 @@ from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
 from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
+from knee_contact_ros.view.window import address
 
 OUTPUT_QOS = QoSProfile(depth=100)
 DIAGNOSTICS_PERIOD = 1.0
@@ -76,6 +77,9 @@ class Session:
         tell = Tell(node.get_logger().error, node.get_logger().warning)
         self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
         by_user = QoSOverridingOptions.with_default_policies()
+        if parameters.rerun.mode in ("serve", "spawn"):
+            url = address(parameters.rerun.port)
+            node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
         self._contact, self._wrench, self._diagnostics = (
             node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
             for message_type, topic in (
@@ -186,10 +190,11 @@ class Session:
             message, numbers = pipeline.compute(pair)
             self._contact.publish(message)
             end = clock()
-            answer = pipeline.answer(pair, message, numbers)
+            latency = end - pair.load.arrived
+            answer = pipeline.answer(pair, message, numbers, latency)
             self._wrench.publish(answer.wrench)
             self.outputs.put(answer)
-            late = end - pair.load.arrived + self.lag.now > self.parameters.deadline
+            late = latency + self.lag.now > self.parameters.deadline
             self.ticks.count(answer.contact, end - begin, late)
         if not pipeline.synchroniser.waiting:
             self._waiting_since = None

@@ -8,7 +8,7 @@ from typing import Any
 
 from knee_contact_ros.answer import Answer
 from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
-from knee_contact_ros.drawing import Drawing, shown_row
+from knee_contact_ros.drawing import Drawing, Serving, shown_row
 from knee_contact_ros.record import Settings
 
 MOST_UNRECORDED = 500_000
@@ -33,11 +33,12 @@ def recorder(
     return SinkProcess(f"recording {path}", job, handling, tell, awaited)
 
 
-def viewer(path: Path, drawing: Drawing, tell: Tell, awaited: bool = False) -> SinkProcess:
-    """A process that writes a Rerun file; see `visualise.open_output` and `SinkProcess`."""
-    job = Job("knee_contact_ros.visualise", (path, drawing))
+def viewer(path: Path | None, serving: Serving, drawing: Drawing, tell: Tell, awaited: bool = False) -> SinkProcess:
+    """A process that writes a Rerun file or, without a `path`, serves; see `view.output.open_output`, `SinkProcess`."""
+    job = Job("knee_contact_ros.view.output", (path, serving, drawing))
     handling = Handling(shown_row, MOST_UNSHOWN, gaps_allowed=True, patience=PATIENCE)
-    return SinkProcess(f"Rerun recording {path}", job, handling, tell, awaited)
+    label = f"Rerun recording {path}" if path else f"Rerun scene on port {serving.port}"
+    return SinkProcess(label, job, handling, tell, awaited)
 
 
 def recorded_row(answer: Answer) -> tuple[Any, ...]:

@@ -13,4 +13,11 @@ MESSAGE_TYPES = {
     KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_WRENCH: "geometry_msgs/msg/WrenchStamped",
 }
+KNEE = "knee"
+"""A knee without a namespace"""
 INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
+
+
+def knee_name(topic: str) -> str:
+    """What a knee is called whose answers are on a topic (absolute name): its namespace."""
+    return topic.removesuffix(KNEE_CONTACT).strip("/") or KNEE

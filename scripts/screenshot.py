@@ -1,37 +1,30 @@
 #!/usr/bin/env python3
-"""Render a Rerun recording to a picture without a screen: `screenshot.py FILE.rrd OUT.png [SECONDS]`.
+"""Render a scene to a picture without a screen: `screenshot.py FILE.rrd OUT.png [SECONDS]`.
 
-SECONDS sets the time cursor on the stamp timeline. On Debian this needs mesa-vulkan-drivers and libgl1-mesa-dri.
+SECONDS sets the time cursor on the stamp timeline; in place of a file, the address that a node serves on. On Debian
+this needs mesa-vulkan-drivers and libgl1-mesa-dri.
 """
 
 from __future__ import annotations
 
 import sys
-import sysconfig
-import time
 from pathlib import Path
 
-from rerun.experimental import ViewerClient
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from knee_contact_ros.visualise import TIMELINE
-
-LOADING = 6.0
-"""Time [s] that the viewer gets to load and draw."""
+from knee_contact_ros.view.scene import NANOSECONDS, TIMELINE
+from tests.viewer import rendered
 
 
 def main() -> int:
     """Render."""
-    recording, picture = (Path(argument).resolve() for argument in sys.argv[1:3])
-    viewer = ViewerClient.spawn(
-        headless=True, port=19876, executable_path=f"{sysconfig.get_path('purelib')}/rerun_cli/rerun"
-    )
-    viewer.open([str(recording)])
-    time.sleep(LOADING)
-    if len(sys.argv) > 3:
-        viewer.set_time(TIMELINE, duration=float(sys.argv[3]), play_state="paused")
-        time.sleep(LOADING / 3)
-    viewer.save_screenshot(str(picture))
-    viewer.quit()
+    scene, picture, *seconds = sys.argv[1:]
+    with rendered(scene) as screen:
+        if seconds:
+            screen.set_time(TIMELINE, round(float(seconds[0]) * NANOSECONDS))
+        screen.save(Path(picture))
+        for complaint in screen.complaints():
+            print(complaint)
     return 0
 
 

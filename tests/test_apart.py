@@ -30,7 +30,7 @@ from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Point
-from knee_contact_ros.drawing import drawing_of
+from knee_contact_ros.drawing import Serving, drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
@@ -46,6 +46,7 @@ TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
+SERVING = Serving(port=0, window=False)
 PATIENCE = 30.0
 """How long [s] to wait for what must come"""
 
@@ -93,7 +94,7 @@ def shown_ticks(path: Path) -> list[int]:
     """The numbers of the answers in a Rerun file."""
     stamps: list[Any] = []
     for chunk in RrdReader(path).stream():
-        if chunk.entity_path == "/curves/depth/gap" and not chunk.is_static:
+        if chunk.entity_path == "/knee/curves/depth" and not chunk.is_static:
             stamps += chunk.to_record_batch().column("stamp").cast("int64").to_pylist()
     return sorted(stamp // 1_000_000 for stamp in stamps)
 
@@ -113,7 +114,7 @@ class Started:
 
     def viewer(self, path: Path, wait: bool = True) -> SinkProcess:
         """A viewer."""
-        return self._keep(viewer(path, drawing_of(MODEL, 737.0), self._tell, awaited=True), wait)
+        return self._keep(viewer(path, SERVING, drawing_of(MODEL, "knee", 737.0), self._tell, awaited=True), wait)
 
     def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
         """A sink that nobody waits for."""
@@ -171,7 +172,7 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
 def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> None:
     sink = started.viewer(tmp_path / "knee.rrd", wait=False)
     put(sink, range(250))
-    sink.note("ignored", {})
+    sink.note("reset", {})
     put(sink, range(250, 387))
     sink.close(NOTHING_LEFT)
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])

@@ -21,7 +21,7 @@ CONTRACT = {
     "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6, "fidelity.budget": 0,
     "body_weight": 737.068, "autostart": True, "record.path": "", "record.flush_period": 0.05,
     "record.max_size": 0.0, "record.max_duration": 0.0, "record.min_free": 100.0,
-    "rerun.mode": "off", "rerun.path": "",
+    "rerun.mode": "off", "rerun.path": "", "rerun.port": 9876, "rerun.knees": "",
 }  # fmt: skip
 
 

@@ -1,0 +1,107 @@
+"""Where a scene goes: into a file, or to viewers that connect to this machine."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import rerun as rr
+
+from knee_contact_ros.drawing import Drawing
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.outputs import claim
+from knee_contact_ros.view.layout import blueprint
+from knee_contact_ros.view.window import LOCALHOST
+
+APPLICATION = "knee_contact_ros"
+SERVED_MEMORY = "64MB"
+"""What is kept for viewers that connect later; older data goes first"""
+
+
+class Outlet(Protocol):
+    """Takes a recording."""
+
+    recording: rr.RecordingStream
+
+    def flush(self) -> None:
+        """Leave nothing for later."""
+
+    def close(self) -> None:
+        """Complete it."""
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+
+
+class RerunFile:
+    """An `.rrd` file with its blueprint; it appears under its final name when it is complete."""
+
+    def __init__(self, path: Path, drawings: Sequence[Drawing], latency: bool = False, overwrite: bool = False) -> None:
+        """Open the file for these knees; `latency` says whether there will be some.
+
+        Raises:
+            UsageError: see `claim`.
+        """
+        self.path = path
+        self._partial = claim(path, overwrite)
+        self.recording = rr.RecordingStream(APPLICATION)
+        self.recording.save(self._partial, default_blueprint=blueprint(drawings, latency))
+
+    def flush(self) -> None:
+        """Hand all that was shown to the operating system; only this tells that a disk is full."""
+        self.recording.flush()
+
+    def close(self) -> None:
+        """Complete the file and give it its name."""
+        self.recording.flush()
+        self.recording.disconnect()
+        self._partial.replace(self.path)
+
+    def discard(self) -> None:
+        """Give up: leave no file behind."""
+        self.recording.disconnect()
+        self._partial.unlink(missing_ok=True)
+
+
+class Served:
+    """A server on this machine, to which viewers connect; without any, and with one that stands still, all goes on."""
+
+    def __init__(self, port: int, drawings: Sequence[Drawing], recording_id: str | None = None) -> None:
+        """Listen on the loopback interface.
+
+        Recordings of one `recording_id` are one in a viewer that is connected to several servers.
+
+        Raises:
+            UsageError: the port is taken.
+        """
+        refuse_taken(port)
+        self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+        server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
+        self.recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
+
+    def flush(self) -> None:
+        """Hand over what waits to the server."""
+        self.recording.flush()
+
+    def close(self) -> None:
+        """Serve no more; viewers keep what they have."""
+        self.recording.flush()
+        self.recording.disconnect()
+
+    discard = close
+
+
+def refuse_taken(port: int, name: str = "parameter rerun.port") -> None:
+    """Tell that a port cannot be listened on; `name` is what gave it.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: closed connections linger
+        try:
+            probe.bind((LOCALHOST, port))
+        except OSError as error:
+            raise UsageError(f"{name}: {port} on {LOCALHOST}: {error.strerror}") from None

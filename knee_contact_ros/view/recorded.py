@@ -1,0 +1,105 @@
+"""The knees in recordings: how they are drawn, and their answers as a scene takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.build import load_model
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.curves import curve_texts
+from knee_contact_ros.drawing import Drawing, Shown, drawing_of
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.provenance import Change, read_provenance
+from knee_contact_ros.stream_in.answers import Answers, answer_blocks, answer_topics
+from knee_contact_ros.topics import KNEE, knee_name
+from knee_contact_ros.view.sagittal import Pictures
+
+
+class RecordedKnee(NamedTuple):
+    """A knee whose answers are in a recording."""
+
+    recording: Path
+    topic: str
+    """Absolute name of that of its answers"""
+    model: KneeModel
+    """Its surfaces and how they move"""
+    drawing: Drawing
+    changes: tuple[Change, ...]
+    """What happened to the node meanwhile"""
+    known: bool
+    """Whether the recording tells the parameters; otherwise they were assumed"""
+
+
+def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> list[RecordedKnee]:
+    """All knees in some recordings, each under a name of its own.
+
+    `recordings` gives each one's name, used where topics do not tell the knee; `parameters` are those of recordings
+    that do not tell theirs.
+
+    Raises:
+        UsageError: a recording cannot be used or has no answers.
+    """
+    found = []
+    for path, name in recordings.items():
+        topics = answer_topics(path)
+        if not topics:
+            raise UsageError(f"recording {path} has no answers (knee_contact_ros/msg/KneeContact)")
+        found += [(path, topic, name) for topic in topics]
+    names = distinct([_name(topic, name, alone=len(found) == 1) for _, topic, name in found])
+    return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(found, names, strict=True)]
+
+
+def answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Shown]]:
+    """Answers block by block, each with what happened to the node right before it; see `answer_blocks`."""
+    pictures, waiting, done = Pictures(), list(knee.changes), 0
+    for block in answer_blocks(knee.recording, knee.topic, advance):
+        shown, begin = placed(knee.model, block, pictures), 0
+        while begin < len(shown.stamp):
+            now = [change for change in waiting if change.tick <= done + begin]
+            waiting = waiting[len(now) :]
+            end = min(len(shown.stamp), waiting[0].tick - done) if waiting else len(shown.stamp)
+            yield now, shown.chosen(slice(begin, end))
+            begin = end
+        done += len(shown.stamp)
+
+
+def placed(model: KneeModel, answers: Answers, pictures: Pictures) -> Shown:
+    """What is shown of answers; where femur and normal are is looked for only where there is a picture."""
+    x, normal_x, normal_y = np.full((3, len(answers.stamps)), np.nan)
+    for i in pictures.choose(answers.stamps).tolist():
+        angle, height = float(answers.flexion_angle[i]), float(answers.femoral_height[i])
+        x[i] = model.mechanism.translation(angle)[0]
+        closest = model.pair.closest(angle, float(x[i]), height)
+        normal_x[i], normal_y[i] = closest.normal_x, closest.normal_y
+    return Shown(
+        answers.stamps, answers.flexion_angle, answers.load, answers.contact_force, answers.penetration_depth,
+        answers.gap, answers.contact_point_x, answers.contact_point_y, x, answers.femoral_height, normal_x, normal_y,
+        answers.contact_state, answers.fidelity, answers.status, answers.error_estimate, answers.evaluations,
+        np.full(len(x), np.nan),
+    )  # fmt: skip
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """The same names, with a number behind those that come again."""
+    return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+def _name(topic: str, recording: str, alone: bool) -> str:
+    name = knee_name(topic)
+    return name.replace("/", "_") if name != KNEE or alone else recording
+
+
+def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> RecordedKnee:
+    provenance = read_provenance(path)
+    if provenance:
+        parameters = provenance.parameters
+    model = load_model(parameters, curves=curve_texts(parameters, provenance.curves if provenance else {}))
+    changes = provenance.changes if provenance else ()
+    return RecordedKnee(
+        path, topic, model, drawing_of(model, name, parameters.body_weight), changes, provenance is not None
+    )

@@ -1,0 +1,169 @@
+"""`knee-contact view`: recordings in Rerun, as they would have been seen live."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import NamedTuple
+
+import click
+
+from knee_contact_ros.errors import IncompleteError, UsageError
+from knee_contact_ros.outputs import refuse_existing
+from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.processes import end
+from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, Change
+from knee_contact_ros.solve import solve
+from knee_contact_ros.stream_in.answers import answer_topics
+from knee_contact_ros.terminal import progress
+from knee_contact_ros.view.outlets import RerunFile, refuse_taken
+from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
+from knee_contact_ros.view.scene import Scene
+from knee_contact_ros.view.window import (
+    ANY_PORT,
+    LOCAL,
+    LOCALHOST,
+    address,
+    connect_command,
+    ending,
+    executable,
+    refuse_blind,
+    start,
+)
+
+SERVED = "rerun+"
+"""How the address of a scene begins that a node serves"""
+INSTEAD = "say --save OUT.rrd or --serve"
+PATIENCE = 5.0
+"""How long [s] a viewer may take to end"""
+URL_OF_PAGE = "http://{host}:{web}?url=rerun%2Bhttp%3A%2F%2F{host}%3A{port}%2Fproxy"
+
+
+class Way(NamedTuple):
+    """How to see them; on a screen of this machine if nothing else is said."""
+
+    save: Path | None = None
+    """`.rrd` file to write"""
+    overwrite: bool = False
+    serve: bool = False
+    """To browsers and viewers on this machine"""
+    port: int = 9876
+    """Where; browsers on the next one"""
+
+
+def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
+    """Show recordings, gait bags or what nodes serve; `parameters` are those of files that do not tell theirs.
+
+    Raises:
+        UsageError: a source or a way cannot be used.
+        IncompleteError: the viewer failed.
+    """
+    served = [source for source in sources if source.startswith(SERVED)]
+    if served:
+        if len(served) < len(sources) or way.save or way.serve:
+            raise UsageError(f"{served[0]}: what a node serves can only be looked at, and not together with files")
+        refuse_blind(INSTEAD)
+        look(connect_command(served))
+        return
+    check(way)
+    with TemporaryDirectory(prefix="knee_contact_view_") as folder:
+        work = Path(folder)
+        knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
+        path = way.save or work / "knee_contact.rrd"
+        draw(knees, path, way.overwrite)
+        for knee in knees:
+            if not knee.known:
+                click.echo(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
+        if way.save:
+            click.echo(f"Rerun file   {way.save}")
+        elif way.serve:
+            serve(path, way.port)
+        else:
+            look([str(executable()), *LOCAL, *ANY_PORT, str(path)])
+
+
+def check(way: Way) -> None:
+    """Tell before any work that it would be in vain.
+
+    Raises:
+        UsageError: the file exists, a port is taken, or there is no screen.
+    """
+    if way.save and way.serve:
+        raise UsageError("--save and --serve: one of them")
+    if way.save and not way.overwrite:
+        refuse_existing(way.save)
+    if way.serve:
+        for port in (way.port, way.port + 1):
+            refuse_taken(port, "--port")
+    if not way.save and not way.serve:
+        refuse_blind(INSTEAD)
+
+
+def with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
+    """Recordings with answers and their names: those given, or the given bag computed into the folder `work`."""
+    names = distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
+    found = {}
+    for path, name in zip(paths, names, strict=True):
+        answered = path
+        if not answer_topics(path):
+            answered = work / f"{name}.mcap"
+            with progress(f"Solving {name}") as advance:
+                solve(path, parameters, answered, advance)
+        found[answered] = name
+    return found
+
+
+def draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> None:
+    """Write the scene of some knees to a file, which is there when it is complete."""
+    outlet = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
+    try:
+        for knee in knees:
+            scene = Scene(outlet.recording, knee.drawing)
+            with progress(f"Drawing {knee.drawing.knee}") as advance:
+                for changes, shown in answers_of(knee, advance):
+                    for change in changes:
+                        scene.note(*note_of(change))
+                    scene.show(shown)
+            scene.finish()
+        outlet.close()
+    except BaseException:
+        outlet.discard()
+        raise
+
+
+def note_of(change: Change) -> tuple[str, dict[str, str]]:
+    """Name and values of the note that told of a change."""
+    if change.values is None:
+        return RESET, {}
+    return PARAMETERS_CHANGED, {name: json.dumps(value) for name, value in change.values.items()}
+
+
+def serve(path: Path, port: int) -> None:
+    """Show a file to browsers and viewers on this machine until Ctrl-C."""
+    web = port + 1
+    click.echo(f"In a browser   {URL_OF_PAGE.format(host=LOCALHOST, port=port, web=web)}")
+    click.echo(f"In a viewer    knee-contact view {address(port)}")
+    click.echo("Ctrl-C ends it.")
+    with suppress(KeyboardInterrupt):
+        look([
+            str(executable()), *LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web), str(path)
+        ])  # fmt: skip
+
+
+def look(command: Sequence[str]) -> None:
+    """Run a viewer until it ends.
+
+    Raises:
+        IncompleteError: it failed.
+    """
+    with TemporaryFile() as log:
+        process = start(command, log)
+        try:
+            code = process.wait()
+        finally:
+            end(process, PATIENCE)
+        if code:
+            raise IncompleteError(f"the Rerun viewer {ending(code, log)}")

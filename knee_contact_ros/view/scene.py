@@ -1,0 +1,133 @@
+"""One knee in a Rerun recording, batch by batch."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from knee_contact_ros.drawing import Drawing, Shown
+from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE
+from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, PLOTS
+from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
+from knee_contact_ros.view.sagittal import SAGITTAL, Pictures, plane_moving, plane_still
+
+TIMELINE = "stamp"
+CURVES, EVENTS, STATES = "curves", "events", "states"
+CONTACT, LEVEL = "contact", "level"
+LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
+"""By `Fidelity`"""
+LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
+NANOSECONDS = 1_000_000_000
+DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
+"""Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
+LAYER_DEPTH = "contact.layer_depth"
+
+
+class Scene:
+    """Writes a knee's answers into a recording."""
+
+    def __init__(
+        self, recording: rr.RecordingStream, drawing: Drawing, latency: bool = False, pause: float = 0.0
+    ) -> None:
+        """Write what does not change.
+
+        `latency` says whether there will be some. Rest for `pause` [s] between two messages to Rerun.
+        """
+        self._recording, self._drawing, self._pause = recording, drawing, pause
+        self._plots = [plot for plot in PLOTS if latency or not plot.live]
+        self._layer = drawing.second_layer
+        self._pictures = Pictures()
+        self._remarks = Remarks(drawing.body_weight)
+        self._time = _durations
+        self._last_stamp = 0
+        self._states: dict[str, int] = {}
+        self._write_still()
+
+    def show(self, shown: Shown) -> None:
+        """Write answers, at least one."""
+        if not self._last_stamp and int(shown.stamp[0]) >= DATES_FROM:
+            self._time = _dates
+        self._last_stamp = int(shown.stamp[-1])
+        for plot in self._plots:
+            values = np.stack([series.values(shown, self._drawing.body_weight) for series in plot.series], axis=1)
+            columns = rr.Scalars.columns(scalars=values.ravel())
+            if values.shape[1] > 1:
+                columns = columns.partition(np.full(len(values), values.shape[1]))
+            self._send(f"{CURVES}/{plot.path}", shown.stamp, columns)
+        if math.isfinite(self._layer):
+            ends = shown.stamp[[0, -1]]
+            self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
+        pictures = self._pictures.choose(shown.stamp)
+        if len(pictures):
+            drawn = shown.chosen(pictures)
+            send = self._to(SAGITTAL, drawn.stamp)
+            plane_moving(self._drawing, drawn, self._layer, send)
+        self._write_changes(CONTACT, shown.stamp, shown.contact_state, list(NAME_OF_STATE.values()))
+        self._write_changes(LEVEL, shown.stamp, shown.fidelity, LEVEL_NAMES)
+        self._tell(self._remarks.take(shown))
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Write down that something happened to the node behind the answers so far."""
+        if LAYER_DEPTH in values and math.isfinite(self._layer):
+            self._layer = float(values[LAYER_DEPTH])
+        self._tell([remark_of_note(self._last_stamp, name, values)])
+
+    def finish(self) -> None:
+        """Write what is left to say."""
+        self._tell(self._remarks.finish())
+
+    def _write_still(self) -> None:
+        def at(root: str) -> Callable[[str, Any], None]:
+            return lambda path, what: self._recording.log(f"{self._drawing.knee}/{root}/{path}", what, static=True)
+
+        plane_still(self._drawing, at(SAGITTAL))
+        for plot in self._plots:
+            names, colours, widths = zip(*(series[:3] for series in plot.series), strict=True)
+            mode = rr.components.InterpolationMode.StepAfter if plot.steps else None
+            at(CURVES)(plot.path, rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode))
+        at(CURVES)(LAYER, rr.SeriesLines(names=[LAYER_NAME], colors=[LAYER_COLOUR], widths=[1.5]))
+        names = list(NAME_OF_STATE.values())
+        at(STATES)(CONTACT, rr.StateConfiguration(values=names, colors=[APART, CARTILAGE, BONE]))
+        at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))
+
+    def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
+        """Write a state where it changes."""
+        states = values.astype(int)
+        changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
+        self._states[path] = int(states[-1])
+        if len(changes):
+            texts = [names[state] for state in states[changes].tolist()]
+            self._send(f"{STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
+
+    def _tell(self, remarks: Sequence[Remark]) -> None:
+        if remarks:
+            stamps = np.array([remark.stamp for remark in remarks], dtype=np.int64)
+            texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
+            levels = [remark.level for remark in remarks]
+            self._send(EVENTS, stamps, rr.TextLog.columns(text=texts, level=levels))
+
+    def _clock(self, stamp: int) -> str:
+        if self._time is _dates:
+            return str(np.datetime64(stamp, "ns").astype("datetime64[ms]")).replace("T", " ")
+        return f"{stamp / NANOSECONDS:.3f} s"
+
+    def _to(self, root: str, stamps: Any) -> Callable[[str, Any], None]:
+        return lambda path, columns: self._send(f"{root}/{path}", stamps, columns)
+
+    def _send(self, path: str, stamps: Any, columns: Any) -> None:
+        self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[self._time(stamps)], columns=columns)
+        if self._pause:
+            time.sleep(self._pause)
+
+
+def _durations(stamps: Any) -> rr.TimeColumn:
+    return rr.TimeColumn(TIMELINE, duration=stamps.astype("timedelta64[ns]"))
+
+
+def _dates(stamps: Any) -> rr.TimeColumn:
+    return rr.TimeColumn(TIMELINE, timestamp=stamps.astype("datetime64[ns]"))

@@ -1,0 +1,109 @@
+"""Rerun's own viewer as a process on this machine, bound to the loopback interface."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO
+
+from knee_contact_ros.errors import UsageError
+
+LOCALHOST = "127.0.0.1"
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
+MEMORY = "1GB"
+"""What a viewer beside a node may take; older data goes first"""
+LOCAL = ("--bind", LOCALHOST)
+ANY_PORT = ("--port", "0")
+"""Of the viewer's own server: with a port that is taken it would take the other for a viewer and send it its data"""
+
+
+class Window:
+    """A viewer that was started."""
+
+    def __init__(self, process: subprocess.Popen[bytes], log: IO[bytes], still: str) -> None:
+        """`log` is what it says; `still` how to see the scene without it."""
+        self.process = process
+        self._log, self._still = log, still
+        self._told = False
+
+    def news(self) -> tuple[str, ...]:
+        """That it has ended, once."""
+        code = self.process.poll()
+        if code is None or self._told:
+            return ()
+        self._told = True
+        return (f"the Rerun viewer {ending(code, self._log)}; {self._still}",)
+
+    def close(self) -> None:
+        """End it."""
+        self.process.terminate()
+
+
+def address(port: int) -> str:
+    """What a viewer connects to."""
+    return f"rerun+http://{LOCALHOST}:{port}/proxy"
+
+
+def executable() -> Path:
+    """Rerun's viewer.
+
+    Raises:
+        UsageError: it is not there.
+    """
+    path = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
+    if not path.exists():
+        raise UsageError(f"Rerun's viewer is not at {path}: pip install rerun-sdk")
+    return path
+
+
+def refuse_blind(instead: str) -> None:
+    """Tell that a viewer could not be seen, and what to do `instead`.
+
+    Raises:
+        UsageError: this machine has no screen.
+    """
+    if not any(os.environ.get(name) for name in SCREENS):
+        raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
+
+
+def ending(code: int, log: IO[bytes]) -> str:
+    """How a viewer that said something to `log` has ended."""
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    if not code:
+        return "has ended"
+    log.seek(0)
+    lines = log.read().decode(errors="replace").strip().splitlines()
+    told = [line for line in lines if "error" in line.lower()] or lines or ["it said nothing"]
+    return f"has ended with code {code} ({told[-1].strip()})"
+
+
+def connect_command(addresses: Sequence[str]) -> list[str]:
+    """What opens a viewer that shows what is served at some addresses."""
+    return [str(executable()), *LOCAL, *ANY_PORT, "--memory-limit", MEMORY, *addresses]
+
+
+def start(command: Sequence[str], log: IO[bytes], start_new_session: bool = False) -> subprocess.Popen[bytes]:
+    """Start a viewer that says what it says to `log`."""
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=start_new_session,
+        env=os.environ | {"NO_COLOR": "1"},
+    )  # fmt: skip
+
+
+def open_window(address: str) -> Window:
+    """Start a viewer that shows what is served at an address; it stays when this process ends.
+
+    Raises:
+        UsageError: there is none on this machine, or no screen.
+    """
+    refuse_blind("parameter rerun.mode can be serve or file")
+    log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
+    command = connect_command([address])
+    process = start(command, log, start_new_session=True)
+    return Window(process, log, f"the scene is still served: knee-contact view {address}")

@@ -1,0 +1,185 @@
+"""The scene live: served to viewers on this machine; none of them, slow, stopped or killed, costs an answer."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from rerun.experimental import ViewerClient, ViewerState
+
+from knee_contact_ros.view.plots import PLOTS
+from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.test_outputs import children, walk
+from tests.viewer import free_port, rendered, wait_for
+
+Start = Callable[..., NodeProcess]
+LOOPBACK = "127.0.0.1"
+VIEWER = "knee_contact: viewer"
+
+
+def address(port: int) -> str:
+    return f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def shown_to(state: ViewerState) -> int:
+    """The newest stamp [ns] that a viewer has."""
+    return max((line.end for recording in state.recordings for line in recording.timelines), default=-1)
+
+
+def listeners(process: psutil.Process) -> set[str]:
+    """Addresses on which a process and its children accept connections."""
+    return {
+        connection.laddr.ip
+        for one in (process, *process.children(recursive=True))
+        for connection in one.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    port = free_port()
+    node = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}")
+    peer.wait_for_node()
+    assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
+    walk(peer, 0, 400)  # nobody looks
+    with rendered(address(port)) as screen:
+        wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
+        assert len(screen.views()) == len(PLOTS) + 4  # two planes, events, states
+        assert screen.complaints() == []
+        walk(peer, 400, 100)
+        wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
+    walk(peer, 500, 100)  # it was killed
+    peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "600")
+    assert peer.diagnostics[VIEWER]["dropped"] == "0"
+    code, said = node.stop()
+    assert code == 0
+    assert f"knee-contact view {address(port)}" in said
+    assert [contact.status for contact in peer.contacts] == [0] * 600
+
+
+def test_a_viewer_that_stands_still_costs_nothing(peer: Peer, start_node: Start) -> None:
+    """It takes nothing from its socket any more; what is kept for it is bounded."""
+    port = free_port()
+    node = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}")
+    peer.wait_for_node()
+    walk(peer, 0, 50)
+    with rendered(address(port)):
+        (server,) = children(node)
+        viewers = [
+            process
+            for process in psutil.process_iter(["name"])
+            if process.info["name"] == "rerun" and address(port) in process.cmdline()
+        ]
+        assert viewers
+        for viewer in viewers:
+            viewer.send_signal(signal.SIGSTOP)
+        for begin in range(50, 3050, 100):
+            walk(peer, begin, 100)
+        peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3050")
+        assert peer.diagnostics[VIEWER]["dropped"] == "0"
+        assert server.is_running()
+    assert node.stop()[0] == 0
+
+
+def test_a_port_that_is_taken_ends_the_start(start_node: Start) -> None:
+    with socket.socket() as other:
+        other.bind((LOOPBACK, 0))
+        other.listen()
+        port = other.getsockname()[1]
+        code, said = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}").wait()
+    assert code == 2
+    assert said.strip().endswith(f"parameter rerun.port: {port} on 127.0.0.1: Address already in use")
+
+
+def test_no_screen_and_a_strange_knee_end_the_start(start_node: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    code, said = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={free_port()}").wait()
+    assert code == 2
+    assert "no screen for a viewer (DISPLAY is not set); parameter rerun.mode can be serve or file" in said
+    code, said = start_node("-p", "rerun.mode:=serve", "-p", "rerun.knees:=left,right").wait()
+    assert code == 2
+    assert "parameter rerun.knees: 'left,right' is not allowed; this knee, knee, must be one of them" in said
+
+
+@pytest.fixture
+def screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A screen that nobody sees."""
+    if not shutil.which("Xvfb"):
+        pytest.skip("there is no Xvfb here; on Debian: apt install xvfb")
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x900x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        number = os.read(read, 10).decode().strip()
+        if not number:
+            pytest.skip("Xvfb does not start here")
+        monkeypatch.setenv("DISPLAY", f":{number}")
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        yield
+    finally:
+        os.close(read)
+        server.kill()
+        server.wait()
+
+
+@pytest.mark.usefixtures("screen")
+def test_a_window_is_opened_and_may_be_killed(peer: Peer, start_node: Start) -> None:
+    port = free_port()
+    node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
+    peer.wait_for_node()
+    walk(peer, 0, 100)
+
+    def window() -> psutil.Process | None:
+        return next((child for child in children(node) if child.name() == "rerun"), None)
+
+    viewer = wait_for(window, "the viewer to start")
+    try:
+
+        def state() -> ViewerState | None:
+            ports = [one.laddr.port for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+            try:
+                return ViewerClient.connect(f"rerun+http://{LOOPBACK}:{ports[0]}/proxy").get_state()
+            except (IndexError, RuntimeError, ConnectionError, ValueError):
+                return None
+
+        wait_for(lambda: (found := state()) and shown_to(found) >= 99 * 5_000_000, "the window to have all")
+        assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
+    finally:
+        viewer.kill()
+    walk(peer, 100, 100)
+    time.sleep(2.0)  # the server looks once a second
+    code, said = node.stop()
+    assert code == 0
+    assert (
+        f"the Rerun viewer was ended by SIGKILL; the scene is still served: knee-contact view {address(port)}" in said
+    )
+    assert [contact.status for contact in peer.contacts] == [0] * 200
+
+
+def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
+    ports = {"left": free_port(), "right": free_port()}
+    for side, port in ports.items():
+        remaps = (f"__ns:=/{side}", "joint_states:=/joint_states", "joint_reaction_force:=/joint_reaction_force")
+        rules = [word for rule in remaps for word in ("-r", rule)]
+        start_node(*rules, "-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}", "-p", "rerun.knees:=left,right")
+    peer.wait_until(lambda: peer.angle.get_subscription_count() == 2 and peer.force.get_subscription_count() == 2)
+    for number in range(100):
+        peer.send(number * 5_000_000, 0.2, 900.0)
+    with rendered(*map(address, ports.values())) as screen:
+        wait_for(lambda: shown_to(screen.state) >= 99 * 5_000_000, "the viewer to have all")
+        (recording,) = screen.state.recordings
+        assert [line.name for line in recording.timelines] == ["stamp"]
+        names = list(screen.views())
+        assert screen.complaints() == []
+    assert len([name for name in names if name.startswith("left: ")]) == len(PLOTS) + 4
+    assert len([name for name in names if name.startswith("right: ")]) == len(PLOTS) + 4

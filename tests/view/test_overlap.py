@@ -1,0 +1,66 @@
+"""The overlap of two outlines, against a circle over a plane."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from knee_contact_ros.view.overlap import LINES, SAMPLES, lowest_at, overlaps
+
+RADIUS = 0.034
+CORNERS = 181
+CHORD = RADIUS * (1.0 - math.cos(math.pi / (CORNERS - 1)))
+"""How far the corners cut into the circle [m]"""
+
+
+def circle(x: float, height: float) -> np.ndarray:
+    angles = np.linspace(0.0, math.tau, CORNERS)
+    return np.stack([x + RADIUS * np.cos(angles), height + RADIUS * np.sin(angles)], axis=1)
+
+
+PLANE = np.array([[-0.04, 0.0], [0.04, 0.0]])
+
+
+@given(x=st.floats(-0.01, 0.01), depth=st.floats(1e-5, 3e-3))
+def test_it_is_the_segment_of_the_circle_below_the_plane(x: float, depth: float) -> None:
+    femur = np.array([circle(x, RADIUS - depth)])
+    found = overlaps(femur, PLANE, np.array([x]), np.array([depth]), RADIUS)
+    assert found.x.shape == found.lower.shape == found.upper.shape == (1, LINES)
+    rise = np.sqrt(RADIUS**2 - (found.x[0] - x) ** 2)
+    assert (
+        np.abs(found.lower[0] - (RADIUS - depth - rise)) <= 1.01 * CHORD * RADIUS / rise
+    ).all()  # on a slope; 1.01: second order
+    assert found.upper[0] == pytest.approx(0.0, abs=0.0)
+    half = math.sqrt(2.0 * RADIUS * depth - depth**2)
+    step = 1.8 * math.sqrt(2.0 * RADIUS * depth) * 2.0 / (SAMPLES - 1)
+    corner = math.sqrt(2.0 * RADIUS * (depth + CHORD)) - half  # the outline meets the plane elsewhere than the circle
+    width = found.spacing[0] * LINES
+    assert 2.0 * (half - corner) <= width <= 2.0 * (half + corner + step)
+
+
+def test_there_is_none_apart() -> None:
+    femur = np.array([circle(0.0, RADIUS + 1e-3)])
+    found = overlaps(femur, PLANE, np.array([0.0]), np.array([0.0]), RADIUS)
+    assert not (found.upper > found.lower).any()
+
+
+def test_every_picture_is_its_own() -> None:
+    poses = [(0.0, RADIUS - 1e-3), (0.005, RADIUS + 1.0), (-0.01, RADIUS - 2e-3)]
+    femur = np.array([circle(*pose) for pose in poses])
+    middle, depth = np.array([0.0, 0.005, -0.01]), np.array([1e-3, 0.0, 2e-3])
+    together = overlaps(femur, PLANE, middle, depth, RADIUS)
+    for i in range(3):
+        alone = overlaps(femur[[i]], PLANE, middle[[i]], depth[[i]], RADIUS)
+        for one, all_of_them in zip(alone, together, strict=True):
+            assert np.array_equal(one[0], all_of_them[i])
+    assert [(together.upper > together.lower)[i].any() for i in range(3)] == [True, False, True]
+
+
+def test_the_lower_side_counts() -> None:
+    outline = circle(0.0, 0.0)[None]
+    assert lowest_at(outline, np.array([[0.0]]))[0, 0] == pytest.approx(-RADIUS, abs=CHORD)
+    assert lowest_at(outline, np.array([[0.1]]))[0, 0] == math.inf

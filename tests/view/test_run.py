@@ -1,0 +1,194 @@
+"""`knee-contact view`: recordings and bags to a scene, and what cannot be seen."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.answer import Ending
+from knee_contact_ros.cli import main
+from knee_contact_ros.drawing import Serving, drawing_of, shown_row
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.record import BagWriter
+from knee_contact_ros.record_answers import AnswerWriter
+from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.view.output import open_output
+from knee_contact_ros.view.plots import PLOTS
+from tests.messages import raw_inputs
+from tests.view.rrd import column, entities, lists
+from tests.viewer import free_port
+
+TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+
+
+def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
+    pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    live = open_output(tmp_path / "live.rrd", Serving(0, False), drawing_of(pipeline.model, "knee", 737.068))
+    for topic, _, message in raw_inputs(right_bag):
+        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+        for answer in feed(message):
+            live.write(shown_row(answer._replace(latency=1e-3)))
+    live.finish(Ending((), {}))
+    assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "later.rrd")]) == 0
+    seen, later = entities(tmp_path / "live.rrd"), entities(tmp_path / "later.rrd")
+    assert seen.pop("/knee/curves/latency")
+    assert seen == later
+    for entity, components in seen.items():
+        for component in components:
+            now, then = (lists(tmp_path / f"{name}.rrd", entity, component) for name in ("live", "later"))
+            assert now == then, (entity, component)
+
+
+def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic: Path, right_bag: Path, tmp_path: Path) -> None:
+    path = tmp_path / "out.rrd"
+    bag = right_bag.with_name("gait2354_left")
+    assert main(["view", str(bag), str(osteoarthritic), "-p", "femur.radius:=0.03", "--save", str(path)]) == 0
+    for knee in ("gait2354_left", "osteoarthritic"):
+        for plot in PLOTS:
+            if not plot.live:
+                rows = column(path, f"/{knee}/curves/{plot.path}", "Scalars:scalars")
+                assert rows.shape == (387, len(plot.series))
+    assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
+
+
+def foreign(path: Path, osteoarthritic: Path, topics: list[str]) -> Path:
+    """What another recorder has of our answers under some names."""
+    with BagWriter(path) as bag, BagReader(osteoarthritic, {"/knee_contact": TOPICS["/knee_contact"]}) as reader:
+        for topic in topics:
+            bag.add_topic(topic, TOPICS["/knee_contact"])
+        for message in reader.raw_messages():
+            for topic in topics:
+                bag.write(topic, message.log_time, message.data)
+    return path
+
+
+def test_namespaces_are_knees(osteoarthritic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = foreign(tmp_path / "both.mcap", osteoarthritic, ["/left/knee_contact", "/right/knee_contact"])
+    assert main(["view", str(both), "--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]) == 0
+    roots = {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")}
+    assert roots == {"left", "right"}
+    assert "both.mcap does not tell its parameters: drawn with those of --params" in capsys.readouterr().err
+
+
+def test_one_namespace_twice_gets_two_names(osteoarthritic: Path, tmp_path: Path) -> None:
+    one = foreign(tmp_path / "one.mcap", osteoarthritic, ["/left/knee_contact"])
+    two = foreign(tmp_path / "two.mcap", osteoarthritic, ["/left/knee_contact"])
+    assert main(["view", str(one), str(two), "--save", str(tmp_path / "out.rrd")]) == 0
+    roots = {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")}
+    assert roots == {"left_1", "left_2"}
+
+
+def test_what_happened_to_the_node_is_seen_where_it_happened(
+    osteoarthritic: Path, right_bag: Path, config: Path, tmp_path: Path
+) -> None:
+    """With the line where bone begins."""
+    from knee_contact_ros.curves import curve_texts
+    from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
+
+    parameters = load_parameters([config / "osteoarthritis.yaml"])
+    pipeline = Pipeline(parameters, compiled=False)
+    with BagWriter(tmp_path / "out.mcap") as bag:
+        writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
+        for topic, _, message in raw_inputs(right_bag):
+            feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+            for answer in feed(message):
+                writer.write(answer)
+                if pipeline.ticks == 100:
+                    writer.note(PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3}))
+                if pipeline.ticks == 200:
+                    writer.note(RESET, {"tick": "200"})
+        writer.finish(pipeline.ending())
+    assert main(["view", str(tmp_path / "out.mcap"), "--save", str(tmp_path / "out.rrd")]) == 0
+    told = {text[0] for _, text in lists(tmp_path / "out.rrd", "/knee/events", "TextLog:text")}
+    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= told
+    line = lists(tmp_path / "out.rrd", "/knee/curves/layer", "Scalars:scalars")
+    assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing.mcap"], "no recording at nothing.mcap"),
+        (["text.mcap", "--save", "out.rrd"], "text.mcap"),
+        (["RECORDING"], "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve"),
+        (["RECORDING", "--save", "old.rrd"], "old.rrd exists already"),
+        (["RECORDING", "--save", "text.mcap/out.rrd"], "text.mcap/out.rrd"),
+        (["RECORDING", "--save", "out.rrd", "--serve"], "--save and --serve: one of them"),
+        (["RECORDING", "--save", "out.rrd", "--params", "none.yaml"], "none.yaml"),
+        (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be looked at"),
+        (["RECORDING", "--serve", "--port", "80"], "1024"),
+        ([], "FILE"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(
+    arguments: list[str], words: str, osteoarthritic: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    Path("text.mcap").write_text("hello")
+    Path("old.rrd").touch()
+    given = [str(osteoarthritic) if argument == "RECORDING" else argument for argument in arguments]
+    if arguments == ["nothing.mcap"]:
+        given += ["--save", "out.rrd"]
+    assert main(["view", *given]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == 1
+    assert words in said.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old.rrd", "text.mcap"]
+
+
+def test_a_port_that_is_taken_is_told(osteoarthritic: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert main(["view", str(osteoarthritic), "--serve", "--port", str(port)]) == 2
+    assert f"--port: {port} on 127.0.0.1: Address already in use" in capsys.readouterr().err
+
+
+def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
+    (tmp_path / "old.rrd").write_text("old")
+    assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"]) == 0
+    assert len(column(tmp_path / "old.rrd", "/knee/curves/flexion", "Scalars:scalars")) == 387
+
+
+def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
+    port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
+    command = [
+        sys.executable,
+        "-m",
+        "knee_contact_ros.cli",
+        "view",
+        str(osteoarthritic),
+        "--serve",
+        "--port",
+        str(port),
+    ]
+    viewing = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    page, deadline = b"", time.monotonic() + 60.0
+    while not page and time.monotonic() < deadline:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port + 1}/") as answer:
+                page = answer.read()
+        except OSError:
+            time.sleep(0.1)
+    os.kill(viewing.pid, signal.SIGINT)
+    said, errors = viewing.communicate(timeout=30.0)
+    assert b"<html" in page.lower()
+    assert (viewing.returncode, errors) == (0, "")
+    assert f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port + 1)) != 0

@@ -1,0 +1,220 @@
+"""The scene: what is in it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.answer import Answer
+from knee_contact_ros.drawing import Drawing, Shown, drawing_of, shown, shown_row
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.view.outlets import RerunFile
+from knee_contact_ros.view.plots import PLOTS
+from knee_contact_ros.view.sagittal import PICTURE_PERIOD
+from knee_contact_ros.view.scene import DATES_FROM, Scene
+from tests.messages import raw_inputs
+from tests.view.rrd import column, entities, lists
+
+WEIGHT = 737.068
+
+
+def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
+    answers: list[Answer] = []
+    for topic, _, message in raw_inputs(bag)[:most]:
+        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
+    return answers
+
+
+def written(path: Path, drawing: Drawing, batches: list[Shown], latency: bool = False) -> Path:
+    outlet = RerunFile(path, [drawing], latency=latency)
+    scene = Scene(outlet.recording, drawing, latency=latency)
+    for batch in batches:
+        scene.show(batch)
+    scene.finish()
+    outlet.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def knee(config: Path, right_bag: Path) -> tuple[Drawing, list[Answer]]:
+    """The osteoarthritic knee with its MRI profile, and its gait."""
+    pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    answers = answered(pipeline, right_bag)
+    return drawing_of(pipeline.model, "knee", WEIGHT), answers
+
+
+def rows(answers: list[Answer]) -> Shown:
+    return shown([shown_row(answer) for answer in answers])
+
+
+def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
+    contacts = [answer.contact for answer in answers]
+    curves = {
+        plot.path: column(path, f"/knee/curves/{plot.path}", "Scalars:scalars") for plot in PLOTS if not plot.live
+    }
+    for plot in PLOTS:
+        if not plot.live:
+            assert curves[plot.path].shape == (387, len(plot.series)), plot
+    depth, error = (np.array([getattr(c, name) for c in contacts]) for name in ("penetration_depth", "error_estimate"))
+    load, force = (np.array([getattr(contact, name) for contact in contacts]) for name in ("load", "contact_force"))
+    near = pytest.approx  # the same arithmetic in another order: a few roundings of 1e-16
+    assert curves["depth"][:, 0] == near(1e3 * (depth - error), rel=1e-12)
+    assert curves["depth"][:, 1] == near(1e3 * (depth + error), rel=1e-12)
+    assert curves["depth"][:, 2] == near(1e3 * depth, rel=1e-12)
+    assert curves["depth"][:, 3] == near([1e3 * contact.gap for contact in contacts], rel=1e-12)
+    assert curves["force_newton"] == near(np.stack([force, load], 1), rel=1e-12)
+    assert curves["force_body_weights"] == near(np.stack([force, load], 1) / WEIGHT, rel=1e-12)
+    assert curves["flexion"][:, 0] == near([math.degrees(contact.flexion_angle) for contact in contacts], rel=1e-12)
+    assert curves["contact_point"][:, 0] == near([1e3 * contact.contact_point.x for contact in contacts], rel=1e-12)
+    assert curves["error"][:, 0] == near(1e6 * error, rel=1e-12)
+    assert curves["evaluations"][:, 0] == near([contact.evaluations for contact in contacts])
+    assert column(path, "/knee/curves/layer", "Scalars:scalars").ravel() == near([0.5, 0.5])
+    assert "/knee/curves/latency" not in entities(path)
+
+
+def test_latency_is_there_where_it_is_measured(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    measured = rows([answer._replace(latency=1e-3 * number) for number, answer in enumerate(answers[:5])])
+    path = written(tmp_path / "knee.rrd", drawing, [measured], latency=True)
+    assert column(path, "/knee/curves/latency", "Scalars:scalars").ravel() == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
+
+
+def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
+    names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
+    pipeline = Pipeline(load_parameters(names), compiled=False)
+    answers = answered(pipeline, right_bag, 240)
+    model = pipeline.model
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows(answers)])
+
+    def drawn(entity: str, component: str) -> np.ndarray:
+        """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
+        vectors = column(path, f"/knee/sagittal/{entity}", component).reshape(len(answers), -1)
+        return vectors * np.where(np.arange(vectors.shape[1]) == 1, -1.0, 1.0)
+
+    contacts = [answer.contact for answer in answers]
+    angles = np.array([contact.flexion_angle for contact in contacts])
+    height = [1e3 * contact.femoral_height for contact in contacts]
+    x = [1e3 * model.mechanism.translation(angle)[0] for angle in angles.tolist()]
+    point = [(1e3 * contact.contact_point.x, 1e3 * contact.contact_point.y) for contact in contacts]
+    closest = [model.closest(contact.flexion_angle, contact.femoral_height) for contact in contacts]
+    force = np.array([contact.contact_force for contact in contacts])
+    arrow = np.array([(where.normal_x, where.normal_y) for where in closest]) * force[:, None] / 50.0  # N per mm
+    # Rerun keeps single precision: 6e-8 of lengths of 40 mm, and of quaternions of 1.
+    assert drawn("femur", "Transform3D:translation") == pytest.approx(np.stack([x, height, 0.0 * angles], 1), abs=1e-5)
+    assert drawn("contact_point", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
+    assert drawn("contact_path", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
+    assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
+    assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
+    quaternion = column(path, "/knee/sagittal/femur", "Transform3D:quaternion").reshape(len(answers), 4)
+    # Flexion turns the femur from anterior to superior, which is backwards on a screen whose y points down.
+    assert 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]) == pytest.approx(-angles, abs=1e-6)
+    assert quaternion[:, :2] == pytest.approx(0.0, abs=0.0)
+    # There is something to see in every one of them.
+    assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
+
+
+def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    strips = lists(path, "/knee/sagittal/overlap", "LineStrips2D:strips")
+    assert len(strips) == len(answers)
+    for (_, lines), answer in zip(strips, answers, strict=True):
+        ends = np.array(lines)
+        deepest = np.abs(ends[:, 1, 1] - ends[:, 0, 1]).max()
+        # 24 lines: the nearest is within half a spacing, 1/48 of the overlap's width, of the deepest place, and a
+        # parabola is 1/24**2 lower there; the outline's corners cut some micrometres off.
+        assert deepest == pytest.approx(1e3 * answer.contact.penetration_depth, rel=0.005, abs=2e-3)
+        assert ends[0, 0, 0] < 1e3 * answer.contact.contact_point.x < ends[-1, 0, 0]
+    colours = [set(colours) for _, colours in lists(path, "/knee/sagittal/overlap", "LineStrips2D:colors")]
+    for shown_colours, answer in zip(colours, answers, strict=True):
+        deep = answer.contact.penetration_depth
+        if abs(deep - 0.5e-3) > 1e-5:  # a line is not exactly at the deepest place
+            assert len(shown_colours) == (2 if deep > 0.5e-3 else 1)
+
+
+def test_how_answers_are_cut_into_batches_makes_no_difference(
+    knee: tuple[Drawing, list[Answer]], tmp_path: Path
+) -> None:
+    drawing, answers = knee
+    whole = written(tmp_path / "whole.rrd", drawing, [rows(answers)])
+    cuts = [0, 1, 2, 40, 41, 200, 387]
+    parts = [rows(answers[begin:end]) for begin, end in pairwise(cuts)]
+    cut = written(tmp_path / "cut.rrd", drawing, parts)
+    assert entities(whole) == entities(cut)
+    for entity, components in entities(whole).items():
+        if entity != "/knee/curves/layer":  # two points of a level line a batch
+            for component in components:
+                assert lists(whole, entity, component) == lists(cut, entity, component), (entity, component)
+
+
+def test_no_more_pictures_than_a_screen_can_show(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    fast = [answer._replace(stamp=answers[0].stamp + 1_000_000 * number) for number, answer in enumerate(answers)]
+    path = written(tmp_path / "knee.rrd", drawing, [rows(fast[:100]), rows(fast[100:])])
+    assert len(column(path, "/knee/curves/flexion", "Scalars:scalars")) == 387
+    stamps = [stamp for stamp, _ in lists(path, "/knee/sagittal/femur", "Transform3D:translation")]
+    assert len(stamps) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
+
+
+def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    path = written(tmp_path / "knee.rrd", drawing, [rows(answers[:100]), rows(answers[100:])])
+    told = [state[0] for _, state in lists(path, "/knee/states/contact", "StateChange:state")]
+    names = ["apart", "cartilage", "bone"]
+    states = [names[answer.contact.contact_state] for answer in answers]
+    assert told == [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
+    assert len(told) > 3
+
+
+def test_events_are_told_with_their_times(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    told = [text[0] for _, text in lists(path, "/knee/events", "TextLog:text")]
+    assert "2.015 s  load peak 1.81 BW (1337.7 N)" in told
+    assert "2.430 s  load peak 2.19 BW (1613.8 N)" in told
+    assert "1.955 s  bone contact begins" in told
+    assert "2.125 s  bone contact ends" in told
+    assert len([text for text in told if "heel strike" in text]) == 2
+    assert len([text for text in told if "toe-off" in text]) == 1
+
+
+def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
+    scene = Scene(outlet.recording, drawing)
+    scene.show(rows(answers[:10]))
+    scene.note("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
+    scene.show(rows(answers[10:20]))
+    scene.note("reset", {"tick": "20"})
+    outlet.close()
+    assert column(outlet.path, "/knee/curves/layer", "Scalars:scalars").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
+    told = [text[0] for _, text in lists(outlet.path, "/knee/events", "TextLog:text")]
+    assert "0.575 s  parameters changed: contact.layer_depth = 0.001" in told
+    assert "0.625 s  reset" in told
+
+
+def test_stamps_of_today_are_dates(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    today = DATES_FROM * 5
+    path = written(
+        tmp_path / "knee.rrd", drawing, [rows([answer._replace(stamp=today + answer.stamp) for answer in answers])]
+    )
+    stamps = [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")]
+    assert stamps == [today + answer.stamp for answer in answers]
+    assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in [
+        text[0] for _, text in lists(path, "/knee/events", "TextLog:text")
+    ]
+
+
+def test_names_have_units() -> None:
+    for plot in PLOTS:
+        for series in plot.series:
+            assert "[" in series.name or series.name == "evaluations per tick"

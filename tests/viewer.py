@@ -1,0 +1,154 @@
+"""Rerun's viewer without a screen: what it shows of a file, as pictures."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import socket
+import subprocess
+import sysconfig
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from rerun.experimental import View, ViewerClient, ViewerState
+
+RERUN = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
+PATIENCE = 60.0
+"""How long [s] anything is waited for: loading and drawing in software take a second or two on an idle machine."""
+LIFE = 300
+"""[s] after which a viewer ends whatever becomes of the test"""
+PAUSE = 0.1
+NO_RENDERER = ("No graphics adapter was found", "Failed to get render context")
+SOFTWARE = "Software rasterizer detected"
+T = TypeVar("T")
+
+
+class Screen:
+    """What a viewer shows."""
+
+    def __init__(self, client: ViewerClient) -> None:
+        self._client = client
+
+    @property
+    def state(self) -> ViewerState:
+        """Recordings, timelines and views as the viewer reports them."""
+        return self._client.get_state()
+
+    def views(self) -> dict[str, View]:
+        """The views by name."""
+        return {view.name: view for view in self.state.views}
+
+    def set_time(self, timeline: str, stamp: int) -> None:
+        """Put the cursor on a stamp [ns] of a timeline and wait until it stands there."""
+        self._client.set_time(timeline, duration=np.timedelta64(stamp, "ns"), play_state="paused")
+
+        def cursor() -> bool:
+            state = self.state
+            (shown,) = (item for item in state.recordings if item.store_id == state.active_recording)
+            return (shown.current_timeline, shown.current_time) == (timeline, stamp)
+
+        wait_for(cursor, f"the cursor to stand on {timeline} {stamp} ns")
+
+    def picture(self, view: str | None = None) -> NDArray[np.uint8]:
+        """The whole screen, or one view by its name, when it has come to rest; shape (height, width, 3)."""
+        view_id = None if view is None else self.views()[view].view_id
+        pictures = [self._shot(view_id)]
+
+        def at_rest() -> bool:
+            pictures.append(self._shot(view_id))
+            return np.array_equal(*pictures[-2:])
+
+        wait_for(at_rest, "two pictures in a row to be the same")
+        return pictures[-1]
+
+    def save(self, png: Path) -> NDArray[np.uint8]:
+        """The same into a file, and as an array."""
+        picture = self.picture()
+        Image.fromarray(picture).save(png, optimize=True)
+        return picture
+
+    def complaints(self) -> list[str]:
+        """Warnings and errors: of the views about what they cannot show, and in the viewer's log."""
+        reports = [f"{view.name}: {report.summary}" for view in self.state.views for report in view.reports]
+        logged = [entry for entry in self._client.get_logs() if entry.level in ("WARN", "ERROR")]
+        return reports + [entry.message for entry in logged if SOFTWARE not in entry.message]
+
+    def _shot(self, view_id: str | None) -> NDArray[np.uint8]:
+        with Image.open(io.BytesIO(self._client.take_screenshot(view_id))) as image:
+            return np.asarray(image.convert("RGB"))
+
+
+@contextmanager
+def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterator[Screen]:
+    """A viewer of `size` pixels in which `rerun FILE ...` has loaded its files; skips where nothing can be drawn.
+
+    It listens on this machine only, knows no settings of the user's, sends no statistics, and is gone afterwards.
+    """
+    with TemporaryDirectory() as home:
+        environment = {**os.environ, "HOME": home, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home}
+        environment |= {"XDG_RUNTIME_DIR": home, "NO_COLOR": "1", "RUST_LOG": "warn,egui_wgpu=error,re_renderer=error"}
+        subprocess.run([RERUN, "analytics", "disable"], env=environment, capture_output=True, check=True)
+        port, log = free_port(), Path(home) / "log"
+        options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
+        command = ["timeout", str(LIFE), RERUN, *options, "--window-size", "{}x{}".format(*size), *files]
+        with log.open("wb") as output:
+            viewer = subprocess.Popen(command, env=environment, stdout=output, stderr=output, start_new_session=True)
+        try:
+            yield Screen(loaded(viewer, port, log))
+        except BaseException:
+            print(log.read_text(errors="replace"))  # noqa: T201  (pytest shows it with what failed)
+            raise
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(viewer.pid, signal.SIGKILL)
+            viewer.wait()
+
+
+def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClient:
+    """Connect, and wait until the files are loaded and there are views."""
+
+    def look() -> ViewerClient | None:
+        if viewer.poll() is not None:
+            said = log.read_text(errors="replace")
+            if any(reason in said for reason in NO_RENDERER):
+                pytest.skip("Rerun cannot draw here; on Debian: apt install mesa-vulkan-drivers libgl1-mesa-dri")
+            pytest.fail(f"the viewer ended with {viewer.returncode}:\n{said}")
+        with suppress(Exception):  # nobody answers yet; the library raises what it likes
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            state = client.get_state()
+            ready = state.views and state.active_recording and not state.loading
+            return client if ready and all(item.timelines for item in state.recordings) else None
+        return None
+
+    return wait_for(look, "the viewer to load its files")
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def wait_for(condition: Callable[[], T | None], what: str) -> T:
+    """What `condition` gives as soon as it is true."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(PAUSE)
+    pytest.fail(f"waited {PATIENCE:g} s in vain for {what}")
+
+
+def pixels_of(picture: NDArray[np.uint8], colour: tuple[int, int, int], within: int = 12) -> int:
+    """How many pixels have a colour, to `within` in each of red, green and blue (edges of lines are blended)."""
+    return int((np.abs(picture.astype(int) - colour) <= within).all(axis=2).sum())
