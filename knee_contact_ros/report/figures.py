@@ -172,7 +172,9 @@ def line(axis: Any, run: Run, hue: str, what: Quantity) -> None:
         for single in mean.first if mean.count <= len(mean.first) else ():
             axis.plot(PERCENT, what.of(single, run), style, color=hue, linewidth=0.5, alpha=0.5)
     width = 1.8 if run.beside is None else 1.3
-    axis.plot(PERCENT, values, style, color=hue, linewidth=width, label=run.name if what is FLEXION else run.label)
+    axis.plot(
+        PERCENT, values, style, color=hue, linewidth=width, label=plain(run.name if what is FLEXION else run.label)
+    )
     stance = np.mean([cycle.span.stance for cycle in run.gathered.cycles])
     axis.axvline(stance, ymax=0.05, color=hue, linewidth=1.2, linestyle=style)
 
@@ -189,7 +191,7 @@ def path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
         mean, hue = run.gathered.mean.mean, colour(runs, run)
         angle, point = FLEXION.of(mean, run), POINT.of(mean, run)
         toe_off = round(float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])))
-        axis.plot(angle, point, "-" if run.beside is None else "--", color=hue, linewidth=1.6, label=run.label)
+        axis.plot(angle, point, "-" if run.beside is None else "--", color=hue, linewidth=1.6, label=plain(run.label))
         axis.plot(angle[0], point[0], "o", color=hue, markersize=5)
         axis.plot(angle[toe_off], point[toe_off], "^", color=hue, markersize=6)
     axis.set(xlabel=FLEXION.axis, ylabel=POINT.axis)
@@ -216,6 +218,12 @@ def legend(canvas: Any, axis: Any) -> None:
     canvas.legend([once[label] for label in order], order, loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
     canvas.set_size_inches(width, height + LINE * -(-len(order) // columns))
+
+
+def plain(label: str) -> str:
+    """A label as matplotlib shows it: dollars are formulas to it, and a leading underscore hides."""
+    shown = label.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def has_bone(run: Run) -> bool:

@@ -15,6 +15,8 @@ from knee_contact_ros.stream_in.answers import Answers
 
 KEPT = round((LONGEST + 3.0) * NANOSECONDS)
 """[ns] of samples that are kept: a cycle, and as late as events become certain"""
+CERTAIN = round(2.2 * NANOSECONDS)
+"""[ns] after which all events are: a toe-off may wait for a slow flexion and a slow extension"""
 
 
 class Moment(NamedTuple):
@@ -95,10 +97,10 @@ class Gathered:
         return float(load), float(force), float(depth)
 
     def _cycles(self, *, ended: bool) -> None:
-        """Take the cycles whose events are all certain: a toe-off is so a second and more after the heel strike."""
+        """Take the cycles whose events are all certain."""
         strikes = sorted(event.stamp for event in self._pending if event.kind == HEEL_STRIKE)
         toe_offs = sorted(event.stamp for event in self._pending if event.kind == TOE_OFF)
-        certain = [stamp for stamp in strikes if ended or stamp <= self._stamps[-1] - 2 * NANOSECONDS]
+        certain = [stamp for stamp in strikes if ended or stamp <= self._stamps[-1] - CERTAIN]
         for span in spans(certain, toe_offs):
             if self._stamps[0] <= span.start:
                 self._add_cycle(span)

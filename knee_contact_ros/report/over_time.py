@@ -10,7 +10,7 @@ import numpy as np
 
 from knee_contact_ros.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.report.cycles import COLUMNS
-from knee_contact_ros.report.figures import MM, Figure, colour, draw, has_bone
+from knee_contact_ros.report.figures import MM, Figure, colour, draw, has_bone, plain
 from knee_contact_ros.report.runs import Run
 
 SIZE = (5.2, 5.6)
@@ -55,7 +55,7 @@ def rows(canvas: Any, runs: Sequence[Run], hues: Sequence[str]) -> None:
             time, lowest, highest = run.gathered.course.lines()
             low, high = (factor.get(name, MM) * values[:, COLUMNS.index(name)] for values in (lowest, highest))
             hue = hues[place]
-            label = run.label if name == "contact_force" else None
+            label = plain(run.label) if name == "contact_force" else None
             if run.gathered.course.width <= FINE:
                 axis.plot(time, high, "--" if place else "-", color=hue, linewidth=1.0, label=label)
             else:

@@ -35,7 +35,7 @@ class Asked(NamedTuple):
     files: Sequence[Path]
     labels: Sequence[str]
     parameters: Sequence[Source]
-    """For bags without answers; the later one wins"""
+    """For bags without answers, and for recordings without parameters; the later one wins"""
     parameters_given: bool
     """Whether they were given, and are not just the default"""
     compare: Sequence[Path]
@@ -74,10 +74,8 @@ def collect(asked: Asked, work: Path, say: Callable[[str], Advance]) -> list[Run
     """
     runs: list[Run] = []
     recorded = {path: answer_topics(path) for path in asked.files}
-    if asked.parameters_given and all(recorded.values()):
-        raise UsageError(
-            "--params is for bags without answers, and every FILE is a recording; --compare computes again"
-        )
+    if asked.parameters_given and all(topics and _stored(path, asked) for path, topics in recorded.items()):
+        raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
     for number, path in enumerate(asked.files):
         label = asked.labels[number] if asked.labels else path.stem
         several = len(recorded[path]) > 1
@@ -110,7 +108,7 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
 
 def _recorded(path: Path, topic: str, label: str, asked: Asked, say: Callable[[str], Advance]) -> Run:
     """A recording's answers on a topic, as they are."""
-    provenance = read_provenance(path)
+    provenance = _stored(path, asked)
     if provenance:
         parameters = provenance.parameters
         origin = f"Recorded with {provenance.package} and the parameters stored in it."
@@ -136,7 +134,7 @@ def _compared(run: Run, beside: int, asked: Asked, work: Path, say: Callable[[st
     """The same inputs with other parameters."""
     before = flat_parameters(run.parameters)
     after = flat_parameters(load_parameters([before, *asked.compare]))
-    stored = read_provenance(run.source)
+    stored = _stored(run.source, asked)
     how: Parameters | Provenance = load_parameters(after)
     if stored:  # it may hold the files that parameters name
         how = with_values(stored._replace(changes=()), {n: v for n, v in after.items() if v != before[n]})
@@ -149,6 +147,16 @@ def _compared(run: Run, beside: int, asked: Asked, work: Path, say: Callable[[st
     computed = _computed(run.source, how, names, work, say)
     told = ", ".join([run.name, *(path.stem for path in asked.compare)])
     return computed._replace(name=run.name, label=told, topic=run.topic, origin=origin, beside=beside)
+
+
+def _stored(path: Path, asked: Asked) -> Provenance | None:
+    """How a recording came about; not asked of a later part, whose first has the parameters, if some are given."""
+    try:
+        return read_provenance(path)
+    except UsageError:
+        if asked.parameters_given:
+            return None
+        raise
 
 
 def _spelled(sources: Sequence[Source]) -> str:

@@ -213,6 +213,10 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
     text = text_of(page_of(tmp_path / "out"))
     assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text
+    arguments = ["-p", "body_weight:=600.0", "--output", str(tmp_path / "again")]
+    assert main(["report", str(path), *arguments]) == 0
+    row = read(tmp_path / "again" / "peaks.csv")[0]
+    assert float(row["load_BW"]) == pytest.approx(float(row["load_N"]) / 600.0, rel=1e-8)
 
 
 def test_files_of_one_name_are_told_apart(bags: tuple[Path, Path], tmp_path: Path) -> None:
@@ -252,7 +256,7 @@ def test_an_earlier_report_gives_way_and_other_files_stay(bags: tuple[Path, Path
 
 
 def test_the_page_escapes_what_it_is_given(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    label = '<b onload="x">&'
+    label = '_<b onload="x">&$\\no$'
     assert main(["report", str(bags[0]), "--label", label, "--output", str(tmp_path / "out")]) == 0
     page = page_of(tmp_path / "out")
     html5lib.HTMLParser(strict=True).parse(page)
@@ -268,7 +272,7 @@ def test_the_page_escapes_what_it_is_given(bags: tuple[Path, Path], tmp_path: Pa
         (["{bag}", "--params", "nowhere.yaml"], "nowhere.yaml"),
         (["{bag}", "--compare", "nowhere.yaml"], "nowhere.yaml"),
         (["{bag}", "-p", "knee.joint_name:=elbow"], "elbow"),
-        (["{recording}", "--params", "healthy.yaml"], "--params is for bags without answers"),
+        (["{recording}", "--params", "healthy.yaml"], "--params is for bags"),
         (["{csv}"], "femur_medial.csv"),
         ([], "FILE"),
     ],
@@ -316,3 +320,21 @@ def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, numbe
     assert process.returncode == 130
     assert error.strip() == "knee-contact: interrupted"
     assert not output.exists()
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3])
+def test_a_few_ticks_are_a_report(tmp_path: Path, ticks: int) -> None:
+    bag = make_bag(tmp_path / "few.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(ticks)])
+    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
+    assert f"{ticks} in {0.005 * (ticks - 1):.2f} s" in text_of(page_of(tmp_path / "out"))
+
+
+def test_a_knee_that_lifts_off_is_told(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, -200.0 if 100 <= i < 120 else 800.0) for i in range(200)]
+    bag = make_bag(tmp_path / "apart.mcap", rows)
+    assert main(["report", str(bag), "-p", "femur.mass:=1.0", "--output", str(tmp_path / "out")]) == 0
+    answers_apart = re.search(
+        r"lifted off ([0-9.]+) s \([0-9.]+ %\), at most ([0-9.]+) s", text_of(page_of(tmp_path / "out"))
+    )
+    assert answers_apart is not None
+    assert float(answers_apart[1]) == float(answers_apart[2]) > 0.09
