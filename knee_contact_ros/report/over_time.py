@@ -18,6 +18,8 @@ FEW_EVENTS = 60
 """Heel strikes and toe-offs that can be told apart in a picture"""
 FINE = 20_000_000
 """[ns] of a bucket that is drawn as a point of a line, and not as a range"""
+FEW_POINTS = 20
+"""Points that are marked: a line alone may not be seen"""
 ROWS = (("flexion_angle", "flexion [°]"), ("contact_force", "contact force [BW]"), ("penetration_depth", "depth [mm]"))
 LOOKS = {HEEL_STRIKE: {"color": "0.25", "linestyle": "-"}, TOE_OFF: {"color": "0.25", "linestyle": ":"}}
 
@@ -57,7 +59,9 @@ def rows(canvas: Any, runs: Sequence[Run], hues: Sequence[str]) -> None:
             hue = hues[place]
             label = plain(run.label) if name == "contact_force" else None
             if run.gathered.course.width <= FINE:
-                axis.plot(time, high, "--" if place else "-", color=hue, linewidth=1.0, label=label)
+                marker = "." if len(time) < FEW_POINTS else None
+                style = "--" if place else "-"
+                axis.plot(time, high, style, color=hue, linewidth=1.0, marker=marker, label=label)
             else:
                 axis.fill_between(time, low, high, color=hue, alpha=0.5, linewidth=0.3, label=label)
             if name == "penetration_depth" and has_bone(run):

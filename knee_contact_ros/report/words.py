@@ -183,7 +183,14 @@ def _lifted(run: Run) -> str:
 
 def _error(run: Run) -> str:
     totals = run.gathered.totals
-    return f"{MICROMETRE * totals.largest_error:.2g} µm at most, {MICROMETRE * totals.median_error:.2g} µm median"
+    return f"{_length(totals.largest_error)} at most, {_length(totals.median_error)} median"
+
+
+def _length(error: float) -> str:
+    """An error [m]; beyond a metre there is none that bounds anything."""
+    if error >= 1.0:
+        return "no bound"
+    return f"{MICROMETRE * error:.2g} µm" if error < 1e-3 else f"{MM * error:.2g} mm"
 
 
 def _cost(totals: Totals) -> str:
