@@ -127,8 +127,8 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
     steps, state = np.diff(time), cycle[1:, STATE]
     return Cycle(
         span,
-        impulse=float(np.trapezoid(force, time)),
-        stance_impulse=float(np.trapezoid(stance[:, FORCE], stance_time)),
+        impulse=_integral(time, force),
+        stance_impulse=_integral(stance_time, stance[:, FORCE]),
         loading_rate=_loading_rate(stance_time, stance[:, FORCE]),
         largest_force=float(force[hardest]),
         largest_force_at=100.0 * float(time[hardest]) / span.duration,
@@ -137,6 +137,11 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
         bone_time=float(steps[state == ContactState.BONE].sum()),
         apart_time=float(steps[state == ContactState.SEPARATED].sum()),
     )
+
+
+def _integral(time: Floats, values: Floats) -> float:
+    """By trapezoids; `np.trapezoid` has another name in NumPy 1."""
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
 
 
 def _loading_rate(time: Floats, force: Floats) -> float:
