@@ -227,4 +227,4 @@ def result_files(output: Path, companion: bool) -> dict[str, str]:
     }
     if companion:
         files["Companion's log"] = str(output / COMPANION_LOG)
-    return files | {"To see it": f"{Path(sys.executable).with_name('rerun')} {output / RERUN_FILE}"}
+    return files | {"To see it": f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"}

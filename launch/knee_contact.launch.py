@@ -14,19 +14,28 @@ from launch import LaunchDescription
 PACKAGE = "knee_contact_ros"
 
 
+def mode_of(rerun):
+    """What the argument `rerun` says: a way to show the scene, or a file."""
+    return rerun if rerun in ("", "serve", "spawn") else "file"
+
+
 def knee_contact_node(context):
     """The node with the parameters that were given as arguments."""
+    rerun = LaunchConfiguration("rerun").perform(context)
+    port = LaunchConfiguration("rerun_port").perform(context)
     texts = {
         "knee.joint_name": LaunchConfiguration("joint").perform(context),
         "record.path": LaunchConfiguration("record").perform(context),
-        "rerun.mode": "file" if LaunchConfiguration("rerun").perform(context) else "",
-        "rerun.path": LaunchConfiguration("rerun").perform(context),
+        "rerun.mode": mode_of(rerun),
+        "rerun.path": rerun if mode_of(rerun) == "file" else "",
+        "rerun.knees": LaunchConfiguration("rerun_knees").perform(context),
     }
     truths = {
         "autostart": LaunchConfiguration("autostart").perform(context),
         "use_sim_time": LaunchConfiguration("use_sim_time").perform(context),
     }
     given = {name: ParameterValue(text, value_type=str) for name, text in texts.items() if text}
+    given |= {"rerun.port": int(port)} if port else {}
     given |= {name: truth == "true" for name, truth in truths.items() if truth}
     return [
         Node(
@@ -54,7 +63,13 @@ def generate_launch_description():
             DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
             DeclareLaunchArgument("joint", default_value="", description="joint in joint_states"),
             DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
-            DeclareLaunchArgument("rerun", default_value="", description="Rerun file (.rrd) to write"),
+            DeclareLaunchArgument(
+                "rerun", default_value="", description="Rerun file (.rrd) to write, or serve, or spawn"
+            ),
+            DeclareLaunchArgument("rerun_port", default_value="", description="to serve on"),
+            DeclareLaunchArgument(
+                "rerun_knees", default_value="", description="knees that share a viewer, as left,right"
+            ),
             DeclareLaunchArgument(
                 "autostart", default_value="", choices=truth, description="configure and activate without being asked"
             ),

@@ -28,11 +28,16 @@ LAST_ANSWERS = 1.0
 """How long [s] the node has for its last answers."""
 
 
+def mode_of(rerun):
+    """What the argument `rerun` says: a way to show the scene, or a file."""
+    return rerun if rerun in ("", "serve", "spawn") else "file"
+
+
 def knee_contact_node(context):
     """The node with the parameters that were given as arguments; the parameter file says the rest."""
     texts = {
         "record.path": LaunchConfiguration("record").perform(context),
-        "rerun.mode": "file" if LaunchConfiguration("rerun").perform(context) else "",
+        "rerun.mode": mode_of(LaunchConfiguration("rerun").perform(context)),
         "rerun.path": LaunchConfiguration("rerun").perform(context),
     }
     given = {name: ParameterValue(text, value_type=str) for name, text in texts.items() if text}
@@ -67,12 +72,13 @@ def node_and_replay(context):
     node, replay = knee_contact_node(context), replay_process(context)
     rerun = LaunchConfiguration("rerun").perform(context)
     view = LaunchConfiguration("view").perform(context) == "true"
-    if view and not rerun:
+    if view and mode_of(rerun) != "file":
         raise RuntimeError("view:=true needs rerun:=FILE")
 
     def after_node(event, _context):
         if view and event.returncode == 0:
-            return [ExecuteProcess(cmd=["rerun", rerun], output="screen")]
+            command = [ExecutableInPackage(package=PACKAGE, executable="knee_contact"), "view", rerun]
+            return [ExecuteProcess(cmd=command, name="view", output="screen")]
         return [Shutdown(reason="the node has ended")]
 
     stop_node = EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
@@ -101,7 +107,9 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument("params", default_value=healthy, description="ROS 2 parameter file"),
             DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
-            DeclareLaunchArgument("rerun", default_value="", description="Rerun file (.rrd) to write"),
+            DeclareLaunchArgument(
+                "rerun", default_value="", description="Rerun file (.rrd) to write, or serve, or spawn"
+            ),
             DeclareLaunchArgument("view", default_value="false", choices=truth, description="open the Rerun file"),
             OpaqueFunction(function=node_and_replay),
         ]

@@ -2,8 +2,9 @@
 
 Two nodes, in the namespaces `left` and `right`: `/left/joint_states` and `/left/joint_reaction_force` give
 `/left/knee_contact`, and so on. If one topic has the angles of both knees, say which joint is which:
-`joint_states:=/joint_states left_joint:=left_knee right_joint:=right_knee`. The arguments `autostart`, `use_sim_time`
-and `log_level` of knee_contact.launch.py hold for both. `-s` lists all arguments.
+`joint_states:=/joint_states left_joint:=left_knee right_joint:=right_knee`. With `rerun:=serve` one viewer shows both:
+`knee-contact view rerun+http://127.0.0.1:9876/proxy rerun+http://127.0.0.1:9877/proxy`. The arguments
+`autostart`, `use_sim_time` and `log_level` of knee_contact.launch.py hold for both. `-s` lists all arguments.
 """
 
 from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
@@ -23,11 +24,13 @@ def arguments(side):
         DeclareLaunchArgument(f"{side}_params", default_value=healthy, description="ROS 2 parameter file"),
         DeclareLaunchArgument(f"{side}_joint", default_value="", description="joint in joint_states"),
         DeclareLaunchArgument(f"{side}_record", default_value="", description="MCAP file to write"),
-        DeclareLaunchArgument(f"{side}_rerun", default_value="", description="Rerun file (.rrd) to write"),
+        DeclareLaunchArgument(
+            f"{side}_rerun", default_value=LaunchConfiguration("rerun"), description="Rerun file (.rrd) to write"
+        ),
     ]
 
 
-def knee(side):
+def knee(side, port):
     node = PathJoinSubstitution([FindPackageShare(PACKAGE), "launch", "knee_contact.launch.py"])
     return GroupAction(
         [
@@ -40,6 +43,8 @@ def knee(side):
                     "joint": LaunchConfiguration(f"{side}_joint"),
                     "record": LaunchConfiguration(f"{side}_record"),
                     "rerun": LaunchConfiguration(f"{side}_rerun"),
+                    "rerun_port": port,
+                    "rerun_knees": "left,right",
                 }.items(),
             ),
         ]
@@ -49,10 +54,11 @@ def knee(side):
 def generate_launch_description():
     return LaunchDescription(
         [
+            DeclareLaunchArgument("rerun", default_value="", description="serve: both knees to one viewer"),
             *arguments("left"),
             *arguments("right"),
             DeclareLaunchArgument("joint_states", default_value="joint_states", description="topic of the angles"),
-            knee("left"),
-            knee("right"),
+            knee("left", "9876"),
+            knee("right", "9877"),
         ]
     )

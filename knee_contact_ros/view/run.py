@@ -39,6 +39,8 @@ SERVED = "rerun+"
 INSTEAD = "say --save OUT.rrd or --serve"
 PATIENCE = 5.0
 """How long [s] a viewer may take to end"""
+DRAWN = ".rrd"
+"""How the name of a Rerun file ends"""
 URL_OF_PAGE = "http://{host}:{web}?url=rerun%2Bhttp%3A%2F%2F{host}%3A{port}%2Fproxy"
 
 
@@ -55,7 +57,9 @@ class Way(NamedTuple):
 
 
 def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
-    """Show recordings, gait bags or what nodes serve; `parameters` are those of files that do not tell theirs.
+    """Show recordings, gait bags, Rerun files or what nodes serve.
+
+    `parameters` are those of files that do not tell theirs.
 
     Raises:
         UsageError: a source or a way cannot be used.
@@ -69,6 +73,9 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
         look(connect_command(served))
         return
     check(way)
+    if sources[0].endswith(DRAWN):
+        present(drawn_already(sources, way), way)
+        return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         work = Path(folder)
         knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
@@ -79,10 +86,26 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
                 click.echo(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
         if way.save:
             click.echo(f"Rerun file   {way.save}")
-        elif way.serve:
-            serve(path, way.port)
         else:
-            look([str(executable()), *LOCAL, *ANY_PORT, str(path)])
+            present(path, way)
+
+
+def present(path: Path, way: Way) -> None:
+    """Show a Rerun file."""
+    if way.serve:
+        serve(path, way.port)
+    else:
+        look([str(executable()), *LOCAL, *ANY_PORT, str(path)])
+
+
+def drawn_already(sources: Sequence[str], way: Way) -> Path:
+    """The Rerun file that is the only source."""
+    path = Path(sources[0])
+    if len(sources) > 1 or way.save:
+        raise UsageError(f"{path} is a Rerun file: it can be looked at or served, alone")
+    if not path.is_file():
+        raise UsageError(f"no Rerun file at {path}")
+    return path
 
 
 def check(way: Way) -> None:

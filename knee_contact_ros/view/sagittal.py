@@ -106,4 +106,4 @@ def _overlap(drawing: Drawing, shown: Shown, layer: float) -> Any:
     numbers = there.sum(axis=1)
     radii = np.repeat(0.5 * MM * found.spacing, numbers)
     lines = (ends * ON_SCREEN)[there]
-    return rr.LineStrips2D.columns(strips=list(lines), colors=colours[there], radii=radii).partition(numbers)
+    return rr.LineStrips2D.columns(strips=lines, colors=colours[there], radii=radii).partition(numbers)

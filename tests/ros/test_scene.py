@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
 import socket
-import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import psutil
@@ -110,30 +107,7 @@ def test_no_screen_and_a_strange_knee_end_the_start(start_node: Start, monkeypat
     assert "parameter rerun.knees: 'left,right' is not allowed; this knee, knee, must be one of them" in said
 
 
-@pytest.fixture
-def screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A screen that nobody sees."""
-    if not shutil.which("Xvfb"):
-        pytest.skip("there is no Xvfb here; on Debian: apt install xvfb")
-    read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x900x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    os.close(write)
-    try:
-        number = os.read(read, 10).decode().strip()
-        if not number:
-            pytest.skip("Xvfb does not start here")
-        monkeypatch.setenv("DISPLAY", f":{number}")
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-        yield
-    finally:
-        os.close(read)
-        server.kill()
-        server.wait()
-
-
-@pytest.mark.usefixtures("screen")
-def test_a_window_is_opened_and_may_be_killed(peer: Peer, start_node: Start) -> None:
+def test_a_window_is_opened_and_may_be_killed(peer: Peer, start_node: Start, hidden_screen: None) -> None:
     port = free_port()
     node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
     peer.wait_for_node()

@@ -9,9 +9,12 @@ import subprocess
 import sys
 import time
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
+from rerun.experimental import ViewerClient
 
 from knee_contact_ros.answer import Ending
 from knee_contact_ros.cli import main
@@ -26,7 +29,7 @@ from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
 from tests.messages import raw_inputs
 from tests.view.rrd import column, entities, lists
-from tests.viewer import free_port
+from tests.viewer import free_port, wait_for
 
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 
@@ -127,6 +130,8 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
         (["RECORDING", "--save", "out.rrd", "--params", "none.yaml"], "none.yaml"),
         (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be looked at"),
         (["RECORDING", "--serve", "--port", "80"], "1024"),
+        (["nothing.rrd", "--serve"], "no Rerun file at nothing.rrd"),
+        (["old.rrd", "--save", "out.rrd"], "old.rrd is a Rerun file"),
         ([], "FILE"),
     ],
 )
@@ -192,3 +197,30 @@ def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
     assert f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
+
+
+def test_a_window_opens_and_ctrl_c_closes_it(osteoarthritic: Path, hidden_screen: None) -> None:
+    command = [sys.executable, "-m", "knee_contact_ros.cli", "view", str(osteoarthritic)]
+    viewing = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def window() -> psutil.Process | None:
+        return next((child for child in psutil.Process(viewing.pid).children() if child.name() == "rerun"), None)
+
+    viewer = wait_for(window, "the viewer to start")
+
+    def newest() -> int:
+        listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+        with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
+            assert {place.ip for place in listening} <= {"127.0.0.1"}
+            state = ViewerClient.connect(f"rerun+http://127.0.0.1:{listening[0].port}/proxy").get_state()
+            return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
+        return 0
+
+    wait_for(lambda: newest() == 2_460_000_000, "the recording to be seen")
+    folder = Path(viewer.cmdline()[-1]).parent
+    assert folder.is_dir()
+    os.kill(viewing.pid, signal.SIGINT)
+    said, errors = viewing.communicate(timeout=30.0)
+    assert (viewing.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+    assert not viewer.is_running()
+    assert not folder.exists()

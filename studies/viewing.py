@@ -1,0 +1,220 @@
+"""What viewing costs: time on the way of a tick, processor time beside it, and the size of a Rerun file.
+
+python -m studies.viewing [--output FILE] [--seconds S] [--rounds N]
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.answer import Ending
+from knee_contact_ros.apart import Tell
+from knee_contact_ros.cdr_in import SECOND
+from knee_contact_ros.drawing import Drawing, drawing_of, shown, shown_row
+from knee_contact_ros.latency.samples import samples
+from knee_contact_ros.latency.usage import Snapshot, snapshot
+from knee_contact_ros.node_outputs import Outputs
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.record_answers import ABSOLUTE_NAMES
+from knee_contact_ros.resources import share_folder
+from knee_contact_ros.view.outlets import RerunFile
+from knee_contact_ros.view.scene import Scene
+from knee_contact_ros.view.window import address, connect_command
+from studies.report import Section, machine, save
+
+RATE = 1000
+"""[Hz]"""
+LIMIT = 30.0
+"""[us] that viewing may add to a tick"""
+WARM_UP = 1000
+"""Ticks before the ones that count"""
+OFF = "off"
+HEADER = (
+    "viewing",
+    "median [us]",
+    "mean",
+    "p99",
+    "p99.9",
+    "median added",
+    "mean added",
+    "dropped",
+    "viewer's CPU [us a tick]",
+)
+SIZES = ("knee", "bytes a tick", "MB an hour")
+TEXT = """
+Ticks at 1 kHz (healthy.yaml, compiled), taken as the node takes them: two messages decoded, paired, computed, encoded
+and handed to the outputs; ROS's own part is left out. The time is that of one tick on its thread, with all that the
+viewer's thread in the same process holds it up. {rounds} rounds of {seconds:g} s; the modes take turns, and the figures
+are those of all rounds together. "Viewer's CPU" is the processor time of the processes beside it: the scene's own and,
+where there is one, that of Rerun's viewer, which draws in software here.
+"""
+
+
+class Run(NamedTuple):
+    """Of one mode."""
+
+    times: NDArray[np.float64]
+    """[s] of each tick"""
+    dropped: int
+    cpu: float
+    """[s] of the processes beside it, a tick"""
+
+
+def pipeline_of(files: list[str]) -> tuple[Pipeline, float]:
+    """A compiled pipeline, and the body weight [N]."""
+    parameters = load_parameters([share_folder() / "config" / name for name in files])
+    return Pipeline(parameters, compiled=True), parameters.body_weight
+
+
+def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
+    """Take ticks at 1 kHz, with viewing or without."""
+    pipeline, _ = pipeline_of(["healthy.yaml"])
+    parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
+    complaints: list[str] = []
+    outputs = Outputs(parameters, pipeline.model, {}, ABSOLUTE_NAMES, Tell(complaints.append, complaints.append))
+    with ExitStack() as stack:
+        if looked_at:
+            stack.enter_context(viewer(parameters.rerun.port))
+        paced(pipeline, outputs, WARM_UP, SECOND)
+        before, ticks = snapshot(os.getpid()), round(seconds * RATE)
+        times = paced(pipeline, outputs, ticks, 2 * SECOND)
+        cpu = taken_beside(before, snapshot(os.getpid())) / ticks
+        dropped = sum(int(values["dropped"]) for _, values, _ in outputs.said())
+    outputs.close(Ending((), {}))
+    if complaints:
+        raise RuntimeError("; ".join(complaints))
+    return Run(times, dropped, cpu)
+
+
+def taken_beside(before: Snapshot, after: Snapshot) -> float:
+    """CPU time [s] of this process's children between two snapshots."""
+    begun = {usage.process: usage.cpu for usage in before.family[1:]}
+    return sum(usage.cpu - begun.get(usage.process, 0.0) for usage in after.family[1:])
+
+
+def paced(pipeline: Pipeline, outputs: Outputs, ticks: int, first: int) -> NDArray[np.float64]:
+    """Times [s] of ticks, one a millisecond, stamped from `first` [ns] on."""
+    clock, times = time.perf_counter, np.zeros(ticks)
+    gc.collect()
+    gc.disable()
+    begin = clock()
+    for number, sample in enumerate(islice(samples(RATE, first), ticks)):
+        ahead = begin + number / RATE - clock()
+        if ahead > 0.0:
+            time.sleep(ahead)
+        start = clock()
+        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
+        for pair in pairs:
+            message, numbers = pipeline.compute(pair)
+            outputs.put(pipeline.answer(pair, message, numbers, clock() - start))
+        times[number] = clock() - start
+    gc.enable()
+    return times
+
+
+@contextmanager
+def viewer(port: int) -> Iterator[None]:
+    """Rerun's viewer without a screen, looking."""
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen([*connect_command([address(port)]), "--headless"], stdout=log, stderr=log)
+        time.sleep(3.0)
+        try:
+            yield
+        finally:
+            process.kill()
+            process.wait()
+
+
+def bytes_a_tick(files: list[str], ticks: int, folder: Path) -> float:
+    """Of a Rerun file at 1 kHz, as the node writes it."""
+    pipeline, weight = pipeline_of(files)
+    drawing: Drawing = drawing_of(pipeline.model, "knee", weight)
+    outlet = RerunFile(folder / f"{'_'.join(files)}.rrd", [drawing], latency=True)
+    scene = Scene(outlet.recording, drawing, latency=True)
+    rows = []
+    for sample in islice(samples(RATE, SECOND), ticks):
+        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
+        rows += [shown_row(pipeline.answer(pair, *pipeline.compute(pair), 1e-4)) for pair in pairs]
+        if len(rows) >= RATE // 2:  # what comes in the half second that a batch waits
+            scene.show(shown(rows))
+            rows = []
+    outlet.close()
+    return outlet.path.stat().st_size / ticks
+
+
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def modes(folder: Path, number: int) -> dict[str, tuple[dict[str, Any], bool]]:
+    """Parameters of each mode, and whether a viewer looks."""
+    return {
+        OFF: ({}, False),
+        "file": ({"rerun.mode": "file", "rerun.path": str(folder / f"{number}.rrd")}, False),
+        "served, nobody looks": ({"rerun.mode": "serve", "rerun.port": free_port()}, False),
+        "served to a viewer": ({"rerun.mode": "serve", "rerun.port": free_port()}, True),
+    }
+
+
+@click.command()
+@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/viewing.md"), show_default=True)
+@click.option("--seconds", type=float, default=20.0, show_default=True)
+@click.option("--rounds", type=int, default=3, show_default=True)
+def main(output: Path, seconds: float, rounds: int) -> None:
+    """Measure, and write the page."""
+    found: dict[str, list[Run]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number in range(rounds):
+            for mode, (values, looked_at) in modes(folder, number).items():
+                found.setdefault(mode, []).append(run(values, looked_at, seconds))
+                print(f"round {number + 1}: {mode}", file=sys.stderr)  # noqa: T201
+        knees = {
+            "healthy.yaml": ["healthy.yaml"],
+            "osteoarthritis.yaml, mri_femur.yaml": ["osteoarthritis.yaml", "mri_femur.yaml"],
+        }
+        sizes = {knee: bytes_a_tick(files, 60 * RATE, folder) for knee, files in knees.items()}
+    times = {mode: 1e6 * np.concatenate([one.times for one in runs]) for mode, runs in found.items()}
+    rows = []
+    for mode, runs in found.items():
+        median, p99, p999 = np.percentile(times[mode], [50.0, 99.0, 99.9])
+        mean, cpu = times[mode].mean(), 1e6 * np.mean([one.cpu for one in runs])
+        added = median - np.median(times[OFF]), mean - times[OFF].mean()
+        figures = (median, mean, p99, p999, *added)
+        dropped = sum(one.dropped for one in runs)
+        rows.append((mode, *(f"{figure:.1f}" for figure in figures), str(dropped), f"{cpu:.0f}"))
+    hours = [(knee, f"{size:.0f}", f"{size * RATE * 3600 / 1e6:.0f}") for knee, size in sizes.items()]
+    worst = max(float(row[5]) for row in rows)
+    words = f"Viewing adds {worst:.1f} us to the median tick at most; allowed are {LIMIT:g}."
+    text = TEXT.format(rounds=rounds, seconds=seconds).strip()
+    tables = [
+        Section("Time of a tick", f"{text}\n\n{words}", HEADER, rows),
+        Section("Size of a Rerun file at 1 kHz", "", SIZES, hours),
+    ]
+    command = f"python -m studies.viewing --seconds {seconds:g} --rounds {rounds}"
+    save(output, "What viewing costs", command, tables, machine())
+    if worst > LIMIT:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()
