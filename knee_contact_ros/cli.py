@@ -178,6 +178,58 @@ def view(
 
 
 @knee_contact.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_report",
+    show_default=True,
+    metavar="DIR",
+    help="Where the page, its figures and data go; those of an earlier report are replaced.",
+)
+@parameter_files
+@parameter_values
+@click.option(
+    "--compare",
+    "compare",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Compute each FILE again with this parameter file over its own parameters, as --compare osteoarthritis.yaml, "
+    "and show it beside. Can be given several times, the later one wins.",
+)
+@click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE; once for each, in their order.")
+@names_in_bag_options
+def report(
+    files: tuple[Path, ...],
+    output: Path,
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    compare: tuple[Path, ...],
+    labels: tuple[str, ...],
+    remaps: tuple[str, ...],
+    namespace: str,
+) -> None:
+    """Write figures and tables that need no viewer.
+
+    A page (report.html, which needs no other file), figures (PNG) and data (CSV). FILEs are recordings of ours, or
+    bags with the inputs, which are computed with --params; several are shown side by side, as both knees. Needs
+    pip install 'knee-contact-ros[report]'.
+    """
+    from knee_contact_ros.report.run import run_report
+    from knee_contact_ros.report.runs import Asked
+    from knee_contact_ros.ros_spelling import parameters_of
+    from knee_contact_ros.stream_in.names import names_in_bag
+
+    values = parameters_of(parameter_values)
+    sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
+    given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
+    compared = found(compare) if compare else []
+    for path in run_report(Asked(files, labels, sources, given, compared, names), output):
+        click.echo(str(path))
+
+
+@knee_contact.command()
 @click.argument("source", type=click.Path(path_type=Path), metavar="IN")
 @click.argument("output", type=click.Path(path_type=Path), metavar="OUT.mcap")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")

@@ -8,15 +8,12 @@ done; an interrupted demo leaves nothing behind.
 from __future__ import annotations
 
 import os
-import shutil
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 import rclpy
@@ -44,6 +41,7 @@ from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
 from knee_contact_ros.terminal import progress, show_summary
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.work_folder import replace, work_folder
 
 NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
@@ -205,39 +203,6 @@ def companion_process(work: Path) -> Iterator[Child]:
     arguments = [str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
     with child_process("the companion", arguments, work / COMPANION_LOG) as companion:
         yield companion
-
-
-@contextmanager
-def work_folder(output: Path) -> Iterator[Path]:
-    """A folder inside `output` that is gone afterwards, also after SIGTERM."""
-    work = output / f".incomplete-{os.getpid()}"
-    made = not output.exists()
-    try:
-        work.mkdir(parents=True)
-    except OSError as error:
-        raise UsageError(f"cannot write to {output}: {error.strerror}") from None
-
-    def on_terminate(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGTERM, on_terminate)
-    try:
-        yield work.resolve()
-    finally:
-        signal.signal(signal.SIGTERM, previous)
-        shutil.rmtree(work, ignore_errors=True)
-        if made and not any(output.iterdir()):
-            output.rmdir()
-
-
-def replace(source: Path, target: Path) -> None:
-    """Move a result, if there is one, to its place; an earlier demo's gives way."""
-    if target.is_dir():
-        shutil.rmtree(target)
-    else:
-        target.unlink(missing_ok=True)
-    if source.exists():
-        source.rename(target)
 
 
 def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:

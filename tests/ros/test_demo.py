@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from knee_contact_ros.demo import replace
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.work_folder import replace
 from tests.test_solve import make_bag
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]

@@ -1,0 +1,1 @@
+"""`knee-contact report`: figures and tables for people without a viewer."""
