@@ -19,6 +19,8 @@ TOLERANCE, SLAB = 0.05e-3, 2e-3
 """[m] The defaults"""
 FLATTEST_FEMUR = 0.35
 """Height over width of a slice; a condyle has some 0.8, a plateau 0.1 to 0.2"""
+NOTABLE = 0.5e-3
+"""[m] of a deviation that is worth a word"""
 WORST = 1e-3
 """[m] RMS that no profile of the wanted kind can be off"""
 
@@ -63,7 +65,21 @@ def fit(
     shape = shape_of(smoothed.points)
     cartilage = thickness(shape, chart, bone, z, femur) if bone is not None else None
     circles = femoral_circles(shape) if femur else tibial_circles(shape)
-    return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, slab_points.remarks)
+    remarks = (*slab_points.remarks, *far_off(smoothed))
+    return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
+
+
+def far_off(smoothed: Smoothed) -> list[str]:
+    """Where the slice lies far from the profile, which noise of a mesh does not do."""
+    at = int(np.abs(smoothed.deviations).argmax())
+    off = float(smoothed.deviations[at])
+    if abs(off) < NOTABLE:
+        return []
+    x, y = 1e3 * smoothed.raw[at]
+    where = "outside of" if off > 0.0 else "behind"
+    return [
+        f"the slice lies {1e3 * abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a dent or a step?"
+    ]
 
 
 def check_side(surface: Surface, raw: Floats, femur: bool) -> None:

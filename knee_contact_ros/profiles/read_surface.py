@@ -59,13 +59,14 @@ def read_mesh(path: Path) -> tuple[Floats, Integers]:
         try:
             mesh: Any = pyvista.read(path)
             mesh = mesh if isinstance(mesh, pyvista.PolyData) else mesh.extract_surface(algorithm="dataset_surface")
+            points = mesh.n_points
             mesh = mesh.triangulate().clean()
         except Exception as error:  # VTK and PyVista raise what they like
             raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
-    if mesh.n_points == 0:
+    if points == 0:
         raise UsageError(f"{path} cannot be read as a {path.suffix} file, or has no faces")
     if mesh.n_cells == 0 or mesh.faces.size == 0:
-        raise UsageError(f"{path} has {mesh.n_points} points but no faces; a cloud of points must be a text file x y z")
+        raise UsageError(f"{path} has {points} points but no faces; a cloud of points must be a text file x y z")
     triangles = np.asarray(mesh.regular_faces, np.int64)
     return np.asarray(mesh.points, np.float64), triangles
 
