@@ -18,6 +18,8 @@ from knee_contact_ros.options import (
     DEFAULT_PARAMETERS,
     OptionalClockRate,
     names_in_bag_options,
+    opensim_results_options,
+    opensim_run_options,
     parameter_files,
     parameter_values,
     timing_options,
@@ -245,6 +247,29 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)
     show_recovery(recovery, str(output))
+
+
+@knee_contact.command("import-opensim")
+@opensim_results_options
+@opensim_run_options
+@click.option("--side", type=click.Choice(["right", "left", "both"]), required=True, help="both: a bag for each.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="BAG",
+    help="rosbag2 folder to write; of both sides BAG_right and BAG_left.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
+def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> None:
+    """Make a gait bag of OpenSim's results, or run OpenSim first.
+
+    Columns are found by their names, units and signs by header and values; what is not clear is asked for. The
+    reaction must act on the tibia and be expressed in its frame; a left knee is mirrored to a right one.
+    """
+    from knee_contact_ros.importers.run import import_opensim as import_all
+
+    import_all(side, options, output, overwrite)
 
 
 @knee_contact.command()

@@ -103,6 +103,71 @@ timing_options = together(
     ),
 )
 
+opensim_results_options = together(
+    click.option("--kinematics", type=click.Path(path_type=Path), metavar="Q.sto", help="Of IK, RRA, CMC, or states."),
+    click.option("--reactions", type=click.Path(path_type=Path), metavar="JR.sto", help="Of a JointReaction analysis."),
+    click.option(
+        "--speeds", type=click.Path(path_type=Path), metavar="U.sto", help="Rates of the angles; else they are derived."
+    ),
+    click.option(
+        "--model",
+        type=click.Path(path_type=Path),
+        metavar="M.osim",
+        help="Tells the sign of flexion where the angles do not, and the body weight.",
+    ),
+    click.option(
+        "--joint", metavar="NAME", help="Joint of the reactions. [default: the one with knee and side in its name]"
+    ),
+    click.option("--coordinate", metavar="NAME", help="Column or coordinate of the angle. [default: likewise]"),
+    click.option(
+        "--angle-unit",
+        type=click.Choice(["auto", "deg", "rad"]),
+        default="auto",
+        show_default=True,
+        help="auto: as header and values say.",
+    ),
+    click.option(
+        "--angle-sign",
+        type=click.Choice(["auto", "1", "-1"]),
+        default="auto",
+        show_default=True,
+        help="-1: flexion is negative in the file.",
+    ),
+    click.option("--start", type=float, metavar="S", help="Leave out what is earlier [s]."),
+    click.option("--end", type=float, metavar="S", help="Leave out what is later [s]."),
+    click.option(
+        "--rate",
+        type=click.FloatRange(1.0, 10_000.0),
+        metavar="HZ",
+        help="Interpolate both. [default: every row keeps its stamp]",
+    ),
+)
+
+opensim_run_options = together(
+    click.option(
+        "--setup",
+        "setups",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FOLDER|FILE",
+        help="Run OpenSim instead (pip install 'knee-contact-ros[opensim]'): the folder with the set-up files, or each "
+        "of them. It is copied, and stays as it is.",
+    ),
+    click.option(
+        "--steps",
+        metavar="LIST",
+        default="",
+        help="For --setup: of scale,ik,rra,cmc,static; what is left out must be in the folder. static is quicker than "
+        "cmc, and is set up from cmc's file if it has none. [default: all there are]",
+    ),
+    click.option(
+        "--work",
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="DIR",
+        help="For --setup: a new folder that keeps logs and all results.",
+    ),
+)
+
 
 class OptionalClockRate(click.Command):
     """A command whose option `--clock` may come without its number, also before the argument BAG."""

@@ -1,0 +1,195 @@
+"""OpenSim's set-up files: which step each is, what it reads and writes, and those that we write ourselves."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.importers.model_file import read_xml
+
+SCALE, IK, RRA, CMC, STATIC, REACTIONS, DYNAMICS = "scale", "ik", "rra", "cmc", "static", "reactions", "dynamics"
+TOOLS = {
+    SCALE: "ScaleTool", IK: "InverseKinematicsTool", RRA: "RRATool", CMC: "CMCTool", STATIC: "AnalyzeTool",
+    REACTIONS: "AnalyzeTool", DYNAMICS: "InverseDynamicsTool",
+}  # fmt: skip
+"""By step, in the order in which they run"""
+CHOOSABLE = (SCALE, IK, RRA, CMC, STATIC)
+INPUTS = (
+    "model_file", "marker_set_file", "marker_file", "force_set_files", "external_loads_file", "desired_kinematics_file",
+    "task_set_file", "constraints_file", "coordinates_file", "coordinate_file", "datafile",
+)  # fmt: skip
+OUTPUTS = ("output_model_file", "output_motion_file", "output_marker_file")
+NOTHING = {"", "Unassigned", "unassigned"}
+
+
+class Setup(NamedTuple):
+    """A set-up file."""
+
+    step: str
+    path: Path
+    tool: ET.Element
+
+    @property
+    def name(self) -> str:
+        """The tool's, with which the names of its results begin."""
+        return self.tool.get("name", "")
+
+    def text(self, tag: str, default: str = "") -> str:
+        """A property; empty if it is not set."""
+        found = (self.tool.findtext(f".//{tag}") or "").strip()
+        return default if found in NOTHING else found
+
+    def results(self) -> str:
+        """Folder of its results, in the set-up files' folder."""
+        return posixpath.normpath(self.text("results_directory", "."))
+
+    def reads(self) -> list[str]:
+        """Files that it needs."""
+        texts = [element.text or "" for tag in INPUTS for element in self.tool.iter(tag)]
+        return list(dict.fromkeys(posixpath.normpath(n) for text in texts for n in text.split() if n not in NOTHING))
+
+    def writes(self) -> list[str]:
+        """Files that it makes under names of their own."""
+        texts = [(element.text or "").strip() for tag in OUTPUTS for element in self.tool.iter(tag)]
+        return [posixpath.normpath(text) for text in texts if text not in NOTHING]
+
+
+def find_setups(paths: Sequence[Path]) -> dict[str, Setup]:
+    """The set-up files among `paths`, files or folders, by step.
+
+    Raises:
+        UsageError: there are none, two of a step, or they are not in one folder.
+    """
+    files: list[Path] = []
+    for path in paths:
+        if not path.exists():
+            raise UsageError(f"--setup {path}: no such file or folder")
+        files += sorted(path.glob("*.xml")) if path.is_dir() else [path]
+    if len({file.resolve().parent for file in files}) > 1:
+        raise UsageError("--setup: the files must be in one folder, as they name others from there")
+    setups: dict[str, Setup] = {}
+    for setup in filter(None, map(read_setup, files)):
+        if setup.step in setups:
+            both = f"{setups[setup.step].path.name} and {setup.path.name}"
+            raise UsageError(f"--setup: {both} are both for {setup.step}; give the files instead of the folder")
+        setups[setup.step] = setup
+    if not setups:
+        raise UsageError(f"--setup {paths[0]}: no set-up file of a scale, IK, RRA, CMC or static optimization tool")
+    return setups
+
+
+def read_setup(path: Path) -> Setup | None:
+    """A set-up file; None if it is something else.
+
+    Raises:
+        UsageError: it cannot be read.
+    """
+    root = read_xml(path)
+    for step in CHOOSABLE:
+        tool = root.find(TOOLS[step])
+        if tool is not None and (step != STATIC or tool.find(".//StaticOptimization") is not None):
+            return Setup(step, path, tool)
+    return None
+
+
+def check_inputs(folder: Path, setups: Sequence[Setup]) -> None:
+    """Check before anything runs that every step finds its files in the folder or gets them from one before.
+
+    Raises:
+        UsageError: one does not.
+    """
+    made: set[str] = set()
+    for setup in setups:
+        for name in setup.reads():
+            if posixpath.isabs(name) or name.startswith(".."):
+                raise UsageError(f"{setup.path} names {name}; files must be in its folder, which is copied")
+            if not ((folder / name).is_file() or name in made or posixpath.dirname(name) in made - {""}):
+                raise UsageError(
+                    f"{setup.path} ({setup.step}) needs {name}, which is not in {folder} and comes of no step before "
+                    f"({', '.join(earlier.step for earlier in setups)})"
+                )
+        made |= {*setup.writes(), setup.results()} - {"."}
+        if setup.results() == ".":
+            made |= {f"{setup.name}_Kinematics_q.sto"}
+
+
+def static_setup(base: Setup, path: Path, interval: int) -> Setup:
+    """Static optimization of what a CMC set-up would track, every `interval` rows, with its model, actuators, loads."""
+    tool = analyze_tool(base, f"{base.name}_static", "ResultsStatic")
+    add(ET.SubElement(objects(tool), "StaticOptimization", name="StaticOptimization"), step_interval=str(interval))
+    add(tool, coordinates_file=base.text("desired_kinematics_file"))
+    cutoff = float(base.text("lowpass_cutoff_frequency", "-1"))
+    add(tool, lowpass_cutoff_frequency_for_coordinates=str(cutoff if cutoff > 0.0 else -1.0))
+    return write(tool, STATIC, path)
+
+
+def reactions_setup(base: Setup, path: Path, states: str | None, forces: str) -> Setup:
+    """Joint reactions on the tibia in its frame, kinematics and centre of mass, from what the muscles' step has found.
+
+    `states` is CMC's file of states; without it the coordinates that `base` had are taken.
+    """
+    tool = analyze_tool(base, "knee_contact", "ResultsReactions")
+    analyses = objects(tool)
+    add(ET.SubElement(analyses, "Kinematics", name="Kinematics"), coordinates="all", in_degrees="true")
+    add(ET.SubElement(analyses, "BodyKinematics", name="BodyKinematics"), bodies="center_of_mass")
+    reaction = ET.SubElement(analyses, "JointReaction", name="JointReaction")
+    add(reaction, forces_file=forces, joint_names="ALL", apply_on_bodies="child", express_in_frame="child")
+    if states:
+        add(tool, states_file=states)
+    else:
+        cutoff = base.text("lowpass_cutoff_frequency_for_coordinates", "-1")
+        add(tool, coordinates_file=base.text("coordinates_file"), lowpass_cutoff_frequency_for_coordinates=cutoff)
+    return write(tool, REACTIONS, path)
+
+
+def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[float, float]) -> Setup:
+    """Net joint moments, with which reserves are compared."""
+    tool = ET.Element(TOOLS[DYNAMICS], name="knee_contact")
+    add(tool, results_directory="ResultsDynamics", model_file=base.text("model_file"))
+    add(tool, time_range=f"{window[0]} {window[1]}", forces_to_exclude="Muscles")
+    add(tool, external_loads_file=base.text("external_loads_file"), coordinates_file=coordinates)
+    add(tool, lowpass_cutoff_frequency_for_coordinates="-1", output_gen_force_file="moments.sto")
+    return write(tool, DYNAMICS, path)
+
+
+def analyze_tool(base: Setup, name: str, results: str) -> ET.Element:
+    """An AnalyzeTool with the model, actuators, loads and times of `base`."""
+    tool = ET.Element(TOOLS[REACTIONS], name=name)
+    for tag in (
+        "model_file",
+        "replace_force_set",
+        "force_set_files",
+        "external_loads_file",
+        "initial_time",
+        "final_time",
+    ):
+        add(tool, **{tag: base.text(tag)})
+    add(tool, results_directory=results, output_precision="12", solve_for_equilibrium_for_auxiliary_states="false")
+    ET.SubElement(ET.SubElement(tool, "AnalysisSet", name="Analyses"), "objects")
+    return tool
+
+
+def objects(tool: ET.Element) -> ET.Element:
+    """Where an AnalyzeTool has its analyses."""
+    found = tool.find("AnalysisSet/objects")
+    assert found is not None  # noqa: S101  (`analyze_tool` has made it)
+    return found
+
+
+def add(element: ET.Element, **properties: str) -> None:
+    """Give an element properties."""
+    for tag, text in properties.items():
+        ET.SubElement(element, tag).text = text
+
+
+def write(tool: ET.Element, step: str, path: Path) -> Setup:
+    """Write a set-up file."""
+    document = ET.Element("OpenSimDocument", Version="40000")
+    document.append(tool)
+    ET.indent(document)
+    ET.ElementTree(document).write(path, encoding="UTF-8", xml_declaration=True)
+    return Setup(step, path, tool)
