@@ -24,7 +24,8 @@ QUANTITIES = {
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
-BAG_FILES = {".mcap", ".yaml"}
+MCAP = ".mcap"
+BAG_FILES = {MCAP, ".yaml"}
 
 
 def write_bag(gait: KneeGait, folder: Path, origin: dict[str, str]) -> None:
@@ -71,20 +72,26 @@ def origin_record(gait: KneeGait, files: Files, settings: Settings, more: dict[s
             record |= {name: path.name, f"{name}_sha256": digest(path)}
     record |= {f"column of {what}": name for what, name in gait.columns.items()}
     record |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(asdict(settings)), **QUANTITIES}
+    if gait.body_weight:
+        record["body_weight"] = f"{gait.body_weight:.3f} N"
     return record | more
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
-    """Refuse a name that is taken, unless it is a bag's and may be replaced.
+    """Refuse a name that is taken, unless it is a bag's and may be replaced, or that looks like a file's.
 
     Raises:
-        UsageError: it is taken.
+        UsageError: it is taken, or ends with `.mcap`.
     """
+    if folder.suffix == MCAP:
+        raise UsageError(f"--output {folder}: a bag's folder is written; give its name without {MCAP}")
     if not folder.exists():
         return
     if not overwrite:
         raise UsageError(f"{folder} exists already; give another --output, or --overwrite")
-    others = [path.name for path in folder.iterdir() if path.suffix not in BAG_FILES] if folder.is_dir() else [folder]
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is a file and no bag's folder, and is not replaced")
+    others = [path.name for path in folder.iterdir() if path.suffix not in BAG_FILES]
     if others:
         raise UsageError(f"{folder} is no bag's folder, as it has {others[0]}, and is not replaced")
 

@@ -85,6 +85,10 @@ def read_knee(side: str, files: Files, settings: Settings) -> KneeGait:
     Raises:
         UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
     """
+    for name in ("start", "end", "rate"):
+        value = getattr(settings, name)
+        if value is not None and not math.isfinite(value):
+            raise UsageError(f"--{name} {value}: it must be a finite number")
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = angle_column(kinematics, side, settings.coordinate)
     facts = read_model(files.model, coordinate_of(column)) if files.model else None

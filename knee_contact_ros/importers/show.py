@@ -37,6 +37,8 @@ def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
     rows.add_row("", f"{span(knee.angles.stamps)}, {degrees.min():.1f} to {degrees.max():.1f} deg")
     rows.add_row("reaction", escape(f"{knee.columns['reaction']} of {files.reactions.name}"))
     rows.add_row("", span(knee.reactions.stamps))
+    if knee.body_weight:
+        rows.add_row("body weight", f"{knee.body_weight:.1f} N, of the model's mass")
     console.print(rows, highlight=False)
     console.print(peak_table(knee), highlight=False)
     for line in (*(f"- {note}" for note in knee.notes), "", f"Bag: {bag}", ""):

@@ -93,6 +93,8 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
         (["--angle-sign", "1"], "with sign +1 that is -63.0 to -3.0 deg of flexion"),
         (["--start", "9"], "nothing is left of 0 to 1.2 s"),
         (["--rate", "0"], "0.0 is not in the range 1.0<=x<=10000.0"),
+        (["--rate", "nan"], "--rate nan: it must be a finite number"),
+        (["--end", "inf"], "--end inf: it must be a finite number"),
         (["--speeds", "none.sto"], "cannot read none.sto: No such file"),
         (["--setup", "."], "--kinematics and --setup exclude each other"),
         (["--steps", "ik"], "--steps and --work need --setup"),
@@ -114,5 +116,10 @@ def test_what_is_missing_is_named(results: list[str], tmp_path: Path, capsys: py
     assert "--reactions FILE is missing; or give --setup FOLDER" in capsys.readouterr().err
     assert main([*results, "--side", "both", "--joint", "knee_r", *output]) == 2
     assert "give --side right or left with them" in capsys.readouterr().err
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "walk.mcap")]) == 2
+    assert "a bag's folder is written; give its name without .mcap" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "file"), "--overwrite"]) == 2
+    assert "is a file and no bag's folder" in capsys.readouterr().err
     assert main([*results, *output]) == 2
     assert "--side" in capsys.readouterr().err
