@@ -231,8 +231,11 @@ class Session:
         problem = "" if meter.received else "nothing received yet"
         if meter.received and meter.age > self.parameters.pairing.max_gap:
             problem = f"silent for {meter.age:.1f} s"
-        reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
-        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | reliability, problem)
+        link = {
+            "reliability": "best effort" if stream.best_effort else "reliable",
+            "publishers": str(stream.publishers),
+        }
+        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
 
     def _tick_status(self) -> Any:
         """What there is to say of the ticks; a node that falls behind is logged too."""
