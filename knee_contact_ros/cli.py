@@ -140,6 +140,8 @@ def solve(
     source = f"those in {bag.name}, made with {stored.package}" if stored else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
+    if summary.split and summary.split.problem:
+        click.echo(f"knee-contact: warning: {summary.split.problem}", err=True)
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
 

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from knee_contact_ros.compartments import COMPARTMENTS
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
@@ -81,10 +82,11 @@ class Knee(Section):
 class Load(Section):
     """Which part of the axial joint reaction drives the compartment."""
 
-    compartment: Annotated[str, one_of("total", "fixed_share")] = Field(
-        "fixed_share", description="total or fixed_share"
+    compartment: Annotated[str, one_of(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
+    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
+    compartment_spacing: float = Field(
+        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
     )
-    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction")
 
 
 class Pairing(Section):
