@@ -6,6 +6,7 @@ import shutil
 import stat
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -52,7 +53,7 @@ class Run(NamedTuple):
     reactions: Path
     centre_of_mass: Path
     moments: Path
-    """Net joint moments"""
+    """Net joint moments; not there if inverse dynamics has failed"""
     seconds: dict[str, float]
     """That each step took"""
     setups: tuple[Setup, ...]
@@ -116,7 +117,8 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     coordinates = str(made["Kinematics_q"].relative_to(work))
     window = (float(stamps[0]), float(stamps[-1]))
     dynamics = dynamics_setup(last, work / "knee_contact_dynamics.xml", coordinates, window)
-    run(dynamics)
+    with suppress(UsageError):  # it only serves to judge; where it is missing, that is said
+        run(dynamics)
     moments = work / dynamics.results() / "moments.sto"
     kinematics, speeds, loads, centre = made.values()
     model = work / last.text("model_file")

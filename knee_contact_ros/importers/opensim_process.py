@@ -20,7 +20,8 @@ PATIENCE = 5.0
 """[s] that a step gets to end"""
 TAIL = 4096
 """Bytes of a log in which its last time is looked for"""
-TIMES = re.compile(rb"t = ([0-9.eE+-]+)")
+TIMES = re.compile(rb"\bt(?:ime)? = ([0-9.eE+-]+)")
+MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 
 
@@ -75,5 +76,5 @@ def progress_of(log: Path, window: tuple[float, float]) -> tuple[int, int]:
 def last_words(log: Path) -> str:
     """The last line of a log that tells of a failure, else the last one."""
     lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    telling = [line for line in lines if FAILED.search(line) and "mesh" not in line.lower()]
+    telling = [line for line in lines if FAILED.search(line) and not MESHES.search(line)]
     return (telling or lines or ["it said nothing"])[-1]

@@ -104,7 +104,7 @@ def check_inputs(folder: Path, setups: Sequence[Setup]) -> None:
     """
     made: set[str] = set()
     for setup in setups:
-        for name in setup.reads():
+        for name in (*setup.reads(), *measured_loads(setup)):
             if posixpath.isabs(name) or name.startswith(".."):
                 raise UsageError(f"{setup.path} names {name}; files must be in its folder, which is copied")
             if not ((folder / name).is_file() or name in made or posixpath.dirname(name) in made - {""}):
@@ -115,6 +115,19 @@ def check_inputs(folder: Path, setups: Sequence[Setup]) -> None:
         made |= {*setup.writes(), setup.results()} - {"."}
         if setup.results() == ".":
             made |= {f"{setup.name}_Kinematics_q.sto"}
+
+
+def measured_loads(setup: Setup) -> list[str]:
+    """The data file of a set-up's external loads, if these are there.
+
+    Raises:
+        UsageError: they cannot be read.
+    """
+    loads = setup.path.parent / setup.text("external_loads_file", " ")
+    if not loads.is_file():
+        return []
+    name = (read_xml(loads).findtext(".//datafile") or "").strip()
+    return [] if name in NOTHING else [posixpath.normpath(name)]
 
 
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:

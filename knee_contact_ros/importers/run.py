@@ -70,18 +70,26 @@ def import_run(side: str, pipeline: Pipeline, settings: Settings, output: Path, 
     with work_folder(output.parent) as work:
         with progress("OpenSim") as bar:
             run = run_pipeline(folder, setups, (pipeline.work or work / RUN).resolve(), bar)
-            checks = assess(run)
+        checks, fault = judge(run)
         files = Files(run.kinematics, run.reactions, run.speeds, run.model)
-        more = {"source": opensim_version(), **run_record(run, checks)}
+        more = {"source": opensim_version(), **run_record(run, checks, fault)}
         store([read_knee(name, files, settings) for name in bags], files, settings, bags, work, more)
     show_steps(run)
-    show_checks(checks)
+    show_checks(checks, fault)
 
 
-def run_record(run: Run, checks: Sequence[Check]) -> dict[str, str]:
+def judge(run: Run) -> tuple[list[Check], str]:
+    """Checks of a run; or none, and why: hours of computing are not given up for that."""
+    try:
+        return assess(run), ""
+    except UsageError as fault:
+        return [], f"Residuals and reserves could not be judged: {fault}"
+
+
+def run_record(run: Run, checks: Sequence[Check], fault: str) -> dict[str, str]:
     """For the metadata record: steps with their set-up files, and how far the run can be trusted."""
     steps = [f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups]
-    return {"steps": "\n".join(steps), "quality": "\n".join(check.sentence() for check in checks)}
+    return {"steps": "\n".join(steps), "quality": "\n".join(check.sentence() for check in checks) or fault}
 
 
 def import_results(side: str, files: Files, settings: Settings, output: Path, overwrite: bool) -> None:

@@ -81,9 +81,12 @@ def show_steps(run: Run) -> None:
     console.print(f"OpenSim: {took}", highlight=False, markup=False)
 
 
-def show_checks(checks: Sequence[Check]) -> None:
-    """Print residuals, reserves and marker errors beside what is allowed, and what follows."""
+def show_checks(checks: Sequence[Check], fault: str = "") -> None:
+    """Print residuals, reserves and marker errors beside what is allowed, and what follows; or why there are none."""
     console = Console(width=WIDTH)
+    if fault:
+        console.print(fault, soft_wrap=True, highlight=False, markup=False)
+        return
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("", "peak", "RMS", "allowed", "", ""):
         table.add_column(heading, justify="right" if heading else "left", overflow="fold")

@@ -10,6 +10,7 @@ import pytest
 from knee_contact_ros.importers.opensim_pipeline import Run
 from knee_contact_ros.importers.opensim_quality import Check, assess
 from knee_contact_ros.importers.opensim_setups import read_setup
+from knee_contact_ros.importers.run import judge
 from knee_contact_ros.importers.show import show_checks
 from tests.importers.storages import write_storage
 
@@ -87,6 +88,15 @@ def test_what_is_above_is_said(run: Run, capsys: pytest.CaptureFixture[str]) -> 
     said = " ".join(capsys.readouterr().out.split())
     assert "within what the literature allows" in said
     assert "ABOVE" not in said
+
+
+def test_a_run_that_cannot_be_judged_says_why(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    run.moments.unlink()
+    checks, fault = judge(run)
+    assert checks == []
+    assert str(run.moments) in fault
+    show_checks(checks, fault)
+    assert capsys.readouterr().out.startswith("Residuals and reserves could not be judged: cannot read")
 
 
 def test_a_check_in_a_sentence() -> None:

@@ -44,7 +44,7 @@ STEPS = ["scale", "ik", "rra", "cmc"]
 def folder(tmp_path: Path) -> Path:
     for name, text in SETUPS.items():
         (tmp_path / name).write_text(f"<OpenSimDocument Version='40000'>{text}</OpenSimDocument>")
-    for name in ("generic.osim", "static.trc", "walk.trc", "act.xml"):
+    for name in ("generic.osim", "static.trc", "walk.trc", "act.xml", "grf.mot"):
         (tmp_path / name).write_text("<a/>")
     return tmp_path
 
@@ -120,6 +120,9 @@ def test_set_up_files_that_cannot_be(folder: Path, installed: None) -> None:
     (folder / "ik2.xml").rename(folder / "sub" / "ik2.xml")
     with pytest.raises(UsageError, match="must be in one folder"):
         plan([folder / "cmc.xml", folder / "sub" / "ik2.xml"], [])
+    (folder / "grf.mot").unlink()
+    with pytest.raises(UsageError, match=r"cmc\.xml \(cmc\) needs grf\.mot"):
+        plan([folder], ["scale", "ik", "rra", "cmc"])
     scale = folder / "scale.xml"
     scale.write_text(scale.read_text().replace("generic.osim", "../generic.osim"))
     with pytest.raises(UsageError, match=r"names \.\./generic\.osim; files must be in its folder"):
