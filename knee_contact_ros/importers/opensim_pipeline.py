@@ -20,7 +20,9 @@ from knee_contact_ros.importers.opensim_setups import (
     STATIC,
     TOOLS,
     Setup,
+    absolute,
     check_inputs,
+    common_folder,
     dynamics_setup,
     find_setups,
     reactions_setup,
@@ -31,6 +33,11 @@ from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.terminal import Bar
 
 EXTRA = "knee-contact-ros[opensim]"
+GB = 10**9
+HIDDEN = "/."
+"""In the path of what is not copied"""
+LARGEST = 4 * GB
+"""[B] that are copied"""
 STATIC_RATE = 200.0
 """[Hz] of static optimization that we set up: forces are smooth in between, and a row takes some 50 ms"""
 WORDS = {
@@ -40,9 +47,10 @@ WORDS = {
 
 
 class Run(NamedTuple):
-    """What has come of the steps; all paths are in the copy of the folder."""
+    """What has come of the steps; all paths are in the copy."""
 
     folder: Path
+    """That the last step ran in"""
     muscles: Setup
     """CMC or static optimization"""
     forces: Path
@@ -61,7 +69,7 @@ class Run(NamedTuple):
 
 
 def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]]:
-    """Folder and set-up files of the steps to run, the last one CMC or static optimization.
+    """The folder to copy, and set-up files of the steps to run, the last one CMC or static optimization.
 
     Without `steps`, all that there are; static optimization only if there is no CMC.
 
@@ -82,13 +90,13 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
         raise UsageError(f"opensim is not installed: pip install '{EXTRA}'")
     chosen = [found.get(step, found.get(CMC)) for step in CHOOSABLE if step in wanted]
     setups = [setup for setup in chosen if setup is not None]
-    folder = setups[0].path.parent
-    check_inputs(folder, setups)
+    folder = common_folder(setups)
+    check_inputs(setups)
     return folder, [s._replace(step=STATIC) if s.step == CMC and STATIC in wanted else s for s in setups]
 
 
 def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) -> Run:
-    """Run the steps, joint reactions and inverse dynamics in the folder `work`, which must not exist.
+    """Run the steps, joint reactions and inverse dynamics in `work`, a copy of `folder` that does not exist yet.
 
     Raises:
         UsageError: the folder cannot be copied, or a step has failed: its log is in `work`/logs.
@@ -102,35 +110,39 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
         run_step(setup, work, bar)
         seconds[setup.step] = time.monotonic() - begun
 
-    own = [setup._replace(path=work / setup.path.name) for setup in setups]
+    own = [setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups]
     for setup in own[:-1]:
         run(setup)
-    last = own[-1]
+    last, place = own[-1], own[-1].folder
     if last.step == STATIC and last.tool.tag == TOOLS[CMC]:
-        last = own[-1] = static_setup(last, work / "knee_contact_static.xml", rows_between(last, work))
+        last = own[-1] = static_setup(last, place / "knee_contact_static.xml", rows_between(last))
     run(last)
-    forces, states = results_of(last, work)
-    reactions = reactions_setup(last, work / "knee_contact_reactions.xml", states, forces)
+    forces, states = results_of(last)
+    reactions = reactions_setup(last, place / "knee_contact_reactions.xml", states, forces)
     run(reactions)
-    made = {name: work / reactions.results() / f"{reactions.name}_{name}.sto" for name in RESULTS}
+    made = {name: place / reactions.results() / f"{reactions.name}_{name}.sto" for name in RESULTS}
     stamps = read_storage(made["Kinematics_q"]).stamps / NANOSECONDS
-    coordinates = str(made["Kinematics_q"].relative_to(work))
+    coordinates = str(made["Kinematics_q"].relative_to(place))
     window = (float(stamps[0]), float(stamps[-1]))
-    dynamics = dynamics_setup(last, work / "knee_contact_dynamics.xml", coordinates, window)
+    dynamics = dynamics_setup(last, place / "knee_contact_dynamics.xml", coordinates, window)
     with suppress(UsageError):  # it only serves to judge; where it is missing, that is said
         run(dynamics)
-    moments = work / dynamics.results() / "moments.sto"
+    moments = place / dynamics.results() / "moments.sto"
     kinematics, speeds, loads, centre = made.values()
-    model = work / last.text("model_file")
-    return Run(work, last, work / forces, model, kinematics, speeds, loads, centre, moments, seconds, tuple(own))
+    model = place / last.text("model_file")
+    return Run(place, last, place / forces, model, kinematics, speeds, loads, centre, moments, seconds, tuple(own))
 
 
 def copy(folder: Path, work: Path) -> None:
     """Copy a folder, to be written to even if the original must not be, and make one for logs in it.
 
     Raises:
-        UsageError: it cannot be copied.
+        UsageError: it cannot be copied, or is too large.
     """
+    visible = (path for path in folder.rglob("[!.]*") if HIDDEN not in str(path.relative_to(folder)))
+    size = sum(path.stat().st_size for path in visible if path.is_file())
+    if size > LARGEST:
+        raise UsageError(f"{folder} has {size / GB:.1f} GB, and up to {LARGEST / GB:g} GB are copied; put less into it")
     try:
         shutil.copytree(folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile)
         for path in (work, *work.rglob("*")):
@@ -141,13 +153,13 @@ def copy(folder: Path, work: Path) -> None:
         raise UsageError(f"cannot copy {folder}: {error}") from None
 
 
-def rows_between(setup: Setup, work: Path) -> int:
+def rows_between(setup: Setup) -> int:
     """Every how many rows of the kinematics static optimization is to be done, for `STATIC_RATE`.
 
     Raises:
         UsageError: the kinematics cannot be read.
     """
-    stamps = read_storage(work / setup.text("desired_kinematics_file")).stamps
+    stamps = read_storage(setup.folder / setup.text("desired_kinematics_file")).stamps
     return max(1, round((len(stamps) - 1) * NANOSECONDS / (float(stamps[-1] - stamps[0]) * STATIC_RATE)))
 
 
@@ -155,25 +167,25 @@ RESULTS = ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads", "BodyK
 """Of the joint reactions' step, in the order of `Run`'s fields"""
 
 
-def results_of(muscles: Setup, work: Path) -> tuple[str, str | None]:
-    """Files of forces and of states, made readable, that the muscles' step has written; names are within `work`.
+def results_of(muscles: Setup) -> tuple[str, str | None]:
+    """Files of forces and of states, made readable, that the muscles' step has written; named from its folder.
 
     Raises:
         UsageError: they are not there.
     """
-    results = Path(muscles.results())
+    results, place = Path(muscles.results()), muscles.folder
     if muscles.step == STATIC:
         forces = results / f"{muscles.name}_StaticOptimization_force.sto"
         states = Path(muscles.text("states_file")) if muscles.text("states_file") else None
     else:
         forces, states = results / f"{muscles.name}_Actuation_force.sto", results / f"{muscles.name}_states.sto"
     for name in filter(None, (forces, states)):
-        if not (work / name).is_file():
+        if not (place / name).is_file():
             raise UsageError(f"{muscles.step} has not written {name}; for CMC that needs an Actuation analysis")
     if states is None:
         return str(forces), None
     fixed = states.with_stem(f"{states.stem}_repaired")
-    (work / fixed).write_text(repaired(text_of(work / states), work / states), encoding="utf-8")
+    (place / fixed).write_text(repaired(text_of(place / states), place / states), encoding="utf-8")
     return str(forces), str(fixed)
 
 

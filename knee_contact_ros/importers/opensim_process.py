@@ -26,7 +26,7 @@ FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 
 
 def run_step(setup: Setup, work: Path, bar: Bar) -> None:
-    """Run a tool in a process of its own, with its output in `work`/logs.
+    """Run a tool in a process of its own, in its set-up file's folder, with its output in `work`/logs.
 
     Raises:
         UsageError: it has failed.
@@ -37,7 +37,9 @@ def run_step(setup: Setup, work: Path, bar: Bar) -> None:
     window = times_of(setup)
     try:
         with log.open("wb") as output, signals_later():
-            process = subprocess.Popen(command, cwd=work, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+            process = subprocess.Popen(
+                command, cwd=setup.folder, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+            )
         while process.poll() is None:
             bar(*progress_of(log, window))
             with suppress(subprocess.TimeoutExpired):

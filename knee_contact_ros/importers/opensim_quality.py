@@ -86,7 +86,7 @@ def assess(run: Run) -> list[Check]:
         checks.append(check("residual moment", together(forces, actuators.moments), allowed[1], "N m", bases[1]))
     reserves = list(reserve_checks(forces, actuators.reserves, read_storage(run.moments)))
     checks += [c for c in reserves if not c.passed or ALWAYS in c.name]
-    return checks + [c for setup in run.setups if setup.step == IK for c in marker_checks(setup, run.folder)]
+    return checks + [c for setup in run.setups if setup.step == IK for c in marker_checks(setup)]
 
 
 def check(name: str, values: Floats, allowed: float, unit: str, basis: str) -> Check:
@@ -110,9 +110,9 @@ def reserve_checks(forces: Storage, reserves: dict[str, str], moments: Storage) 
             yield check(f"reserve {coordinate}", forces.column(name), allowed, "N m", basis)
 
 
-def marker_checks(setup: Setup, folder: Path) -> Iterator[Check]:
+def marker_checks(setup: Setup) -> Iterator[Check]:
     """Marker errors of inverse kinematics, if it wrote them."""
-    path = folder / setup.results() / f"{setup.name}_ik_marker_errors.sto"
+    path = setup.folder / setup.results() / f"{setup.name}_ik_marker_errors.sto"
     if path.is_file():
         errors = read_storage(path)
         rms, most = errors.column("marker_error_RMS") * 1e3, errors.column("marker_error_max") * 1e3
@@ -148,7 +148,8 @@ def external_peak(loads: Path, folder: Path, stamps: Stamps) -> float:
         UsageError: the loads cannot be read.
     """
     root = read_xml(loads, "ExternalLoads")
-    data = read_storage(folder / (root.findtext(".//datafile") or "").strip())
+    name = (root.findtext(".//datafile") or "").strip()
+    data = read_storage(next((path for path in (loads.parent / name, folder / name) if path.is_file()), folder / name))
     names = [(force.findtext("force_identifier") or "").strip() for force in root.iter("ExternalForce")]
     names = [name for name in names if f"{name}x" in data.names]
     if not names:

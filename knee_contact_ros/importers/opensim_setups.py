@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,8 +44,13 @@ class Setup(NamedTuple):
         found = (self.tool.findtext(f".//{tag}") or "").strip()
         return default if found in NOTHING else found
 
+    @property
+    def folder(self) -> Path:
+        """That it runs in, and from which it names files."""
+        return self.path.parent
+
     def results(self) -> str:
-        """Folder of its results, in the set-up files' folder."""
+        """Folder of its results, from its own."""
         return posixpath.normpath(self.text("results_directory", "."))
 
     def reads(self) -> list[str]:
@@ -62,15 +68,13 @@ def find_setups(paths: Sequence[Path]) -> dict[str, Setup]:
     """The set-up files among `paths`, files or folders, by step.
 
     Raises:
-        UsageError: there are none, two of a step, or they are not in one folder.
+        UsageError: there are none, or two of a step.
     """
     files: list[Path] = []
     for path in paths:
         if not path.exists():
             raise UsageError(f"--setup {path}: no such file or folder")
         files += sorted(path.glob("*.xml")) if path.is_dir() else [path]
-    if len({file.resolve().parent for file in files}) > 1:
-        raise UsageError("--setup: the files must be in one folder, as they name others from there")
     setups: dict[str, Setup] = {}
     for setup in filter(None, map(read_setup, files)):
         if setup.step in setups:
@@ -96,25 +100,62 @@ def read_setup(path: Path) -> Setup | None:
     return None
 
 
-def check_inputs(folder: Path, setups: Sequence[Setup]) -> None:
-    """Check before anything runs that every step finds its files in the folder or gets them from one before.
+def common_folder(setups: Sequence[Setup]) -> Path:
+    """The folder that holds the set-up files and all that they name, absolute.
+
+    Raises:
+        UsageError: a name is absolute, or the folder is that of a whole disk or home.
+    """
+    places = {absolute(setup.folder) for setup in setups}
+    for setup in setups:
+        for name in needed(setup):
+            if posixpath.isabs(name) or "\\" in name:
+                raise UsageError(f"{setup.path} names {name}; files must be named from its folder, with /")
+            places.add(absolute(setup.folder / name).parent)
+    folder = Path(os.path.commonpath(places))
+    if folder in {Path(folder.anchor), Path.home()}:
+        raise UsageError(
+            f"the set-up files and what they name are all over {folder}; put them into a folder of their own"
+        )
+    return folder
+
+
+def check_inputs(setups: Sequence[Setup]) -> None:
+    """Check before anything runs that every step finds its files or gets them from one before.
 
     Raises:
         UsageError: one does not.
     """
-    made: set[str] = set()
+    files: set[Path] = set()
+    folders: set[Path] = set()
     for setup in setups:
-        for name in (*setup.reads(), *measured_loads(setup)):
-            if posixpath.isabs(name) or name.startswith(".."):
-                raise UsageError(f"{setup.path} names {name}; files must be in its folder, which is copied")
-            if not ((folder / name).is_file() or name in made or posixpath.dirname(name) in made - {""}):
+        for name in needed(setup):
+            path = absolute(setup.folder / name)
+            if not (path.is_file() or path in files or path.parent in folders):
                 raise UsageError(
-                    f"{setup.path} ({setup.step}) needs {name}, which is not in {folder} and comes of no step before "
-                    f"({', '.join(earlier.step for earlier in setups)})"
+                    f"{setup.path} ({setup.step}) needs {name}, which is not in {setup.folder} and comes of no step "
+                    f"before ({', '.join(earlier.step for earlier in setups)})"
                 )
-        made |= {*setup.writes(), setup.results()} - {"."}
-        if setup.results() == ".":
-            made |= {f"{setup.name}_Kinematics_q.sto"}
+        files |= {absolute(setup.folder / name) for name in setup.writes()}
+        results = absolute(setup.folder / setup.results())
+        if results == absolute(setup.folder):
+            files.add(results / f"{setup.name}_Kinematics_q.sto")
+        else:
+            folders.add(results)
+
+
+def needed(setup: Setup) -> list[str]:
+    """All files that a step needs, also those that its external loads name.
+
+    Raises:
+        UsageError: the external loads cannot be read.
+    """
+    return [*setup.reads(), *measured_loads(setup)]
+
+
+def absolute(path: Path) -> Path:
+    """A path from the root, without dots; links stay."""
+    return Path(os.path.abspath(path))  # noqa: PTH100  (resolve would follow links out of the folder)
 
 
 def measured_loads(setup: Setup) -> list[str]:
@@ -123,11 +164,14 @@ def measured_loads(setup: Setup) -> list[str]:
     Raises:
         UsageError: they cannot be read.
     """
-    loads = setup.path.parent / setup.text("external_loads_file", " ")
-    if not loads.is_file():
+    loads = setup.text("external_loads_file", " ")
+    if not (setup.folder / loads).is_file():
         return []
-    name = (read_xml(loads).findtext(".//datafile") or "").strip()
-    return [] if name in NOTHING else [posixpath.normpath(name)]
+    name = (read_xml(setup.folder / loads).findtext(".//datafile") or "").strip()
+    if name in NOTHING:
+        return []
+    beside = posixpath.normpath(posixpath.join(posixpath.dirname(loads), name))
+    return [beside if (setup.folder / beside).is_file() else posixpath.normpath(name)]
 
 
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:

@@ -79,6 +79,29 @@ def test_scaling_kinematics_and_static_optimization_make_a_bag(
     assert 1.5 * BODY_WEIGHT < -np.mean(forces) < 4.5 * BODY_WEIGHT
 
 
+def test_set_up_files_in_folders_of_their_own(example: Path, tmp_path: Path) -> None:
+    """As many keep them: each step's file in a folder, data beside; the same numbers come out."""
+    together, apart = tmp_path / "together", tmp_path / "apart"
+    assert main(command(example, together, "--steps", "scale,ik,static")) == 0
+    for step, setup in (("ik", "subject01_Setup_IK.xml"), ("cmc", "subject01_Setup_CMC.xml")):
+        (example / step).mkdir()
+        text = (example / setup).read_text()
+        for name in ("subject01_simbody.osim", "subject01_walk1.trc", "gait2354_CMC", "subject01_walk1_grf.xml"):
+            text = text.replace(name, f"../{name}")
+        text = text.replace(" subject01_walk1_ik.mot ", " ../ik/subject01_walk1_ik.mot ")
+        (example / step / setup).write_text(text)
+        (example / setup).unlink()
+    setups = [example / name for name in ("subject01_Setup_Scale.xml", "ik/subject01_Setup_IK.xml")]
+    more = [argument for path in setups for argument in ("--setup", str(path))]
+    cmc = example / "cmc" / "subject01_Setup_CMC.xml"
+    assert main(command(cmc, apart, *more, "--steps", "scale,ik,static")) == 0
+    first, second = (
+        [m.message.wrench.force.y for m in read_bag(bag, INPUT_TYPES) if m.topic == "/joint_reaction_force"]
+        for bag in (together, apart)
+    )
+    assert first == pytest.approx(second, abs=1e-6)  # ten decimals, and the same program
+
+
 def test_reactions_on_the_femur_are_those_on_the_tibia(example: Path, tmp_path: Path) -> None:
     """OpenSim's own answer to what we do with a reaction that acts on the femur."""
     work = tmp_path / "work"

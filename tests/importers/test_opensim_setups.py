@@ -116,20 +116,39 @@ def test_set_up_files_that_cannot_be(folder: Path, installed: None) -> None:
     (folder / "ik2.xml").write_text((folder / "ik.xml").read_text())
     with pytest.raises(UsageError, match=r"ik\.xml and ik2\.xml are both for ik; give the files"):
         plan([folder], [])
-    (folder / "sub").mkdir()
-    (folder / "ik2.xml").rename(folder / "sub" / "ik2.xml")
-    with pytest.raises(UsageError, match="must be in one folder"):
-        plan([folder / "cmc.xml", folder / "sub" / "ik2.xml"], [])
+    (folder / "ik2.xml").unlink()
     (folder / "grf.mot").unlink()
     with pytest.raises(UsageError, match=r"cmc\.xml \(cmc\) needs grf\.mot"):
         plan([folder], ["scale", "ik", "rra", "cmc"])
     scale = folder / "scale.xml"
-    scale.write_text(scale.read_text().replace("generic.osim", "../generic.osim"))
-    with pytest.raises(UsageError, match=r"names \.\./generic\.osim; files must be in its folder"):
+    for name in ("/data/generic.osim", "C:\\data\\generic.osim"):
+        scale.write_text(f"<D><ScaleTool><model_file>{name}</model_file></ScaleTool></D>")
+        with pytest.raises(UsageError, match="files must be named from its folder, with /"):
+            plan([folder], [])
+    up = "../" * len(folder.parts)
+    scale.write_text(f"<D><ScaleTool><model_file>{up}generic.osim</model_file></ScaleTool></D>")
+    with pytest.raises(UsageError, match="are all over /; put them into a folder of their own"):
         plan([folder], [])
     scale.write_text("no xml")
     with pytest.raises(UsageError, match=r"scale\.xml is no OpenSim document"):
         plan([folder], [])
+
+
+def test_set_up_files_in_several_folders(folder: Path, installed: None) -> None:
+    for name in ("ik", "cmc"):
+        (folder / name).mkdir()
+        (folder / f"{name}.xml").rename(folder / name / f"{name}.xml")
+    ik = folder / "ik" / "ik.xml"
+    ik.write_text(ik.read_text().replace("scaled.osim", "../scaled.osim").replace("walk.trc", "../walk.trc"))
+    cmc = folder / "cmc" / "cmc.xml"
+    text = cmc.read_text().replace("adjusted.osim", "../scaled.osim").replace("act.xml", "../act.xml")
+    cmc.write_text(text.replace("grf.xml", "../grf.xml").replace("RRA/walk_RRA_Kinematics_q.sto", "../ik/ik.mot"))
+    where, setups = plan([folder / "scale.xml", ik, cmc], [])
+    assert where == folder
+    assert [setup.path for setup in setups] == [folder / "scale.xml", ik, cmc]
+    ik.write_text(ik.read_text().replace("ik.mot", "other.mot"))
+    with pytest.raises(UsageError, match=r"cmc\.xml \(cmc\) needs \.\./ik/ik\.mot, which is not in"):
+        plan([folder / "scale.xml", ik, cmc], [])
 
 
 def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: Path) -> None:
@@ -155,7 +174,7 @@ def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: 
 
 def test_results_of_a_step_that_are_not_there(folder: Path) -> None:
     with pytest.raises(UsageError, match=r"cmc has not written CMC/walk_Actuation_force\.sto"):
-        results_of(find_setups([folder])["cmc"], folder)
+        results_of(find_setups([folder])["cmc"])
 
 
 def test_without_opensim_the_command_says_what_to_install(
