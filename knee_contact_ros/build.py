@@ -94,7 +94,7 @@ def femoral_geometry(femur: Femur, curves: Mapping[str, str] = NO_CURVES) -> Cir
         return Circle(femur.radius)
     path, points = read_profile("femur.profile", femur.profile, curves)
     try:
-        return Profile(*points)
+        return Profile(*(femur.scale * column for column in points))
     except ValueError as error:
         raise UsageError(f"parameter femur.profile: {path}: {error}") from None
 
@@ -106,7 +106,7 @@ def contact_pair(femur: Circle | Profile, tibia: Tibia, curves: Mapping[str, str
         return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
     path, points = read_profile("tibia.profile", tibia.profile, curves)
     try:
-        return pair(femur, *points)
+        return pair(femur, *(tibia.scale * column for column in points))
     except ValueError as error:
         raise UsageError(f"parameter tibia.profile: {path}: {error}") from None
 

@@ -17,12 +17,14 @@ from knee_contact_ros.errors import IncompleteError, UsageError
 from knee_contact_ros.options import (
     DEFAULT_PARAMETERS,
     OptionalClockRate,
-    fit_profile_options,
     names_in_bag_options,
+    opensim_results_options,
+    opensim_run_options,
     parameter_files,
     parameter_values,
     timing_options,
 )
+from knee_contact_ros.profiles.options import fit_profile_options
 
 INTERRUPTED = 130
 
@@ -99,18 +101,25 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) ->
 
 
 @knee_contact.command()
-@click.argument("bag", type=click.Path(path_type=Path))
+@click.argument("bag", type=click.Path(path_type=Path), required=False)
 @parameter_files
 @parameter_values
+@click.option(
+    "--subject",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Subject file: body mass, profile, cartilage thickness and bag; --params and -p win over it.",
+)
 @click.option(
     "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
 )
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 @names_in_bag_options
 def solve(
-    bag: Path,
+    bag: Path | None,
     parameter_files: tuple[Path, ...],
     parameter_values: tuple[str, ...],
+    subject: Path | None,
     output: Path,
     overwrite: bool,
     remaps: tuple[str, ...],
@@ -129,18 +138,27 @@ def solve(
     from knee_contact_ros.salvage.source import in_a_line
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.stream_in.names import names_in_bag
+    from knee_contact_ros.subject import Subject
     from knee_contact_ros.terminal import progress, show_summary
 
-    stored = None if parameter_files else read_provenance(bag)
+    person = Subject(subject) if subject else None
+    bag = bag or (person.bag if person else None)
+    if bag is None:
+        raise UsageError("no BAG: give one, or --subject with a file that names one")
+    stored = None if parameter_files or person else read_provenance(bag)
     values = parameters_of(parameter_values)
-    how = with_values(stored, values) if stored else load_parameters([*found(parameter_files), values])
+    sources = [*person.sources(), *map(found_file, parameter_files)] if person else found(parameter_files)
+    how = with_values(stored, values) if stored else load_parameters([*sources, values])
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
         summary = solve_bag(bag, how, output, advance, overwrite, names)
-    files = ", ".join(str(name) for name in parameter_files or (DEFAULT_PARAMETERS,))
+    given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
+    files = ", ".join(map(str, given))
     source = f"those in {bag.name}, made with {stored.package}" if stored else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
+    if summary.split and summary.split.problem:
+        click.echo(f"knee-contact: warning: {summary.split.problem}", err=True)
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
 
@@ -273,6 +291,29 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     show_recovery(recovery, str(output))
 
 
+@knee_contact.command("import-opensim")
+@opensim_results_options
+@opensim_run_options
+@click.option("--side", type=click.Choice(["right", "left", "both"]), required=True, help="both: a bag for each.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="BAG",
+    help="rosbag2 folder to write; of both sides BAG_right and BAG_left.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
+def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> None:
+    """Make a gait bag of OpenSim's results, or run OpenSim first.
+
+    Columns are found by their names, units and signs by header and values; what is not clear is asked for. The
+    reaction must act on the tibia and be expressed in its frame; a left knee is mirrored to a right one.
+    """
+    from knee_contact_ros.importers.run import import_opensim as import_all
+
+    import_all(side, options, output, overwrite)
+
+
 @knee_contact.command()
 @click.option(
     "--output",
@@ -340,9 +381,14 @@ def latency(output: Path, rate: float, duration: float, rounds: int, sustained: 
 
 def found(files: tuple[Path, ...]) -> list[Path]:
     """Parameter files as given, or from the package's config folder."""
+    return [found_file(name) for name in files or (Path(DEFAULT_PARAMETERS),)]
+
+
+def found_file(name: Path) -> Path:
+    """A parameter file as given, or from the package's config folder."""
     from knee_contact_ros.resources import find_file
 
-    return [find_file(str(name)) for name in files or (DEFAULT_PARAMETERS,)]
+    return find_file(str(name))
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -40,7 +41,7 @@ from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
 from knee_contact_ros.terminal import progress, show_summary
-from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.work_folder import replace, work_folder
 
 NODE_START = 300.0
@@ -64,6 +65,8 @@ class Listener:
     """[s] from publishing a force to receiving its answer"""
     torques: list[float] = field(default_factory=list)
     """[N m] the companion's commands"""
+    heard: set[str] = field(default_factory=set)
+    """Inputs on which the node hears somebody, as it says itself"""
 
     def on_published(self, message: RawMessage) -> None:
         """Note a published input."""
@@ -79,6 +82,13 @@ class Listener:
     def on_command(self, message: Float64MultiArray) -> None:
         """Note a command of the companion."""
         self.torques.append(message.data[0])
+
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note what the node hears: it may find a publisher later than the publisher finds it."""
+        for status in message.status:
+            counts = [value.value for value in status.values if value.key == "publishers"]
+            if counts and counts != ["0"]:
+                self.heard.add(status.name.rpartition(" ")[2])
 
     @property
     def missing(self) -> int:
@@ -141,6 +151,7 @@ def play(
     try:
         node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
         node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
+        node.create_subscription(DiagnosticArray, "/diagnostics", listener.on_diagnostics, QoSProfile(depth=100))
         messages = list(reader.raw_messages())
         replayer = Replayer(node)
 
@@ -153,8 +164,10 @@ def play(
             while not (
                 replayer.wait_for_subscribers(0.1, spin)
                 and node.count_publishers(KNEE_CONTACT)
+                and listener.heard == set(INPUTS)
                 and (not companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
             ):
+                spin(0.1)
                 all_are_alive()
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")

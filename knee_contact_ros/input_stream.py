@@ -65,6 +65,11 @@ class InputStream:
             self._node.destroy_subscription(self._subscription)
         self._subscription = None
 
+    @property
+    def publishers(self) -> int:
+        """How many publishers are heard."""
+        return self._subscription.get_publisher_count() if self._subscription is not None else 0
+
     def adapt(self) -> None:
         """Listen anew if a publisher could not be heard; not to be called from the subscription's own callbacks."""
         if not self._unheard or self.best_effort:

@@ -13,7 +13,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, known_parameters, load_parameters
 
 LIVE = frozenset({
-    "knee.flexion_offset", "load.share", "femur.mass",
+    "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
     "contact.restitution", "contact.least_impact_speed",
     "fidelity.tolerance", "fidelity.budget", "deadline", "record.path",

@@ -103,67 +103,69 @@ timing_options = together(
     ),
 )
 
-fit_profile_options = together(
+opensim_results_options = together(
+    click.option("--kinematics", type=click.Path(path_type=Path), metavar="Q.sto", help="Of IK, RRA, CMC, or states."),
+    click.option("--reactions", type=click.Path(path_type=Path), metavar="JR.sto", help="Of a JointReaction analysis."),
     click.option(
-        "--slice",
-        required=True,
-        metavar="MM|auto",
-        help="Place of the slice along z, the medio-lateral axis [mm]; "
-        "auto: through the contact centre of the compartment.",
+        "--speeds", type=click.Path(path_type=Path), metavar="U.sto", help="Rates of the angles; else they are derived."
     ),
     click.option(
-        "--output",
-        type=click.Path(path_type=Path, dir_okay=False),
-        required=True,
-        metavar="OUT.csv",
-        help="Profile to write; OUT.png and OUT.yaml come beside it.",
-    ),
-    click.option(
-        "--bone",
+        "--model",
         type=click.Path(path_type=Path),
-        metavar="MESH",
-        help="The bone under the cartilage: tells its thickness, contact.layer_depth.",
+        metavar="M.osim",
+        help="Tells the sign of flexion where the angles do not, and the body weight.",
     ),
     click.option(
-        "--side", type=click.Choice(["femur", "tibia"]), default="femur", show_default=True, help="Which bone."
+        "--joint", metavar="NAME", help="Joint of the reactions. [default: the one with knee and side in its name]"
     ),
+    click.option("--coordinate", metavar="NAME", help="Column or coordinate of the angle. [default: likewise]"),
     click.option(
-        "--compartment",
-        type=click.Choice(["medial", "lateral"]),
-        default="medial",
+        "--angle-unit",
+        type=click.Choice(["auto", "deg", "rad"]),
+        default="auto",
         show_default=True,
-        help="For --slice auto: medial is z < 0, lateral z > 0.",
-    ),
-    click.option("--unit", type=click.Choice(["m", "mm"]), help="Of the files. [default: m; label maps: mm]"),
-    click.option(
-        "--axes",
-        metavar="X,Y,Z",
-        help="The file's axes that point anterior, superior and lateral, as "
-        "--axes=-y,z,x. [default: x,y,z; label maps: y,z,x, a right knee in the scanner's axes]",
+        help="auto: as header and values say.",
     ),
     click.option(
-        "--origin",
-        metavar="X,Y",
-        help="Of the profile [mm of the mesh, after --axes]; mesh: the mesh's own; "
-        "surface: on the tibia at x = 0. [default: mesh; tibia: surface]",
-    ),
-    click.option(
-        "--tolerance",
-        type=click.FloatRange(0.001, 2.0),
-        default=0.05,
+        "--angle-sign",
+        type=click.Choice(["auto", "1", "-1"]),
+        default="auto",
         show_default=True,
-        help="RMS [mm] by which smoothing may take the profile off the slice, beyond the mesh's roughness.",
+        help="-1: flexion is negative in the file.",
+    ),
+    click.option("--start", type=float, metavar="S", help="Leave out what is earlier [s]."),
+    click.option("--end", type=float, metavar="S", help="Leave out what is later [s]."),
+    click.option(
+        "--rate",
+        type=click.FloatRange(1.0, 10_000.0),
+        metavar="HZ",
+        help="Interpolate both. [default: every row keeps its stamp]",
+    ),
+)
+
+opensim_run_options = together(
+    click.option(
+        "--setup",
+        "setups",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FOLDER|FILE",
+        help="Run OpenSim instead (pip install 'knee-contact-ros[opensim]'): the folder with the set-up files, or each "
+        "of them. It is copied, and stays as it is.",
     ),
     click.option(
-        "--slab",
-        type=click.FloatRange(0.0, 10.0),
-        default=2.0,
-        show_default=True,
-        help="How far [mm] on either side of the slice the mesh is looked at, against its noise.",
+        "--steps",
+        metavar="LIST",
+        default="",
+        help="For --setup: of scale,ik,rra,cmc,static; what is left out must be in the folder. static is quicker than "
+        "cmc, and is set up from cmc's file if it has none. [default: all there are]",
     ),
-    click.option("--label", type=int, metavar="N", help="Of a label map: which is the cartilage."),
-    click.option("--bone-label", type=int, metavar="N", help="Of a label map given as --bone: which is the bone."),
-    click.option("--overwrite", is_flag=True, help="Replace OUT.csv, OUT.png and OUT.yaml if they exist."),
+    click.option(
+        "--work",
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="DIR",
+        help="For --setup: a new folder that keeps logs and all results.",
+    ),
 )
 
 

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from knee_contact_ros.compartments import COMPARTMENTS
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
@@ -81,10 +82,11 @@ class Knee(Section):
 class Load(Section):
     """Which part of the axial joint reaction drives the compartment."""
 
-    compartment: Annotated[str, one_of("total", "fixed_share")] = Field(
-        "fixed_share", description="total or fixed_share"
+    compartment: Annotated[str, one_of(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
+    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
+    compartment_spacing: float = Field(
+        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
     )
-    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction")
 
 
 class Pairing(Section):
@@ -105,6 +107,7 @@ class Femur(Section):
     geometry: Annotated[str, one_of(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
     radius: float = Field(0.034, gt=0.0, le=1.0, description="[m] of the circle")
     profile: str = Field("", description="CSV of x, y [m] in the femur frame, ordered along the curve")
+    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
 
 
 class Tibia(Section):
@@ -116,6 +119,7 @@ class Tibia(Section):
     )
     radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] of the concave circle")
     profile: str = Field("", description="CSV of x, y [m] in the tibia frame, from posterior to anterior")
+    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
 
 
 class Translation(Section):
@@ -253,7 +257,7 @@ def load_parameters(
         if isinstance(part, Mapping):
             merged |= _flat(_section_of_node(part, "the mapping"))
             continue
-        values = _flat(_section_of_node(_read_yaml(Path(part)), str(part)))
+        values = _flat(_section_of_node(read_yaml(Path(part)), str(part)))
         _validated(values, f"{part}: ")
         merged |= values
     return _validated(merged, "")
@@ -265,20 +269,27 @@ def check_parameter_file(path: Path) -> None:
     Raises:
         UsageError: as `load_parameters`.
     """
-    content = _read_yaml(path)
+    content = read_yaml(path)
     if _sections_of_node(content, str(path)):
         load_parameters(path)
 
 
-def _read_yaml(path: Path) -> Mapping[str, Any]:
+def read_yaml(
+    path: Path, kind: str = "parameter file", what: str = "node names to ros__parameters"
+) -> Mapping[str, Any]:
+    """The content of a YAML file that maps something; `kind` and `what` say in errors what it should be.
+
+    Raises:
+        UsageError: it cannot be read, or is none.
+    """
     try:
         content = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UsageError(f"{path}: cannot read the parameter file: {error.strerror}") from None
+        raise UsageError(f"{path}: cannot read the {kind}: {error.strerror}") from None
     except (YAMLError, UnicodeDecodeError) as error:
         raise UsageError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from None
     if not isinstance(content, Mapping):
-        raise UsageError(f"{path}: not a ROS 2 parameter file: it must map node names to ros__parameters")
+        raise UsageError(f"{path}: not a {kind}: it must map {what}")
     return content
 
 
@@ -339,7 +350,7 @@ def _validated(values: Mapping[str, Any], where: str) -> Parameters:
     try:
         parameters = Parameters.model_validate(nested)
     except ValidationError as error:
-        raise UsageError(where + _one_line(error)) from None
+        raise UsageError(f"{where}parameter {first_error(error)}") from None
     _check_together(parameters, where)
     return parameters
 
@@ -353,6 +364,10 @@ def _check_together(parameters: Parameters, where: str) -> None:
          "femur.profile is empty; femur.geometry profile needs the name of a CSV file"),
         (tibia.geometry == "profile" and not tibia.profile,
          "tibia.profile is empty; tibia.geometry profile needs the name of a CSV file"),
+        (femur.geometry != "profile" and femur.scale != 1.0,
+         f"femur.scale: {femur.scale:g} is not allowed; only femur.geometry profile is scaled"),
+        (tibia.geometry != "profile" and tibia.scale != 1.0,
+         f"tibia.scale: {tibia.scale:g} is not allowed; only tibia.geometry profile is scaled"),
         (tibia.geometry != "plane" and tibia.slope != 0.0,
          f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
         (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
@@ -372,8 +387,11 @@ def _check_together(parameters: Parameters, where: str) -> None:
             raise UsageError(f"{where}parameter {reason}")
 
 
-def _one_line(error: ValidationError) -> str:
+def first_error(error: ValidationError) -> str:
+    """The first of what is wrong, in one line: name, value, and what is allowed."""
     first = error.errors()[0]
     name = ".".join(map(str, first["loc"]))
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
-    return f"parameter {name}: {first['input']!r} is not allowed; {reason}"
+    if first["type"] in ("missing", "extra_forbidden"):
+        return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
+    return f"{name}: {first['input']!r} is not allowed; {reason}"

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from knee_contact_ros.answer import Answer, Ending, Input
 from knee_contact_ros.build import NO_CURVES, load_model, retuned
 from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.compartments import BY_MOMENT, Split
 from knee_contact_ros.core.model import as_contact
 from knee_contact_ros.core.ticks import PLACING
 from knee_contact_ros.messages import deserialize
@@ -35,6 +36,8 @@ class Pipeline:
         self.decoder = Decoder(deserialize)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()
+        self.split = Split(parameters.body_weight)
+        """What the compartment gets, where the frontal moment decides"""
         self.ticks = 0
         self.last_refusal = ""
 
@@ -85,6 +88,8 @@ class Pipeline:
         load = pair.load
         self.stream.advance(load.stamp, pair.angle, load.load, pair.height)
         self.ticks += 1
+        if self.parameters.load.compartment in BY_MOMENT:
+            self.split.add(load.message.force[1], load.load)
         numbers = self.stream.answer.tolist()
         return encode_numbers(load.stamp, load.frame_id, numbers, pair.status), numbers
 

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.answer import Ending
 from knee_contact_ros.apart import Tell
+from knee_contact_ros.compartments import BY_MOMENT
 from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.errors import UsageError
@@ -218,6 +219,7 @@ class Session:
         entries += [
             diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
             self._tick_status(),
+            *self._split_status(),
         ]
         entries += [
             diagnostic_status(f"{self._name}: {name}", values, failure) for name, values, failure in self.outputs.said()
@@ -231,8 +233,21 @@ class Session:
         problem = "" if meter.received else "nothing received yet"
         if meter.received and meter.age > self.parameters.pairing.max_gap:
             problem = f"silent for {meter.age:.1f} s"
-        reliability = {"reliability": "best effort" if stream.best_effort else "reliable"}
-        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | reliability, problem)
+        link = {
+            "reliability": "best effort" if stream.best_effort else "reliable",
+            "publishers": str(stream.publishers),
+        }
+        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
+
+    def _split_status(self) -> list[Any]:
+        """What there is to say of the load's split, where the frontal moment decides; an unusable one is logged too."""
+        if self.parameters.load.compartment not in BY_MOMENT:
+            return []
+        split = self.pipeline.split
+        if split.problem:
+            self.node.get_logger().warning(split.problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
+        values = {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
+        return [diagnostic_status(f"{self._name}: load", values, split.problem)]
 
     def _tick_status(self) -> Any:
         """What there is to say of the ticks; a node that falls behind is logged too."""

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from knee_contact_ros.answer import Answer
+from knee_contact_ros.compartments import BY_MOMENT
 from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters
@@ -73,6 +74,7 @@ def solve(
         if reader.damage:
             writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(reader.damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, reader.damage
+        summary.split = pipeline.split if parameters.load.compartment in BY_MOMENT else None
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             damage = f"; the bag is damaged: {in_a_line(reader.damage)}" if reader.damage else ""

@@ -26,6 +26,7 @@ from knee_contact_ros.cdr_blocks import (
 )
 from knee_contact_ros.cdr_in import SECOND
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.pair_blocks import PairedSamples, pair
 from knee_contact_ros.pipeline import Pipeline
@@ -124,15 +125,15 @@ def _samples(block: _Block, pipeline: Pipeline) -> _Samples | None:
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
     angles = knee.flexion_sign * position + knee.flexion_offset
-    axial = wrenches.numbers[:, 1]
-    columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
+    axial, moment = wrenches.numbers[:, 1], wrenches.numbers[:, 3]
+    loads = COMPARTMENTS[load.compartment](axial, moment, load)
+    columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD), (loads, LARGEST_LOAD)]
     columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
     if not all((np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns):
         return None
     if not all(((stamps >= 0) & (stamps <= LAST_STAMP)).all() for stamps in (decoded.stamps, wrenches.stamps)):
         return None
-    share = load.share if load.compartment == "fixed_share" else 1.0
-    return _Samples(decoded, angles, heights, wrenches, share * -axial)
+    return _Samples(decoded, angles, heights, wrenches, loads)
 
 
 def _position(states: JointStates, joint: str) -> Floats | None:
@@ -148,6 +149,8 @@ def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fres
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.first.frame_id
     numbers = pipeline.stream.advance_all(stamps, paired.angle, samples.loads[:number], paired.height)
     pipeline.ticks += number
+    if pipeline.parameters.load.compartment in BY_MOMENT:
+        pipeline.split.add_all(samples.wrenches.numbers[:number, 1], samples.loads[:number])
     taken = fresh & (paired.tick_of_angle < number)
     states = chosen(samples.states, taken)
     wrenches = encode_wrenches(frame_id, stamps, samples.wrenches.numbers[:number])

@@ -12,6 +12,7 @@ import numpy as np
 from mcap.reader import make_reader
 from numpy.typing import NDArray
 
+from knee_contact_ros.compartments import Split
 from knee_contact_ros.core.types import Fidelity, Status
 from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
@@ -69,6 +70,8 @@ class Summary:
     last_stamp: int = 0
     peaks: dict[str, Peak] = field(default_factory=dict)
     """Largest value of a field"""
+    split: Split | None = None
+    """Where the frontal moment decides what the compartment gets"""
     load_peaks: list[LoadPeak] = field(default_factory=list)
     """Local peaks of the load, where they were looked for"""
 

@@ -71,6 +71,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
     for name, value in live.items():
         figures.add_row(name, value)
+    if summary.split:
+        figures.add_row("share of the load", summary.split.text)
     figures.add_row("samples refused", _counts(summary.refused))
     figures.add_row("ticks flagged", _counts(summary.flagged))
     figures.add_row("error estimate", f"{summary.largest_error * MICROMETRE:.2g} um of depth at most")

@@ -13,7 +13,7 @@ from knee_contact_ros.parameters import check_parameter_file, known_parameters, 
 
 CONTRACT = {
     "knee.joint_name": "knee", "knee.flexion_sign": 1.0, "knee.flexion_offset": 0.0,
-    "load.compartment": "fixed_share", "load.share": 0.5, "drive": "force",
+    "load.compartment": "fixed_share", "load.share": 0.5, "load.compartment_spacing": 0.04, "drive": "force",
     "femur.mass": 9.3014, "femur.geometry": "circle", "femur.radius": 0.034, "femur.profile": "",
     "tibia.geometry": "plane", "tibia.slope": 0.0, "tibia.radius": 0.095, "translation.mechanism": "hinge",
     "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5000.0,

@@ -97,6 +97,7 @@ PARAMETERS = {
     "two layers": {"contact.law": "two_layer_elastic", "load.compartment": "total"},
     "signed": {"knee.flexion_sign": -1.0, "knee.flexion_offset": 0.7, "pairing.max_gap": 0.005},
     "slope": {"tibia.slope": 0.1, "fidelity.level": "dynamic"},
+    "moment": {"load.compartment": "moment_balance", "load.compartment_spacing": 0.05},
 }
 
 

@@ -94,11 +94,14 @@ def cited(ranges: Sequence[Range]) -> str:
 
 def is_total(parameters: Parameters) -> bool:
     """Whether the load is that of the whole joint, and not of one compartment."""
-    return parameters.load.compartment == "total" or parameters.load.share == 1.0
+    whole = parameters.load.compartment == "fixed_share" and parameters.load.share == 1.0
+    return whole or parameters.load.compartment == "total"
 
 
 def which_load(parameters: Parameters) -> str:
     """What the load is, in words."""
     if is_total(parameters):
         return "total: the whole axial joint reaction"
+    if parameters.load.compartment == "moment_balance":
+        return "medial compartment: what balances the frontal moment of the joint reaction"
     return f"medial compartment: {parameters.load.share:g} of the axial joint reaction"

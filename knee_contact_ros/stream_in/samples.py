@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
+from knee_contact_ros.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.parameters import Knee, Load
 
@@ -82,22 +83,27 @@ def _position(message: JointState, joint: str) -> float:
 
 
 def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0) -> LoadSample:
-    """Compressive load from a WrenchStamped on the tibia: L = -F_y, times the compartment's share.
+    """Compressive load from a WrenchStamped on the tibia: the compartment's part of L = -F_y.
 
     Raises:
-        RefusedSampleError: the axial force is not finite or beyond all knees, or the stamp is none.
+        RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is beyond all
+            knees; or the stamp is none.
     """
-    axial = message.force[1]
+    axial, moment = message.force[1], message.torque[0]
     if not math.isfinite(axial):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
+    if not math.isfinite(moment) and load.compartment in BY_MOMENT:
+        raise RefusedSampleError("not_finite", f"joint_reaction_force: torque.x is {moment}")
     if abs(axial) > LARGEST_LOAD:
         raise RefusedSampleError(
             "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
         )
-    share = load.share if load.compartment == "fixed_share" else 1.0
-    return LoadSample(
-        _checked(message.stamp, "joint_reaction_force"), share * -axial, message.frame_id, message, arrived
-    )
+    part = COMPARTMENTS[load.compartment](axial, moment, load)
+    if abs(part) > LARGEST_LOAD:
+        raise RefusedSampleError(
+            "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
+        )
+    return LoadSample(_checked(message.stamp, "joint_reaction_force"), part, message.frame_id, message, arrived)
 
 
 def _checked(stamp: int, topic: str) -> int:

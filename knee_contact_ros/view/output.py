@@ -83,5 +83,5 @@ def open_output(path: Path | None, serving: Serving, drawing: Drawing) -> Viewer
         drawings = [drawing._replace(knee=name) for name in serving.knees or [drawing.knee]]
         outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
     window = open_window(address(serving.port)) if serving.window and not path else None
-    scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE)
+    scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path)
     return Viewer(outlet, scene, FILE_PERIOD if path else LIVE_PERIOD, window)

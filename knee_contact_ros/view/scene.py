@@ -25,6 +25,8 @@ LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
 NANOSECONDS = 1_000_000_000
 DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
 """Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
+REPEAT = 5 * NANOSECONDS
+"""How long [ns] a state may last without being written again, where what is old gets lost"""
 LAYER_DEPTH = "contact.layer_depth"
 
 
@@ -32,11 +34,17 @@ class Scene:
     """Writes a knee's answers into a recording."""
 
     def __init__(
-        self, recording: rr.RecordingStream, drawing: Drawing, latency: bool = False, pause: float = 0.0
+        self,
+        recording: rr.RecordingStream,
+        drawing: Drawing,
+        latency: bool = False,
+        pause: float = 0.0,
+        forgetful: bool = False,
     ) -> None:
         """Write what does not change.
 
-        `latency` says whether there will be some. Rest for `pause` [s] between two messages to Rerun.
+        `latency` says whether there will be some. Rest for `pause` [s] between two messages to Rerun. Where what is
+        old gets lost (`forgetful`), states are repeated.
         """
         self._recording, self._drawing, self._pause = recording, drawing, pause
         self._plots = [plot for plot in PLOTS if latency or not plot.live]
@@ -46,6 +54,9 @@ class Scene:
         self._time = _durations
         self._last_stamp = 0
         self._states: dict[str, int] = {}
+        self._repeat = REPEAT if forgetful else math.inf
+        self._written: dict[str, int] = {}
+        """Stamps [ns] of the states written last"""
         self._write_still()
 
     def show(self, shown: Shown) -> None:
@@ -100,7 +111,10 @@ class Scene:
         states = values.astype(int)
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
+        if not len(changes) and stamps[-1] - self._written[path] >= self._repeat:
+            changes = np.array([len(states) - 1])
         if len(changes):
+            self._written[path] = int(stamps[changes[-1]])
             texts = [names[state] for state in states[changes].tolist()]
             self._send(f"{STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
 

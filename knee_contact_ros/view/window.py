@@ -17,8 +17,9 @@ LOCALHOST = "127.0.0.1"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY = "1GB"
 """What a viewer beside a node may take; older data goes first"""
-BEHIND = ("nice", "-n", "10")
-"""Before the command of a viewer that runs beside a node: it may wait, a tick may not"""
+BEHIND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
+"""Before the command of a viewer beside a node: it may wait, a tick may not; and it heeds signals that the process of a
+scene does not"""
 LOCAL = ("--bind", LOCALHOST)
 ANY_PORT = ("--port", "0")
 """Of the viewer's own server: with a port that is taken it would take the other for a viewer and send it its data"""

@@ -49,13 +49,14 @@ CASES = {
     "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "it has a line '1 two 3'"),
     "one column": ("a.xyz", text("1\n2\n"), [], "it has [1] columns"),
     "nan": ("a.xyz", text("0 0 nan\n" * 20), [], "has a point that is not finite"),
-    "in mm": ("a.stl", mesh(FEMUR, 1e-3), [], "with --unit m; cartilages and bones of a knee measure 0.008 to 0.7 m: likely "
-              "it is in mm, --unit mm"),
+    "in mm": ("a.stl", mesh(FEMUR, 1e-3), [], "with --unit m; cartilages and bones of a knee measure 0.008 to 0.7 m: "
+              "likely it is in mm, --unit mm"),
     "in m": ("a.stl", mesh(FEMUR), ["--unit", "mm"], "likely it is in m, --unit m"),
     "divided twice": ("a.ply", mesh(FEMUR, 1e3), [], "scale it to m or mm first"),
     "beside the mesh": ("a.stl", mesh(FEMUR), ["--slice", "12"], "--slice 12 misses"),
     "its range": ("a.stl", mesh(FEMUR), ["--slice", "12"], "which reaches from z = -28.0 to -8.0 mm"),
-    "wrong compartment": ("a.stl", mesh(FEMUR), ["--slice", "auto", "--compartment", "lateral"], "nothing on the lateral side"),
+    "wrong compartment": ("a.stl", mesh(FEMUR), ["--slice", "auto", "--compartment", "lateral"],
+                          "nothing on the lateral side"),
     "no number": ("a.stl", mesh(FEMUR), ["--slice", "medial"], "--slice medial: it must be a place in mm"),
     "tibia as femur": ("a.stl", mesh(TIBIA), [], "as flat as a tibial plateau: --side tibia?"),
     "femur as tibia": ("a.stl", mesh(FEMUR), ["--side", "tibia"], "as round as a femoral condyle: --side femur?"),

@@ -180,7 +180,7 @@ def test_solve_takes_what_was_fitted(right_bag: Path, tmp_path: Path, capsys: py
 def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
     """Its origin lies on the surface, however high the mesh does."""
     points, triangles = swept(tibial_curve())
-    mesh = saved(tmp_path / "tibia.ply", (points + [0.0, -0.023, 0.0], triangles))
+    mesh = saved(tmp_path / "tibia.ply", (points - np.array([0.0, 0.023, 0.0]), triangles))
     output = tmp_path / "tibia.csv"
     assert main(["fit-profile", str(mesh), "--side", "tibia", "--slice", "auto", "--output", str(output)]) == 0
     x, y = np.genfromtxt(output, delimiter=",", skip_header=6).T

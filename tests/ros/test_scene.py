@@ -6,6 +6,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -107,7 +108,7 @@ def test_no_screen_and_a_strange_knee_end_the_start(start_node: Start, monkeypat
     assert "parameter rerun.knees: 'left,right' is not allowed; this knee, knee, must be one of them" in said
 
 
-def test_a_window_is_opened_and_may_be_killed(peer: Peer, start_node: Start, hidden_screen: None) -> None:
+def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidden_screen: None) -> None:
     port = free_port()
     node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
     peer.wait_for_node()
@@ -128,14 +129,17 @@ def test_a_window_is_opened_and_may_be_killed(peer: Peer, start_node: Start, hid
 
         wait_for(lambda: (found := state()) and shown_to(found) >= 99 * 5_000_000, "the window to have all")
         assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
+        viewer.terminate()
+        viewer.wait(30.0)
     finally:
-        viewer.kill()
+        with suppress(psutil.NoSuchProcess):
+            viewer.kill()
     walk(peer, 100, 100)
     time.sleep(2.0)  # the server looks once a second
     code, said = node.stop()
     assert code == 0
     assert (
-        f"the Rerun viewer was ended by SIGKILL; the scene is still served: knee-contact view {address(port)}" in said
+        f"the Rerun viewer was ended by SIGTERM; the scene is still served: knee-contact view {address(port)}" in said
     )
     assert [contact.status for contact in peer.contacts] == [0] * 200
 

@@ -117,7 +117,7 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
         "-p", "qos_overrides./joint_states.subscription.depth:=7",
         "-p", "qos_overrides./knee_contact.publisher.reliability:=best_effort",
     )  # fmt: skip
-    peer.wait_until(lambda: peer.angle.get_subscription_count() and peer.node.count_publishers("knee_contact"))
+    peer.wait_for_node()
     (listening,) = peer.node.get_subscriptions_info_by_topic("/joint_states")
     (other,) = peer.node.get_subscriptions_info_by_topic("/joint_reaction_force")
     (speaking,) = peer.node.get_publishers_info_by_topic("/knee_contact")

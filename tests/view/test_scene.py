@@ -174,6 +174,19 @@ def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]]
     assert len(told) > 3
 
 
+def test_states_are_repeated_where_what_is_old_gets_lost(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    slow = [answers[0]._replace(stamp=1_000_000_000 * second) for second in range(1, 30)]
+    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
+    scene = Scene(outlet.recording, drawing, forgetful=True)
+    for answer in slow:
+        scene.show(rows([answer]))
+    outlet.close()
+    told = lists(outlet.path, "/knee/states/contact", "StateChange:state")
+    assert [stamp // 1_000_000_000 for stamp, _ in told] == [1, 6, 11, 16, 21, 26]
+    assert {state[0] for _, state in told} == {"cartilage"}
+
+
 def test_events_are_told_with_their_times(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])

@@ -1,0 +1,1 @@
+"""From other programs' results to gait bags."""
