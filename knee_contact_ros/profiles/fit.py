@@ -21,6 +21,8 @@ FLATTEST_FEMUR = 0.35
 """Height over width of a slice; a condyle has some 0.8, a plateau 0.1 to 0.2"""
 NOTABLE = 0.5e-3
 """[m] of a deviation that is worth a word"""
+GAIT, LEAST_REACH = (0.0, 60.0), 0.5
+"""Normals [deg] that touch in gait, and the share of them that a condyle has at least"""
 WORST = 1e-3
 """[m] RMS that no profile of the wanted kind can be off"""
 
@@ -63,10 +65,24 @@ def fit(
             f"y = {1e3 * worst[1]:.1f} mm); cut off what is no articular surface, or see --slice, --side and --axes"
         )
     shape = shape_of(smoothed.points)
+    if femur:
+        check_reach(surface, z, shape)
     cartilage = thickness(shape, chart, bone, z, femur) if bone is not None else None
     circles = femoral_circles(shape) if femur else tibial_circles(shape)
     remarks = (*slab_points.remarks, *far_off(smoothed))
     return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
+
+
+def check_reach(surface: Surface, z: float, shape: Shape) -> None:
+    """Refuse what cannot touch a tibia in most of a gait, as a slice through the notch between the condyles."""
+    low, high = np.degrees([shape.normal.min(), shape.normal.max()])
+    if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
+        raise UsageError(
+            f"{surface.path}: the slice at z = {1e3 * z:g} mm has outward normals of {low:.0f}° to {high:.0f}° (0 "
+            f"down, "
+            f"> 0 posterior), and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch: --slice through a condyle, "
+            f"or see --axes"
+        )
 
 
 def far_off(smoothed: Smoothed) -> list[str]:
@@ -90,13 +106,13 @@ def check_side(surface: Surface, raw: Floats, femur: bool) -> None:
         raise UsageError(
             f"--side femur: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm "
             f"high, as flat as a "
-            "tibial plateau: --side tibia? (or see --axes)"
+            "tibial plateau: --side tibia? (or see --axes and --slice)"
         )
     if not femur and flatness > FLATTEST_FEMUR:
         raise UsageError(
             f"--side tibia: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm "
             f"high, as round as a "
-            "femoral condyle: --side femur? (or see --axes)"
+            "femoral condyle: --side femur? (or see --axes and --slice)"
         )
     if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
         raise UsageError(

@@ -18,6 +18,8 @@ SIZE, DPI = (10.5, 5.4), 110
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
               "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
               "legend.fontsize": 8.5}  # fmt: skip
+ROOM = 1.2
+"""Of its height above a tibia"""
 OVERHANG = 0.35
 """Share of its window by which a circle is drawn beyond it"""
 
@@ -32,7 +34,7 @@ def picture(fit: Fit, name: str) -> bytes:
         canvas = Figure(figsize=SIZE, layout="constrained")
         FigureCanvasAgg(canvas)
         grid = canvas.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
-        title = f"{side(fit)} of {name}, z = {MM * fit.z:g} mm"
+        title = f"{side(fit).capitalize()} of {name}, z = {MM * fit.z:g} mm"
         draw_slice(canvas.add_subplot(grid[:, 0]), fit, title.replace("$", r"\$"))
         top = canvas.add_subplot(grid[0, 1])
         draw_curvature(top, fit)
@@ -52,8 +54,11 @@ def draw_slice(axis: Any, fit: Fit, title: str) -> None:
     for each, colour in zip(fit.circles, CIRCLES, strict=False):
         arc = MM * arc_of(each)
         axis.plot(*arc.T, "--", color=colour, linewidth=1.3, label=f"{label(fit, each)}: {MM * each.radius:.1f} mm")
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal", adjustable="datalim" if fit.femur else "box")
     axis.margins(0.06)
+    if not fit.femur:  # flat: the legend goes above it
+        low, high = axis.get_ylim()
+        axis.set_ylim(low, high + ROOM * (high - low))
     axis.set(xlabel="x, anterior [mm]", ylabel="y, superior [mm]", title=title)
     axis.legend(**({"loc": "center"} if fit.femur else {"loc": "upper center", "ncols": 2}))
 

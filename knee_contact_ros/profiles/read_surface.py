@@ -34,7 +34,7 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
         UsageError: no such file, none of these kinds, not readable, without a surface, or of no knee's size.
     """
     if not path.is_file():
-        raise UsageError(f"{path}: there is no such file")
+        raise UsageError(f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file")
     kind = "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if kind in LABEL_MAPS:
         points, triangles = read_label_map(path, label)

@@ -21,6 +21,8 @@ DISTANCE = 0.5e-3
 COVER = 0.5e-3
 """[m] What lies so far behind another part of the surface is not its articular side; noise is less"""
 LEAST_POINTS = 12
+BLOCK = 256
+"""Points that are compared with all pieces at once"""
 LEAST_LENGTH = 0.5e-3
 """[m] of a piece that is worth a word"""
 
@@ -152,9 +154,14 @@ def outside(points: Floats, pieces: Pieces, chart: Chart) -> Any:
     """Whether nothing lies further out than points of shape (n, 2) by more than `COVER`."""
     begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
     out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
-    place, out = chart.place(points)[:, None], chart.outwards(points)[:, None]
-    across = np.abs(end - begin) < chart.half_turn  # one that goes once round the back covers nothing
-    between = (np.minimum(begin, end) <= place) & (place <= np.maximum(begin, end)) & across
-    share = (place - begin) / np.where(end == begin, 1.0, end - begin)
-    covers = between & (out_begin + share * (out_end - out_begin) > out + COVER)
-    return ~covers.any(axis=1)
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    usual = high - low < chart.half_turn  # one that goes once round the back covers nothing
+    rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
+
+    def seen(part: Floats) -> Any:
+        place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
+        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
+        return ~covers.any(axis=1)
+
+    blocks = range(0, len(points), BLOCK)  # of many points at once, the table would be large
+    return np.concatenate([seen(points[first : first + BLOCK]) for first in blocks])

@@ -43,7 +43,7 @@ def tolerance(fit: Fit) -> str:
     return (
         f"{MM * fit.tolerance:.3g} mm RMS beyond the roughness of {MM * smoothed.roughness:.3f} mm: at most "
         f"{MM * allowed:.3f} mm; "
-        f"{MM * smoothed.deviation:.3f} mm in the slab of ±{MM * fit.slab:g} mm"
+        f"{MM * smoothed.deviation:.3f} mm in the {f'slab of ±{MM * fit.slab:g} mm' if fit.slab else 'slice'}"
     )
 
 

@@ -60,6 +60,8 @@ CASES = {
     "no number": ("a.stl", mesh(FEMUR), ["--slice", "medial"], "--slice medial: it must be a place in mm"),
     "tibia as femur": ("a.stl", mesh(TIBIA), [], "as flat as a tibial plateau: --side tibia?"),
     "femur as tibia": ("a.stl", mesh(FEMUR), ["--side", "tibia"], "as round as a femoral condyle: --side femur?"),
+    "a trochlea": ("a.stl", mesh(swept(femoral_curve(((0.030, -110.0, 10.0),)))), [], "normals of -110° to 10°"),
+    "a folder": ("a.stl", lambda path: path.mkdir(), [], "is a folder"),
     "upside down": ("a.stl", mesh(turned_over(FEMUR)), [], "looks up, not down: see --axes"),
     "axes": ("a.stl", mesh(FEMUR), ["--axes", "x,x,z"], "--axes x,x,z: it must name"),
     "label": ("a.stl", mesh(FEMUR), ["--label", "2"], "is no label map"),

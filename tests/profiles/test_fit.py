@@ -153,6 +153,13 @@ def test_bone_and_cartilage_in_one_mesh_give_the_cartilage() -> None:
     assert list(radii(found).values()) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + 0.02 * MM)
 
 
+def test_a_slice_at_the_rim_is_fitted_alone() -> None:
+    found = fit(femur(), MIDDLE + 9.4 * MM)
+    assert "the slab of 2 mm reaches beyond the surface" in found.remarks
+    fall = 0.020 - np.sqrt(0.020**2 - (9.4 * MM) ** 2)
+    assert found.circles[0].radius == pytest.approx(0.030 - fall, abs=2.0 * FACET / OF_ARC)  # steep: facets cut deeper
+
+
 def test_the_automatic_slice_is_that_of_the_ridge() -> None:
     assert contact_centre(femur(TWO_RADII), True, True) == pytest.approx(MIDDLE, abs=0.05 * MM + EDGE / 2.0)
     assert contact_centre(surface(swept(tibial_curve())), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
