@@ -1,4 +1,4 @@
-"""A file's surface: meshes by PyVista (VTK), clouds of points as text, label maps by nibabel."""
+"""A file's surface: meshes by Trimesh or VTK, clouds of points as text, label maps by nibabel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.profiles.label_map import LABEL_MAPS, read_label_map
 from knee_contact_ros.profiles.surface import Surface, parse_axes, placed
 
-MESHES = (".stl", ".ply", ".obj", ".vtp", ".vtk")
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 EXTRA = "knee-contact-ros[mesh]"
 BODY_AXES, SCANNER_AXES = "x,y,z", "y,z,x"
@@ -44,31 +43,47 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
     if kind in CLOUDS:
         points, triangles = read_cloud(path)
     elif kind in MESHES:
-        points, triangles = read_mesh(path)
+        points, triangles = read_mesh(path, kind)
     else:
         known = ", ".join((*MESHES, *CLOUDS, *LABEL_MAPS))
         raise UsageError(f"{path}: a mesh, cloud of points or label map must end with one of {known}")
     return placed(path, points, triangles, unit or "m", parse_axes(axes or BODY_AXES))
 
 
-def read_mesh(path: Path) -> tuple[Floats, Integers]:
+def read_mesh(path: Path, kind: str) -> tuple[Floats, Integers]:
     """Points and triangles of a mesh; points of equal place are one."""
-    import pyvista
-
     with quiet():
         try:
-            mesh: Any = pyvista.read(path)
-            mesh = mesh if isinstance(mesh, pyvista.PolyData) else mesh.extract_surface(algorithm="dataset_surface")
-            points = mesh.n_points
-            mesh = mesh.triangulate().clean()
-        except Exception as error:  # VTK and PyVista raise what they like
-            raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
-    if points == 0:
-        raise UsageError(f"{path} cannot be read as a {path.suffix} file, or has no faces")
-    if mesh.n_cells == 0 or mesh.faces.size == 0:
-        raise UsageError(f"{path} has {points} points but no faces; a cloud of points must be a text file x y z")
-    triangles = np.asarray(mesh.regular_faces, np.int64)
-    return np.asarray(mesh.points, np.float64), triangles
+            points, triangles = MESHES[kind](path)
+        except Exception as error:  # the libraries raise what they like
+            raise UsageError(f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}") from None
+    if not len(points):
+        raise UsageError(f"{path} cannot be read as a {kind} file, or has no faces")
+    if not len(triangles):
+        raise UsageError(f"{path} has {len(points)} points but no faces; a cloud of points must be a text file x y z")
+    return np.asarray(points, np.float64), np.asarray(triangles, np.int64)
+
+
+def by_trimesh(path: Path) -> tuple[Any, Any]:
+    """STL, PLY and OBJ: VTK's reader of PLY ends the process on a file that is cut off."""
+    import trimesh
+
+    read: Any = trimesh.load(path, process=False, skip_materials=True)
+    if isinstance(read, trimesh.PointCloud):
+        return read.vertices, ()
+    mesh = read.to_mesh() if isinstance(read, trimesh.Scene) else read
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh.vertices, mesh.faces
+
+
+def by_vtk(path: Path) -> tuple[Any, Any]:
+    """VTP, which no other library reads."""
+    import pyvista
+
+    read: Any = pyvista.read(path)
+    mesh = read.triangulate().clean()
+    has_faces = bool(mesh.n_cells and mesh.faces.size)
+    return (mesh.points, mesh.regular_faces) if has_faces else (read.points, ())
 
 
 def read_cloud(path: Path) -> tuple[Floats, Integers]:
@@ -103,6 +118,10 @@ def is_numbers(row: list[str]) -> bool:
     return True
 
 
+MESHES = {".stl": by_trimesh, ".ply": by_trimesh, ".obj": by_trimesh, ".vtp": by_vtk}
+"""By what meshes are read"""
+
+
 @contextmanager
 def quiet() -> Iterator[None]:
     """VTK says what is wrong with a file in many lines on the terminal; we say it in one."""
@@ -126,6 +145,6 @@ def need_libraries() -> None:
     Raises:
         UsageError: a library is missing.
     """
-    for needed in ("pyvista", "nibabel", "matplotlib"):
+    for needed in ("pyvista", "trimesh", "nibabel", "matplotlib"):
         if find_spec(needed) is None:
             raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")

@@ -13,6 +13,7 @@ from knee_contact_ros.cli import main
 from tests.profiles.meshes import femoral_curve, saved, swept, tibial_curve
 
 pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("trimesh")
 pytest.importorskip("matplotlib")
 nibabel = pytest.importorskip("nibabel")
 
@@ -25,6 +26,11 @@ def text(content: str) -> Callable[[Path], Any]:
 
 def mesh(shape: tuple[Any, Any], unit: float = 1.0) -> Callable[[Path], Any]:
     return lambda path: saved(path, shape, unit)
+
+
+def cut_off(path: Path) -> None:
+    content = saved(path, FEMUR).read_bytes()
+    path.write_bytes(content[: len(content) // 2])
 
 
 def turned_over(shape: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -44,7 +50,7 @@ CASES = {
     "empty STL": ("a.stl", text("solid a\nendsolid a\n"), [], "cannot be read as a .stl file, or has no faces"),
     "garbage PLY": ("a.ply", text("no mesh"), [], "cannot be read as a .ply file"),
     "garbage VTP": ("a.vtp", text("<no mesh"), [], "cannot be read as a .vtp file"),
-    "garbage VTK": ("a.vtk", text("no mesh"), [], "cannot be read"),
+    **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"cannot be read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
     "no faces": ("a.vtp", only_points, [], "points but no faces"),
     "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "it has a line '1 two 3'"),
     "one column": ("a.xyz", text("1\n2\n"), [], "it has [1] columns"),

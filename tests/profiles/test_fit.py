@@ -18,6 +18,7 @@ from knee_contact_ros.profiles.surface import Surface
 from tests.profiles.meshes import EDGE, MIDDLE, ONE_RADIUS, TWO_RADII, femoral_curve, saved, swept, tibial_curve
 
 pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("trimesh")
 pytest.importorskip("matplotlib")
 
 MM = 1e-3

@@ -18,6 +18,7 @@ from knee_contact_ros.profiles.words import csv
 from knee_contact_ros.stream_in.bag import INPUT_TYPES, read_bag
 
 pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("trimesh")
 
 MM = 1e-3
 SLICE = -18.0 * MM
