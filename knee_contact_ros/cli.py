@@ -24,6 +24,7 @@ from knee_contact_ros.options import (
     parameter_values,
     timing_options,
 )
+from knee_contact_ros.profiles.options import fit_profile_options
 
 INTERRUPTED = 130
 
@@ -245,6 +246,31 @@ def report(
     compared = found(compare) if compare else []
     for path in run_report(Asked(files, labels, sources, given, compared, names), output):
         click.echo(str(path))
+
+
+@knee_contact.command("fit-profile")
+@click.argument("mesh", type=click.Path(path_type=Path), metavar="MESH")
+@fit_profile_options
+def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
+    """From a mesh of cartilage to a profile.
+
+    Cuts MESH (STL, PLY, OBJ, VTP; points as text; a NIfTI label map), smooths the articular side of the slice, and
+    writes
+    it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
+    pip install 'knee-contact-ros[mesh]'.
+    """
+    from knee_contact_ros.profiles.run import Asked, run_fit_profile
+
+    asked = Asked(
+        mesh,
+        femur=side == "femur",
+        medial=compartment == "medial",
+        tolerance=1e-3 * tolerance,
+        slab=1e-3 * slab,
+        **others,
+    )
+    for line in run_fit_profile(asked):
+        click.echo(line)
 
 
 @knee_contact.command()

@@ -1,0 +1,70 @@
+"""Knees of known shape as meshes: arcs of circles swept along z, in m."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.core.arrays import Floats
+
+EDGE = 0.7e-3
+"""[m] of a triangle, as in meshes from MRI"""
+ONE_RADIUS = ((0.030, -45.0, 150.0),)
+TWO_RADII = ((0.034, -45.0, 40.0), (0.022, 40.0, 150.0))
+"""Radius [m], from which normal to which [deg]"""
+MIDDLE = -0.018
+"""z [m] of the condyle's ridge"""
+RIDGE = 0.020
+"""[m] Radius of the condyle across"""
+
+
+def femoral_curve(arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS) -> tuple[Floats, Floats]:
+    """Points and outward normals, shape (n, 2), from anterior to posterior; arcs meet without a corner."""
+    points, normals = [], []
+    centre = np.zeros(2)
+    for number, (radius, low, high) in enumerate(arcs):
+        angle = np.radians(np.linspace(low, high, max(4, round(radius * np.radians(high - low) / EDGE))))
+        normal = np.column_stack([-np.sin(angle), -np.cos(angle)])
+        if number:
+            centre = points[-1][-1] - radius * normal[0]
+        points.append(centre + radius * normal)
+        normals.append(normal)
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
+    """A concave circle with its lowest point at the origin."""
+    x = np.linspace(-0.018, 0.018, round(0.036 / EDGE))
+    height = np.sqrt(radius**2 - x**2)
+    return np.column_stack([x, radius - height]), np.column_stack([-x, height]) / radius
+
+
+def swept(
+    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1, ridge: float = RIDGE
+) -> tuple[Floats, Any]:
+    """Points (n, 3) and triangles of a surface through a curve at z = `MIDDLE`, falling off to both sides.
+
+    `inwards` [m] moves it along its normals, `noise` [m] is the standard deviation of its points along them.
+    """
+    points, normals = curve
+    across = np.linspace(-0.010, 0.010, 29)
+    fall = np.sqrt(ridge**2 - across**2) - ridge - inwards
+    shake = np.random.default_rng(seed).normal(0.0, noise, (len(points), len(across)))
+    xy = points[:, None, :] + normals[:, None, :] * (fall + shake)[:, :, None]
+    z = np.broadcast_to(MIDDLE + across, xy.shape[:2])
+    corner = np.arange(len(points) * len(across)).reshape(len(points), len(across))
+    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
+    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return np.concatenate([xy.reshape(-1, 2), z.reshape(-1, 1)], axis=1), triangles
+
+
+def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
+    """Write a mesh in the form of its suffix."""
+    import pyvista
+
+    polygons: Any = pyvista.PolyData.from_regular_faces(mesh[0] / unit, mesh[1])
+    polygons.save(path)
+    return path
