@@ -137,9 +137,11 @@ opensim_results_options = together(
     click.option("--end", type=float, metavar="S", help="Leave out what is later [s]."),
     click.option(
         "--rate",
-        type=click.FloatRange(1.0, 10_000.0),
+        type=click.FloatRange(0.0, 10_000.0),
+        default=200.0,
+        show_default=True,
         metavar="HZ",
-        help="Interpolate both. [default: every row keeps its stamp]",
+        help="Interpolate both; 0: every row keeps its stamp.",
     ),
 )
 

@@ -38,7 +38,7 @@ def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: 
     Raises:
         UsageError: they do not fit together; and see `import_run` and `import_results`.
     """
-    left = dict(options)
+    left = options | {"rate": options["rate"] or None}
     pipeline = Pipeline(left.pop("setups"), tuple(filter(None, left.pop("steps").split(","))), left.pop("work"))
     results = {name: left.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
     sign = left.pop("angle_sign")
