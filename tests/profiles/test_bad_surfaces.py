@@ -50,7 +50,7 @@ CASES = {
     "empty STL": ("a.stl", text("solid a\nendsolid a\n"), [], "cannot be read as a .stl file, or has no faces"),
     "garbage PLY": ("a.ply", text("no mesh"), [], "cannot be read as a .ply file"),
     "garbage VTP": ("a.vtp", text("<no mesh"), [], "cannot be read as a .vtp file"),
-    **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"cannot be read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
+    **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
     "no faces": ("a.vtp", only_points, [], "points but no faces"),
     "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "it has a line '1 two 3'"),
     "one column": ("a.xyz", text("1\n2\n"), [], "it has [1] columns"),
