@@ -191,3 +191,15 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def found(files: tuple[Path, ...]) -> list[Path]:
+    """Parameter files as given, or from the package's config folder."""
+    return [found_file(name) for name in files or (Path(DEFAULT_PARAMETERS),)]
+
+
+def found_file(name: Path) -> Path:
+    """A parameter file as given, or from the package's config folder."""
+    from knee_contact_ros.resources import find_file
+
+    return find_file(str(name))

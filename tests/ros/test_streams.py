@@ -22,6 +22,7 @@ from knee_contact_ros.provenance import read_provenance
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.messages import RosMessages, header
 from tests.ros.conftest import NodeProcess, Peer, call
 
 Start = Callable[..., NodeProcess]
@@ -171,3 +172,22 @@ def test_a_node_that_cannot_be_activated_ends(start_node: Start, tmp_path: Path)
     code, output = node.wait()
     assert code == 2
     assert "could not be activated" in output.splitlines()[-1]
+
+
+def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
+    """By the frontal moment: 25 N m between compartments 40 mm apart move 625 N from one to the other."""
+    node = start_node("-p", "load.compartment:=moment_balance")
+    peer.wait_for_node()
+    for i, moment in enumerate((0.0, -25.0, 25.0)):
+        peer.send_angle(i * 5 * MILLISECOND, 0.2)
+        force = RosMessages.Vector3(x=0.0, y=-900.0, z=0.0)
+        wrench = RosMessages.Wrench(force=force, torque=RosMessages.Vector3(x=moment, y=0.0, z=0.0))
+        stamp = header(RosMessages, i * 5 * MILLISECOND, "tibia_r")
+        peer.force.publish(RosMessages.WrenchStamped(header=stamp, wrench=wrench))
+    peer.wait_until(lambda: len(peer.contacts) == 3)
+    assert [contact.load for contact in peer.contacts] == [450.0, 450.0 + 625.0, 450.0 - 625.0]
+    peer.wait_until(lambda: peer.problems.get("knee_contact: load"))
+    assert peer.diagnostics["knee_contact: load"] == {
+        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1"
+    }  # fmt: skip
+    assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()[1]
