@@ -14,7 +14,7 @@ from knee_contact_ros.drawing import Drawing, Shown, drawing_of, shown, shown_ro
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.view.outlets import RerunFile
-from knee_contact_ros.view.plots import PLOTS
+from knee_contact_ros.view.plots import LAYER_COLOUR, PLOTS
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
 from tests.messages import raw_inputs
@@ -231,3 +231,18 @@ def test_names_have_units() -> None:
     for plot in PLOTS:
         for series in plot.series:
             assert "[" in series.name or series.name == "evaluations per tick"
+
+
+def luminance(colour: tuple[int, int, int]) -> float:
+    """Relative luminance of the web's contrast formula (WCAG 2)."""
+    parts = [part / 255.0 for part in colour]
+    linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
+    """Rerun follows the user's theme; in a browser that is mostly the light one."""
+    for colour in [LAYER_COLOUR, *(series.colour for plot in PLOTS for series in plot.series)]:
+        light = luminance(colour)
+        assert 1.05 / (light + 0.05) > 2.5, colour
+        assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour
