@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 
 from knee_contact_ros.resources import share_folder
+from tests.sinks import Started
 
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
@@ -59,3 +60,14 @@ def hidden_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
         os.close(read)
         server.kill()
         server.wait()
+
+
+@pytest.fixture
+def started() -> Iterator[Started]:
+    """No process may be left by a test that has closed its sinks."""
+    started = Started()
+    yield started
+    left = [sink.process for sink in started.sinks if sink.process and sink.process.returncode is None]
+    for process in left:
+        process.kill()
+    assert left == []

@@ -19,7 +19,7 @@ from knee_contact_ros.record import CONTINUED, REFUSED_SAMPLES, BagWriter, Limit
 from knee_contact_ros.record_answers import PROVENANCE, AnswerWriter
 from knee_contact_ros.summary import read_summary
 from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.test_apart import answer
+from tests.sinks import answer
 
 MS = 1_000_000
 """[ns] between two answers"""
