@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.answer import Answer, Ending
@@ -114,3 +118,12 @@ def pid(sink: SinkProcess) -> int:
     wait_until(lambda: sink.process)
     assert sink.process
     return sink.process.pid
+
+
+def readable(path: Path, step: int = 1_000_000) -> list[int]:
+    """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
+    numbers: list[int] = []
+    with path.open("rb") as file, suppress(McapError, struct.error):
+        for _, _, message in NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False):
+            numbers.append(message.log_time // step)
+    return numbers

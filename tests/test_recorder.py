@@ -6,19 +6,15 @@ import os
 import re
 import resource
 import signal
-import struct
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from shutil import disk_usage, rmtree
 from typing import Any
 
 import psutil
 import pytest
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
 from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 
@@ -32,7 +28,6 @@ from knee_contact_ros.sinks import recorder
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, read_bag
 from knee_contact_ros.summary import read_refused
-from knee_contact_ros.topics import KNEE_CONTACT
 from tests.sinks import (
     NOTHING_LEFT,
     PATIENCE,
@@ -41,6 +36,7 @@ from tests.sinks import (
     Started,
     pid,
     put,
+    readable,
     recorded_ticks,
     settled_backlog,
     wait_until,
@@ -105,15 +101,6 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
     assert recording.failure == f"recording {path} stopped: File too large"
     assert picture.failure.startswith(f"Rerun recording {tmp_path / 'knee.rrd'} stopped: ")  # Rerun itself says why
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
-
-
-def readable(path: Path, step: int = 1_000_000) -> list[int]:
-    """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
-    numbers: list[int] = []
-    with path.open("rb") as file, suppress(McapError, struct.error):
-        for _, _, message in NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False):
-            numbers.append(message.log_time // step)
-    return numbers
 
 
 def test_what_was_written_before_the_disk_was_full_can_be_read(started: Started, tmp_path: Path) -> None:

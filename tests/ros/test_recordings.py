@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from tests.ros.conftest import NodeProcess, Peer, call
 from tests.ros.test_outputs import STEP, stamps, walk
-from tests.test_apart import readable, wait_until
+from tests.sinks import readable, wait_until
 
 Start = Callable[..., NodeProcess]
 

@@ -73,8 +73,8 @@ def test_a_viewer_that_stands_still_costs_nothing(peer: Peer, start_node: Start)
         (server,) = children(node)
         viewers = [
             process
-            for process in psutil.process_iter(["name"])
-            if process.info["name"] == "rerun" and address(port) in process.cmdline()
+            for process in psutil.process_iter(["name", "cmdline"])  # zombies have no command line
+            if process.info["name"] == "rerun" and address(port) in (process.info["cmdline"] or [])
         ]
         assert viewers
         for viewer in viewers:
