@@ -53,6 +53,9 @@ class Scene:
         self._remarks = Remarks(drawing.body_weight)
         self._time = _durations
         self._last_stamp = 0
+        self._begun = False
+        self._early: list[tuple[str, Mapping[str, str]]] = []
+        """Notes from before the first answer, whose stamp they get"""
         self._states: dict[str, int] = {}
         self._repeat = REPEAT if forgetful else math.inf
         self._written: dict[str, int] = {}
@@ -61,8 +64,8 @@ class Scene:
 
     def show(self, shown: Shown) -> None:
         """Write answers, at least one."""
-        if not self._last_stamp and int(shown.stamp[0]) >= DATES_FROM:
-            self._time = _dates
+        if not self._begun:
+            self._begin(int(shown.stamp[0]))
         self._last_stamp = int(shown.stamp[-1])
         for plot in self._plots:
             values = np.stack([series.values(shown, self._drawing.body_weight) for series in plot.series], axis=1)
@@ -86,11 +89,20 @@ class Scene:
         """Write down that something happened to the node behind the answers so far."""
         if LAYER_DEPTH in values and math.isfinite(self._layer):
             self._layer = float(values[LAYER_DEPTH])
+        if not self._begun:
+            self._early.append((name, values))
+            return
         self._tell([remark_of_note(self._last_stamp, name, values)])
 
     def finish(self) -> None:
         """Write what is left to say."""
         self._tell(self._remarks.finish())
+
+    def _begin(self, stamp: int) -> None:
+        """Decide by the first stamp [ns] what the timeline shows, once for all; tell what came before it."""
+        self._begun = True
+        self._time = _dates if stamp >= DATES_FROM else _durations
+        self._tell([remark_of_note(stamp, name, values) for name, values in self._early])
 
     def _write_still(self) -> None:
         def at(root: str) -> Callable[[str, Any], None]:
@@ -111,7 +123,7 @@ class Scene:
         states = values.astype(int)
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
-        if not len(changes) and stamps[-1] - self._written[path] >= self._repeat:
+        if not len(changes) and abs(stamps[-1] - self._written[path]) >= self._repeat:  # stamps may go back
             changes = np.array([len(states) - 1])
         if len(changes):
             self._written[path] = int(stamps[changes[-1]])

@@ -214,6 +214,18 @@ def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[Drawing, list[
     assert "0.625 s  reset" in told
 
 
+def test_a_note_before_the_first_answer_waits_for_its_stamp(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+    """A timeline has one kind of time: it is not known before."""
+    drawing, answers = knee
+    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
+    scene = Scene(outlet.recording, drawing)
+    scene.note("reset", {"tick": "0"})
+    scene.show(rows([answers[0]._replace(stamp=DATES_FROM * 5)]))
+    outlet.close()
+    told = lists(outlet.path, "/knee/events", "TextLog:text")
+    assert told == [(DATES_FROM * 5, ["2019-12-20 00:00:00.000  reset"])]
+
+
 def test_stamps_of_today_are_dates(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     today = DATES_FROM * 5
