@@ -11,8 +11,9 @@ import rerun as rr
 
 from knee_contact_ros.drawing import Drawing
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.outputs import claim
+from knee_contact_ros.outputs import claim, open_claimed
 from knee_contact_ros.view.layout import blueprint
+from knee_contact_ros.view.piped import PipedFile
 from knee_contact_ros.view.window import LOCALHOST
 
 APPLICATION = "knee_contact_ros"
@@ -42,21 +43,33 @@ class RerunFile:
         """Open the file for these knees; `latency` says whether there will be some.
 
         Raises:
-            UsageError: see `claim`.
+            UsageError: see `claim` and `open_claimed`.
         """
         self.path = path
         self._partial = claim(path, overwrite)
+        self._file = PipedFile(open_claimed(self._partial))
         self.recording = rr.RecordingStream(APPLICATION)
-        self.recording.save(self._partial, default_blueprint=blueprint(drawings, latency))
+        self.recording.save(self._file.name, default_blueprint=blueprint(drawings, latency))
+        self._file.begin()
 
     def flush(self) -> None:
-        """Hand all that was shown to the operating system; only this tells that a disk is full."""
+        """Hand over all that was shown, and tell whether what came before was written.
+
+        Raises:
+            OSError: it was not.
+        """
         self.recording.flush()
+        self._file.check()
 
     def close(self) -> None:
-        """Complete the file and give it its name."""
+        """Complete the file and give it its name.
+
+        Raises:
+            OSError: it is not complete.
+        """
         self.recording.flush()
         self.recording.disconnect()
+        self._file.close()
         self._partial.replace(self.path)
 
     def discard(self) -> None:

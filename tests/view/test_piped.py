@@ -1,0 +1,52 @@
+"""The file behind a pipe: whole, and with an error that its writer never meets."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.solve import solve
+from knee_contact_ros.view.piped import BLOCK, PipedFile
+
+
+def test_all_that_comes_is_in_the_file(tmp_path: Path) -> None:
+    path, data = tmp_path / "whole", os.urandom(5 * BLOCK + 17)
+    piped = PipedFile(path.open("wb"))
+    with piped.name.open("wb", buffering=0) as writer:
+        piped.begin()
+        for start in range(0, len(data), 1000):
+            writer.write(data[start : start + 1000])
+    piped.close()
+    assert path.read_bytes() == data
+
+
+def test_a_full_disk_is_told_and_holds_no_writer() -> None:
+    piped = PipedFile(Path("/dev/full").open("wb"))  # noqa: SIM115  (it closes it)
+    with piped.name.open("wb") as writer:
+        piped.begin()
+        for _ in range(5):
+            writer.write(bytes(BLOCK))
+    with pytest.raises(OSError, match="No space left") as told:
+        piped.close()
+    assert (told.value.errno, told.value.filename) == (errno.ENOSPC, "/dev/full")
+
+
+@pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
+def test_view_ends_with_one_line_when_the_disk_is_full(right_bag: Path, tmp_path: Path, size: int) -> None:
+    recording, path = tmp_path / "answers.mcap", tmp_path / "pictures" / "knee.rrd"
+    solve(right_bag, load_parameters({}), recording, lambda *_: None)
+    done = subprocess.run(
+        [sys.executable, "-m", "knee_contact_ros.cli", "view", str(recording), "--save", str(path)],
+        capture_output=True, text=True, timeout=60, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+    )  # fmt: skip
+    assert done.stderr.splitlines()[-1] == f"knee-contact: {path}.partial: File too large"
+    assert done.returncode == 1
+    assert not list(path.parent.iterdir())
