@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -174,16 +175,22 @@ def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]]
     assert len(told) > 3
 
 
-def test_states_are_repeated_where_what_is_old_gets_lost(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "repeated"),
+    [(range(1, 30), [1, 6, 11, 16, 21, 26]), ((100, 103, 20, 23, 26), [20, 26, 100])],
+    ids=["for long", "after stamps went back"],
+)
+def test_states_are_repeated_where_what_is_old_gets_lost(
+    knee: tuple[Drawing, list[Answer]], tmp_path: Path, seconds: Sequence[int], repeated: list[int]
+) -> None:
     drawing, answers = knee
-    slow = [answers[0]._replace(stamp=1_000_000_000 * second) for second in range(1, 30)]
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
     scene = Scene(outlet.recording, drawing, forgetful=True)
-    for answer in slow:
-        scene.show(rows([answer]))
+    for second in seconds:
+        scene.show(rows([answers[0]._replace(stamp=1_000_000_000 * second)]))
     outlet.close()
     told = lists(outlet.path, "/knee/states/contact", "StateChange:state")
-    assert [stamp // 1_000_000_000 for stamp, _ in told] == [1, 6, 11, 16, 21, 26]
+    assert [stamp // 1_000_000_000 for stamp, _ in told] == repeated
     assert {state[0] for _, state in told} == {"cartilage"}
 
 
