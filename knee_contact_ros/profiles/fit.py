@@ -78,10 +78,9 @@ def check_reach(surface: Surface, z: float, shape: Shape) -> None:
     low, high = np.degrees([shape.normal.min(), shape.normal.max()])
     if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
         raise UsageError(
-            f"{surface.path}: the slice at z = {1e3 * z:g} mm has outward normals of {low:.0f}° to {high:.0f}° (0 "
-            f"down, "
-            f"> 0 posterior), and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch: --slice through a condyle, "
-            f"or see --axes"
+            f"{surface.path}: the slice at z = {1e3 * z:g} mm has outward normals of {low:.0f}° to {high:.0f}° "
+            f"(0 down, > 0 posterior), and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch: --slice through a "
+            "condyle, or see --axes"
         )
 
 
@@ -104,15 +103,13 @@ def check_side(surface: Surface, raw: Floats, femur: bool) -> None:
     flatness = height / max(width, 1e-9)
     if femur and flatness < FLATTEST_FEMUR:
         raise UsageError(
-            f"--side femur: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm "
-            f"high, as flat as a "
-            "tibial plateau: --side tibia? (or see --axes and --slice)"
+            f"--side femur: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
+            "as flat as a tibial plateau: --side tibia? (or see --axes and --slice)"
         )
     if not femur and flatness > FLATTEST_FEMUR:
         raise UsageError(
-            f"--side tibia: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm "
-            f"high, as round as a "
-            "femoral condyle: --side femur? (or see --axes and --slice)"
+            f"--side tibia: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
+            "as round as a femoral condyle: --side femur? (or see --axes and --slice)"
         )
     if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
         raise UsageError(

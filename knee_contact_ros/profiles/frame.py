@@ -28,8 +28,7 @@ def origin_of(fit: Fit, text: str | None) -> Floats:
         if not x.min() <= 0.0 <= x.max():
             raise UsageError(
                 f"--origin surface: the plateau reaches from x = {1e3 * x.min():.1f} to {1e3 * x.max():.1f} mm, "
-                f"not over x = 0; "
-                "give --origin X,Y in mm"
+                "not over x = 0; give --origin X,Y in mm"
             )
         return np.array([0.0, float(np.interp(0.0, x, y))])
     try:

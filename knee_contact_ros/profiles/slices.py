@@ -116,8 +116,7 @@ def of_cloud(surface: Surface, z: float, slab: float) -> Slices:
     if np.count_nonzero(inside) < LEAST_POINTS:
         raise UsageError(
             f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
-            f"{1e3 * slab:g} mm of "
-            f"it (--slab); it reaches from {surface.lateral_range}"
+            f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
         )
     remark = "a cloud of points is taken whole: it must hold the articular side only"
     offsets = distance[inside] / slab if slab > 0.0 else distance[inside]

@@ -54,9 +54,8 @@ def parse_axes(text: str) -> Axes:
     letters = [name.lstrip("+-") for name in names]
     if sorted(letters) != list(LETTERS) or any(len(name) > 2 for name in names):
         raise UsageError(
-            f"--axes {text}: it must name the file's axes that point anterior, superior and lateral, each of x, y "
-            f"and z "
-            "once, as x,y,z or --axes=-y,z,x"
+            f"--axes {text}: it must name the file's axes that point anterior, superior and lateral, "
+            "each of x, y and z once, as x,y,z or --axes=-y,z,x"
         )
     return Axes(
         tuple(LETTERS.index(letter) for letter in letters),

@@ -58,9 +58,8 @@ def thickness(shape: Shape, chart: Chart, bone: Surface, z: float, femur: bool) 
         )
     if outside_share(shape.points[zone], chart, pieces) > MOST_INSIDE or along[zone].mean() > THICKEST:
         raise UsageError(
-            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * along[zone].mean():.1f} mm on "
-            f"average): MESH must "
-            "be the cartilage's surface, --bone the bone's, both in the same axes and --unit"
+            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * along[zone].mean():.1f} mm on average): "
+            "MESH must be the cartilage's surface, --bone the bone's, both in the same axes and --unit"
         )
     return Thickness(along, zone.astype(np.float64), np.stack([pieces.begins, pieces.ends], axis=1))
 

@@ -41,9 +41,8 @@ def tolerance(fit: Fit) -> str:
     smoothed = fit.smoothed
     allowed = math.hypot(smoothed.roughness, fit.tolerance)
     return (
-        f"{MM * fit.tolerance:.3g} mm RMS beyond the roughness of {MM * smoothed.roughness:.3f} mm: at most "
-        f"{MM * allowed:.3f} mm; "
-        f"{MM * smoothed.deviation:.3f} mm in the {f'slab of ±{MM * fit.slab:g} mm' if fit.slab else 'slice'}"
+        f"{MM * fit.tolerance:.3g} mm RMS beyond the roughness of {MM * smoothed.roughness:.3f} mm: "
+        f"at most {MM * allowed:.3f} mm; {MM * smoothed.deviation:.3f} mm in the {f'slab of ±{MM * fit.slab:g} mm' if fit.slab else 'slice'}"
     )
 
 
@@ -59,8 +58,7 @@ def curvature(fit: Fit) -> str:
     begin, end = sorted(np.degrees(fit.shape.normal[[0, -1]]))
     return (
         f"convex everywhere; radius {MM / high:.1f} to {f'{MM / low:.1f}' if low > 0.0 else 'infinite'} mm; "
-        f"normals from "
-        f"{begin:.0f}° to {end:.0f}°"
+        f"normals from {begin:.0f}° to {end:.0f}°"
     )
 
 

@@ -38,6 +38,8 @@ HALF = 12
 """Good samples before a fault, and as many after it"""
 SECOND = 1_000_000_000
 SHARE = 0.5
+WAIT = 7.0
+"""How long [s] a force waits for its angle: what a burst has lost Fast DDS sends again with a heartbeat, every 3 s"""
 FIELDS = ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate")
 OK, REJECTED = Status.OK, Status.INPUT_REJECTED
 
@@ -222,7 +224,7 @@ class Running:
     """A node that lives through all of the faults, and what it must have refused so far."""
 
     def __init__(self) -> None:
-        self.process = NodeProcess("-p", "use_sim_time:=true", "-p", "pairing.wait:=1.0")
+        self.process = NodeProcess("-p", "use_sim_time:=true", "-p", f"pairing.wait:={WAIT}")
         self.refused: Counter[str] = Counter()
         self.begin = 1000 * SECOND
 
