@@ -44,10 +44,17 @@ SOURCES = (
         "doi:10.1016/j.jbiomech.2010.03.046",
     ),
     Source(
+        "D'Lima et al. 2013",
+        "D'Lima D. D., Fregly B. J., Colwell C. W. (2013): Implantable sensor technology: measuring bone and joint "
+        "biomechanics of daily life in vivo. Arthritis Res Ther 15:203. Peak tibial force, walking on a laboratory "
+        "floor, instrumented knee implants, of the five studies that its table 1 names: 2.5–2.8 body weights.",
+        "doi:10.1186/ar4138",
+    ),
+    Source(
         "Erhart et al. 2010",
         "Erhart J. C. et al. (2010): Changes in in vivo knee loading with a variable-stiffness intervention shoe "
         "correlate with changes in the knee adduction moment. J Orthop Res 28. The medial compartment takes some "
-        "60–80 % of the total, as found by the studies that it names.",
+        "60–80 % of the total, as its introduction says of the studies that it names; not its own measurement.",
         "PMC2965044",
     ),
     Source(
@@ -61,27 +68,32 @@ SOURCES = (
         "Liu et al. 2010",
         "Liu F. et al. (2010): In vivo tibiofemoral cartilage deformation during the stance phase of gait. J Biomech "
         "43:658–665, as quoted by the model's paper: peak deformations of 7–23 % of the resting thickness.",
-        "doi:10.1016/j.jbiomech.2009.10.028",
+        "",
     ),
 )
 
-TOTAL_PEAK = 2.61
+STANCE = (FIRST_PEAK[0], SECOND_PEAK[1])
+MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
+"""[BW] of the total force: the mean of five people, and that of five studies"""
 MEDIAL_SHARES = (0.6, 0.8)
-TOTAL = (Range("in vivo: mean peak 2.61 BW [1]", TOTAL_PEAK, TOTAL_PEAK, (FIRST_PEAK[0], SECOND_PEAK[1]), (0,)),)
+TOTAL = (
+    Range("in vivo: 2.5–2.8 BW [2]", *PEAKS, STANCE, (1,)),
+    Range("in vivo: mean peak 2.61 BW [1]", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
+)
 MEDIAL = (
     Range(
-        "in vivo: 60–80 % of 2.61 BW [1, 2]",
-        MEDIAL_SHARES[0] * TOTAL_PEAK,
-        MEDIAL_SHARES[1] * TOTAL_PEAK,
-        (FIRST_PEAK[0], SECOND_PEAK[1]),
-        (0, 1),
+        "in vivo: 60–80 % of 2.5–2.8 BW [2, 3]",
+        MEDIAL_SHARES[0] * PEAKS[0],
+        MEDIAL_SHARES[1] * PEAKS[1],
+        STANCE,
+        (1, 2),
     ),
-    Range("healthy people, computed [3]", 1.8, 2.0, FIRST_PEAK, (2,)),
-    Range("healthy people, computed [3]", 2.0, 2.3, SECOND_PEAK, (2,)),
+    Range("healthy people, computed [4]", 1.8, 2.0, FIRST_PEAK, (3,)),
+    Range("healthy people, computed [4]", 2.0, 2.3, SECOND_PEAK, (3,)),
 )
 DEPTH = Range(
-    f"in vivo, 7–23 % of {CARTILAGE_THICKNESS:g} mm [4]", 0.07 * CARTILAGE_THICKNESS, 0.23 * CARTILAGE_THICKNESS,
-    (0.0, 100.0), (3,),
+    f"in vivo, 7–23 % of {CARTILAGE_THICKNESS:g} mm [5]", 0.07 * CARTILAGE_THICKNESS, 0.23 * CARTILAGE_THICKNESS,
+    (0.0, 100.0), (4,),
 )  # fmt: skip
 
 

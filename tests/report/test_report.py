@@ -20,7 +20,7 @@ from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.report.cycles import PERCENT
 from knee_contact_ros.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS
-from knee_contact_ros.report.in_vivo import MEDIAL, SOURCES, TOTAL
+from knee_contact_ros.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import read_answers
 from knee_contact_ros.stream_in.bag import BagReader
@@ -158,7 +158,7 @@ def test_the_page_says_what_it_should(both: Path) -> None:
     text = text_of(page_of(both))
     for words in (
         "Knee contact: right, left", "not of a medical device", "medial compartment: 0.5 of the axial joint reaction",
-        "doi:10.1016/j.jbiomech.2010.03.046", "387 in 1.93 s (200 Hz)", "0.747 mm", "0.538 mm", "0.915 s (47.4 %)",
+        "doi:10.1186/ar4138", "387 in 1.93 s (200 Hz)", "0.747 mm", "0.538 mm", "0.915 s (47.4 %)",
         "the contact law has one layer", "ticks not converged", "impulse of stance [BW s]", "1.084", "1265.2", "47.3",
         "heel strike at 2° of flexion", "2 heel strikes, 1 toe-off, 4 load peaks.", "contact.layer_depth",
         "two_layer_viscoelastic", "with osteoarthritis.yaml over its parameters", "The contact point does not move",
@@ -178,8 +178,10 @@ def test_published_ranges_are_of_the_same_load(both: Path, bags: tuple[Path, Pat
 
 
 def test_published_numbers_name_their_sources() -> None:
-    for each in (*TOTAL, *MEDIAL):
-        assert each.sources
+    for each in (*TOTAL, *MEDIAL, DEPTH):
+        told = re.search(r"\[(.+)\]$", each.text)
+        assert told
+        assert [int(number) - 1 for number in told[1].split(", ")] == list(each.sources)
         assert all(SOURCES[number].text for number in each.sources)
         assert each.lowest <= each.highest
 
