@@ -56,7 +56,13 @@ HEADER = (
     "dropped",
     "viewer's CPU [us a tick]",
 )
-SIZES = ("knee", "bytes a tick", "MB an hour")
+MINUTES = 10
+"""Length of the files that sizes are taken from"""
+SIZES = ("knee", "bytes a tick", "MB an hour", "memory grows by [MB an hour]")
+SIZE_TEXT = """
+Files of {minutes} minutes. Rerun keeps a list of all pieces of a file in memory, for the file's end: so the process
+that writes one grows, here from its second minute on.
+"""
 TEXT = """
 Ticks at 1 kHz (healthy.yaml, compiled), taken as the node takes them: two messages decoded, paired, computed, encoded
 and handed to the outputs; ROS's own part is left out. The time is that of one tick on its thread, with all that the
@@ -141,21 +147,36 @@ def viewer(port: int) -> Iterator[None]:
             process.wait()
 
 
-def bytes_a_tick(files: list[str], ticks: int, folder: Path) -> float:
+class Size(NamedTuple):
+    """Of a Rerun file."""
+
+    tick: float
+    """[B]"""
+    growth: float
+    """[B] of memory that a tick leaves behind in the process that writes it"""
+
+
+def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     """Of a Rerun file at 1 kHz, as the node writes it."""
+    ticks, first = minutes * 60 * RATE, 60 * RATE
     pipeline, weight = pipeline_of(files)
     drawing: Drawing = drawing_of(pipeline.model, "knee", weight)
     outlet = RerunFile(folder / f"{'_'.join(files)}.rrd", [drawing], latency=True)
     scene = Scene(outlet.recording, drawing, latency=True)
-    rows = []
-    for sample in islice(samples(RATE, SECOND), ticks):
+    rows: list[tuple[Any, ...]] = []
+    begun = 0
+    for number, sample in enumerate(islice(samples(RATE, SECOND), ticks)):
+        if number == first:
+            begun = snapshot(os.getpid()).family[0].resident
         pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
         rows += [shown_row(pipeline.answer(pair, *pipeline.compute(pair), 1e-4)) for pair in pairs]
         if len(rows) >= RATE // 2:  # what comes in the half second that a batch waits
             scene.show(shown(rows))
+            outlet.flush()
             rows = []
+    grown = snapshot(os.getpid()).family[0].resident - begun
     outlet.close()
-    return outlet.path.stat().st_size / ticks
+    return Size(outlet.path.stat().st_size / ticks, grown / (ticks - first))
 
 
 def free_port() -> int:
@@ -192,7 +213,7 @@ def main(output: Path, seconds: float, rounds: int) -> None:
             "healthy.yaml": ["healthy.yaml"],
             "osteoarthritis.yaml, mri_femur.yaml": ["osteoarthritis.yaml", "mri_femur.yaml"],
         }
-        sizes = {knee: bytes_a_tick(files, 60 * RATE, folder) for knee, files in knees.items()}
+        sizes = {knee: size_of(files, MINUTES, folder) for knee, files in knees.items()}
     times = {mode: 1e6 * np.concatenate([one.times for one in runs]) for mode, runs in found.items()}
     rows = []
     for mode, runs in found.items():
@@ -202,13 +223,14 @@ def main(output: Path, seconds: float, rounds: int) -> None:
         figures = (median, mean, p99, p999, *added)
         dropped = sum(one.dropped for one in runs)
         rows.append((mode, *(f"{figure:.1f}" for figure in figures), str(dropped), f"{cpu:.0f}"))
-    hours = [(knee, f"{size:.0f}", f"{size * RATE * 3600 / 1e6:.0f}") for knee, size in sizes.items()]
+    hour = RATE * 3600 / 1e6
+    hours = [(knee, *(f"{n:.0f}" for n in (s.tick, s.tick * hour, s.growth * hour))) for knee, s in sizes.items()]
     worst = max(float(row[5]) for row in rows)
     words = f"Viewing adds {worst:.1f} us to the median tick at most; allowed are {LIMIT:g}."
     text = TEXT.format(rounds=rounds, seconds=seconds).strip()
     tables = [
         Section("Time of a tick", f"{text}\n\n{words}", HEADER, rows),
-        Section("Size of a Rerun file at 1 kHz", "", SIZES, hours),
+        Section("Size of a Rerun file at 1 kHz", SIZE_TEXT.format(minutes=MINUTES).strip(), SIZES, hours),
     ]
     command = f"python -m studies.viewing --seconds {seconds:g} --rounds {rounds}"
     save(output, "What viewing costs", command, tables, machine())
