@@ -40,9 +40,10 @@ def tolerance(fit: Fit) -> str:
     """What was allowed, and why."""
     smoothed = fit.smoothed
     allowed = math.hypot(smoothed.roughness, fit.tolerance)
+    where = f"slab of ±{MM * fit.slab:g} mm" if fit.slab else "slice"
     return (
         f"{MM * fit.tolerance:.3g} mm RMS beyond the roughness of {MM * smoothed.roughness:.3f} mm: "
-        f"at most {MM * allowed:.3f} mm; {MM * smoothed.deviation:.3f} mm in the {f'slab of ±{MM * fit.slab:g} mm' if fit.slab else 'slice'}"
+        f"at most {MM * allowed:.3f} mm; {MM * smoothed.deviation:.3f} mm in the {where}"
     )
 
 
