@@ -127,7 +127,7 @@ def force_caption(cyclic: Sequence[Run]) -> str:
         return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
     about = "total" if ranges == TOTAL else "medial"
     return (
-        f"The load of these runs is the {about} one. Behind the curves, published {about} forces: "
+        f"The load of these runs is the {about} one. Behind the curves, published {about} forces in BW: "
         f"{'; '.join(dict.fromkeys(each.text for each in ranges))}. They are peaks, drawn where peaks are expected; "
         f"the sources give no curve. {cited(ranges)}."
     )

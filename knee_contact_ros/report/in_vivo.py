@@ -26,6 +26,7 @@ class Range(NamedTuple):
     """A range of a quantity's peak."""
 
     text: str
+    """In a legend, in BW or mm"""
     lowest: float
     """[BW] of a force, [mm] of a depth; equal to `highest` where the source gives one number"""
     highest: float
@@ -77,12 +78,12 @@ MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
 """[BW] of the total force: the mean of five people, and that of five studies"""
 MEDIAL_SHARES = (0.6, 0.8)
 TOTAL = (
-    Range("in vivo: 2.5–2.8 BW [2]", *PEAKS, STANCE, (1,)),
-    Range("in vivo: mean peak 2.61 BW [1]", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
+    Range("in vivo: 2.5–2.8 [2]", *PEAKS, STANCE, (1,)),
+    Range("in vivo: mean 2.61 [1]", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
 )
 MEDIAL = (
     Range(
-        "in vivo: 60–80 % of 2.5–2.8 BW [2, 3]",
+        "in vivo: 60–80 % of 2.5–2.8 [2, 3]",
         MEDIAL_SHARES[0] * PEAKS[0],
         MEDIAL_SHARES[1] * PEAKS[1],
         STANCE,
