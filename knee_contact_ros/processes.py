@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import NamedTuple
 
 from knee_contact_ros.errors import UsageError
@@ -79,6 +80,24 @@ def signals_later() -> Iterator[None]:
             signal.signal(number, handler)
         for late in came:
             signal.raise_signal(late)
+
+
+@contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """Have SIGTERM do meanwhile what Ctrl-C does, so that what was begun is cleared away. Of the main thread only.
+
+    Raises:
+        KeyboardInterrupt: it came.
+    """
+
+    def on_terminate(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGTERM, on_terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
 
 
 def end(process: subprocess.Popen[bytes], patience: float) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.processes import interrupted_by_sigterm
 
 
 @contextmanager
@@ -22,15 +21,10 @@ def work_folder(output: Path) -> Iterator[Path]:
         work.mkdir(parents=True)
     except OSError as error:
         raise UsageError(f"cannot write to {output}: {error.strerror}") from None
-
-    def on_terminate(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGTERM, on_terminate)
     try:
-        yield work.resolve()
+        with interrupted_by_sigterm():
+            yield work.resolve()
     finally:
-        signal.signal(signal.SIGTERM, previous)
         shutil.rmtree(work, ignore_errors=True)
         if made and not any(output.iterdir()):
             output.rmdir()

@@ -8,17 +8,19 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import NamedTuple
+from urllib.parse import quote
 
 import click
 
 from knee_contact_ros.errors import IncompleteError, UsageError
 from knee_contact_ros.outputs import refuse_existing
 from knee_contact_ros.parameters import Parameters
-from knee_contact_ros.processes import end
+from knee_contact_ros.processes import end, interrupted_by_sigterm, signals_later
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, Change
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import answer_topics
 from knee_contact_ros.terminal import progress
+from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile, refuse_taken
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
 from knee_contact_ros.view.scene import Scene
@@ -26,7 +28,6 @@ from knee_contact_ros.view.window import (
     ANY_PORT,
     LOCAL,
     LOCALHOST,
-    address,
     connect_command,
     ending,
     executable,
@@ -34,14 +35,13 @@ from knee_contact_ros.view.window import (
     start,
 )
 
-SERVED = "rerun+"
-"""How the address of a scene begins that a node serves"""
+SERVED = ("rerun+", "http://")
+"""How the address of a scene begins that a node serves, or `--serve`"""
 INSTEAD = "say --save OUT.rrd or --serve"
 PATIENCE = 5.0
 """How long [s] a viewer may take to end"""
 DRAWN = ".rrd"
 """How the name of a Rerun file ends"""
-URL_OF_PAGE = "http://{host}:{web}?url=rerun%2Bhttp%3A%2F%2F{host}%3A{port}%2Fproxy"
 
 
 class Way(NamedTuple):
@@ -56,6 +56,7 @@ class Way(NamedTuple):
     """Where; browsers on the next one"""
 
 
+@interrupted_by_sigterm()
 def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
     """Show recordings, gait bags, Rerun files or what nodes serve.
 
@@ -65,12 +66,12 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
         UsageError: a source or a way cannot be used.
         IncompleteError: the viewer failed.
     """
-    served = [source for source in sources if source.startswith(SERVED)]
-    if served:
-        if len(served) < len(sources) or way.save or way.serve:
-            raise UsageError(f"{served[0]}: what a node serves can only be looked at, and not together with files")
+    addresses = [source for source in sources if source.startswith(SERVED)]
+    if addresses:
+        if len(addresses) < len(sources) or way.save or way.serve:
+            raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
         refuse_blind(INSTEAD)
-        look(connect_command(served))
+        look(connect_command(addresses))
         return
     check(way)
     if sources[0].endswith(DRAWN):
@@ -165,15 +166,16 @@ def note_of(change: Change) -> tuple[str, dict[str, str]]:
 
 
 def serve(path: Path, port: int) -> None:
-    """Show a file to browsers and viewers on this machine until Ctrl-C."""
+    """Show a file to browsers and viewers on this machine until Ctrl-C.
+
+    Rerun serves the page only: while it serves a file it keeps a whole processor busy.
+    """
     web = port + 1
-    click.echo(f"In a browser   {URL_OF_PAGE.format(host=LOCALHOST, port=port, web=web)}")
-    click.echo(f"In a viewer    knee-contact view {address(port)}")
-    click.echo("Ctrl-C ends it.")
-    with suppress(KeyboardInterrupt):
-        look([
-            str(executable()), *LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web), str(path)
-        ])  # fmt: skip
+    with suppress(KeyboardInterrupt), served(path, port, page=web) as scene:
+        click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
+        click.echo(f"In a viewer    knee-contact view {scene}")
+        click.echo("Ctrl-C ends it.")
+        look([str(executable()), *LOCAL, *ANY_PORT, "--serve-web", "--web-viewer-port", str(web), scene])
 
 
 def look(command: Sequence[str]) -> None:
@@ -183,7 +185,8 @@ def look(command: Sequence[str]) -> None:
         IncompleteError: it failed.
     """
     with TemporaryFile() as log:
-        process = start(command, log)
+        with signals_later():
+            process = start(command, log)
         try:
             code = process.wait()
         finally:

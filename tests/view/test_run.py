@@ -7,9 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -29,7 +29,7 @@ from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
 from tests.messages import raw_inputs
 from tests.view.rrd import column, entities, lists
-from tests.viewer import free_port, wait_for
+from tests.viewer import free_port, rendered, wait_for
 
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 
@@ -170,57 +170,68 @@ def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) 
     assert len(column(tmp_path / "old.rrd", "/knee/curves/flexion", "Scalars:scalars")) == 387
 
 
+@contextmanager
+def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """The command in a process of its own, which is gone afterwards with all that it has started."""
+    command = [sys.executable, "-m", "knee_contact_ros.cli", "view", *arguments]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
 def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
     port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
-    command = [
-        sys.executable,
-        "-m",
-        "knee_contact_ros.cli",
-        "view",
-        str(osteoarthritic),
-        "--serve",
-        "--port",
-        str(port),
-    ]
-    viewing = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    page, deadline = b"", time.monotonic() + 60.0
-    while not page and time.monotonic() < deadline:
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{port + 1}/") as answer:
-                page = answer.read()
-        except OSError:
-            time.sleep(0.1)
-    os.kill(viewing.pid, signal.SIGINT)
-    said, errors = viewing.communicate(timeout=30.0)
-    assert b"<html" in page.lower()
-    assert (viewing.returncode, errors) == (0, "")
-    assert f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+    with viewing(str(osteoarthritic), "--serve", "--port", str(port)) as process:
+
+        def page() -> bytes:
+            with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port + 1}/") as answer:
+                return bytes(answer.read())
+            return b""
+
+        assert b"<html" in wait_for(page, "the page").lower()
+        family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+        sockets = [one for member in family for one in member.net_connections("tcp")]
+        assert {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN} == {
+            ("127.0.0.1", port), ("127.0.0.1", port + 1)
+        }  # fmt: skip
+        with rendered(f"http://127.0.0.1:{port}/knee_contact.rrd") as screen:
+            assert "knee: events" in screen.views()
+        os.kill(process.pid, signal.SIGINT)
+        said, errors = process.communicate(timeout=30.0)
+        assert (process.returncode, errors) == (0, "")
+    assert f"http://127.0.0.1:{port + 1}?url=http%3A%2F%2F127.0.0.1%3A{port}%2Fknee_contact.rrd" in said
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
 
 
-def test_a_window_opens_and_ctrl_c_closes_it(osteoarthritic: Path, hidden_screen: None) -> None:
-    command = [sys.executable, "-m", "knee_contact_ros.cli", "view", str(osteoarthritic)]
-    viewing = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_screen: None, number: int) -> None:
+    with viewing(str(osteoarthritic)) as process:
 
-    def window() -> psutil.Process | None:
-        return next((child for child in psutil.Process(viewing.pid).children() if child.name() == "rerun"), None)
+        def window() -> psutil.Process | None:
+            return next((child for child in psutil.Process(process.pid).children() if child.name() == "rerun"), None)
 
-    viewer = wait_for(window, "the viewer to start")
+        viewer = wait_for(window, "the viewer to start")
 
-    def newest() -> int:
-        listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
-        with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
-            assert {place.ip for place in listening} <= {"127.0.0.1"}
-            state = ViewerClient.connect(f"rerun+http://127.0.0.1:{listening[0].port}/proxy").get_state()
-            return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
-        return 0
+        def newest() -> int:
+            listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+            with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
+                assert {place.ip for place in listening} <= {"127.0.0.1"}
+                state = ViewerClient.connect(f"rerun+http://127.0.0.1:{listening[0].port}/proxy").get_state()
+                return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
+            return 0
 
-    wait_for(lambda: newest() == 2_460_000_000, "the recording to be seen")
-    folder = Path(viewer.cmdline()[-1]).parent
-    assert folder.is_dir()
-    os.kill(viewing.pid, signal.SIGINT)
-    said, errors = viewing.communicate(timeout=30.0)
-    assert (viewing.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
-    assert not viewer.is_running()
-    assert not folder.exists()
+        wait_for(lambda: newest() == 2_460_000_000, "the recording to be seen")
+        folder = Path(viewer.cmdline()[-1]).parent
+        assert folder.is_dir()
+        os.kill(process.pid, number)
+        said, errors = process.communicate(timeout=30.0)
+        assert (process.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+        assert not viewer.is_running()
+        assert not folder.exists()
