@@ -45,6 +45,8 @@ class InputStream:
 
     def open(self) -> None:
         """Listen."""
+        if not self.meter.received:
+            self.meter = InputMeter()  # silence counts from now on, and not from before the model was compiled
         reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
         by_user = QoSOverridingOptions.with_default_policies()
         self._unheard = False

@@ -19,6 +19,7 @@ from knee_contact_ros.build import retuned
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.provenance import read_provenance
+from knee_contact_ros.session import SILENCE
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.topics import MESSAGE_TYPES
@@ -146,6 +147,17 @@ def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None
     peer.send_force(5 * MILLISECOND, 900.0)
     peer.wait_until(lambda: len(peer.contacts) == 2)
     peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("missed deadlines") == "1")
+
+
+def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start) -> None:
+    node = start_node("-p", "autostart:=false")
+    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert call(peer, ChangeState, "/knee_contact/change_state", request).success
+        peer.spin(SILENCE + 0.5 if transition == Transition.TRANSITION_CONFIGURE else 2.0)
+    _, output = node.stop()
+    assert "active, listening to" in output
+    assert "nothing received" not in output
 
 
 def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
