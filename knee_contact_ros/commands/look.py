@@ -38,7 +38,8 @@ def view(
 
     FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of ours is drawn with
     the parameters stored in it, others with those of --params. Several knees, of one recording or of several, are seen
-    side by side. FILE can also be a Rerun file, or the address that a node logs when it serves (rerun.mode serve).
+    side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
+    --serve tells.
     """
     from knee_contact_ros.parameters import load_parameters
     from knee_contact_ros.ros_spelling import parameters_of

@@ -44,8 +44,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     """From a mesh of cartilage to a profile.
 
     Cuts MESH (STL, PLY, OBJ, VTP; points as text; a NIfTI label map), smooths the articular side of the slice, and
-    writes
-    it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
+    writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
     pip install 'knee-contact-ros[mesh]'.
     """
     from knee_contact_ros.profiles.run import Asked, run_fit_profile

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 from typing import IO
@@ -56,13 +57,19 @@ class PipedFile:
             while data := source.read(BLOCK):
                 if not self._error:
                     self._write(data)
-        with suppress(OSError):  # its last try to write what could not be written
+        with self._first_error():  # a disk in the network may tell only now
             self._file.close()
 
     def _write(self, data: bytes) -> None:
-        try:
+        with self._first_error():
             self._file.write(data)
             self._file.flush()
+
+    @contextmanager
+    def _first_error(self) -> Iterator[None]:
+        """Keep what goes wrong first."""
+        try:
+            yield
         except OSError as error:
             error.filename = self._file.name
-            self._error = error
+            self._error = self._error or error

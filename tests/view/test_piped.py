@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import resource
 import subprocess
@@ -36,6 +37,22 @@ def test_a_full_disk_is_told_and_holds_no_writer() -> None:
     with pytest.raises(OSError, match="No space left") as told:
         piped.close()
     assert (told.value.errno, told.value.filename) == (errno.ENOSPC, "/dev/full")
+
+
+def test_a_disk_that_tells_at_the_end_is_told(tmp_path: Path) -> None:
+    class Late(io.FileIO):
+        def close(self) -> None:
+            super().close()
+            raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    path = tmp_path / "whole"
+    piped = PipedFile(Late(path, "w"))
+    with piped.name.open("wb") as writer:
+        piped.begin()
+        writer.write(b"knee")
+    with pytest.raises(OSError, match="quota") as told:
+        piped.close()
+    assert told.value.filename == path
 
 
 @pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
