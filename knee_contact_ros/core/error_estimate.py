@@ -1,21 +1,39 @@
-"""The error that the steps leave behind: each step's estimated error, carried along by the linearised contact."""
+"""The error that the steps leave behind, carried along by the linearised contact: its expected value and its spread.
+
+Each step adds its estimated error to the expected one and a part of it to the spread (the estimate of an error is itself
+in error), in the contact's energy norm. Both then go on as the contact does: spring, dashpot, flight and events turn
+them in closed form, so that parts that cancel do cancel, and what is not known of them never does.
+"""
 
 from __future__ import annotations
 
 import math
 import sys
+from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import Stage, StateError, Step
 from knee_contact_ros.core.kernel_source import in_kernel
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
-SAFETY = 8.0
-"""Published estimate over the carried one: room for what the linearisation and Richardson's estimate leave out."""
+EXPECTED, SPREAD = 1.5, 3.0
+"""Published estimate: so many times the expected error and so many standard deviations"""
+UNKNOWN, UNKNOWN_IMPLICIT = 1.5, 6.0
+"""Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
+TURNED = 0.5
+"""The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""
+LARGEST_HEIGHT_ERROR, LARGEST_VELOCITY_ERROR = 1e7, 1e7
+"""[m] and [m/s]: no femur is farther from where its answer has it"""
 FAST_SWING = 5.0
 """Radians of the contact's oscillation in a step from which on the method damps it away."""
 TINY = sys.float_info.min
 """Keeps what presses nothing from a division by 0"""
+SLOW = 4.0
+"""Square of the radians of a swing that a step may last for, so that Magnus' series converges"""
+BENT = 1e-3
+"""Errors up to this part of the depth meet a straight contact"""
+CURVATURE = 0.5
+"""Force that the curve of the contact law adds to an error's, over stiffness times error times its part of the depth"""
 
 
 @in_kernel
@@ -37,21 +55,165 @@ def response(stiffness: float, damping: float, mass: float, h: float) -> tuple[f
     return decay, decay * h, half_rate
 
 
+class CarriedError(NamedTuple):
+    """Error of a femur state."""
+
+    height: float
+    """Expected [m]"""
+    velocity: float
+    """Expected [m/s]"""
+    hh: float
+    """Variance of the height's error about that [m²]"""
+    hv: float
+    """Covariance of both [m²/s]"""
+    vv: float
+    """Variance of the velocity's [m²/s²]"""
+
+
+EXACT = CarriedError(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @in_kernel
-def carry(error: StateError, stiffness: float, damping: float, mass: float, h: float) -> StateError:
+def carry(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
     """Carry an error over `h` [s] by m ë = -stiffness e - damping ė."""
     even, odd, half_rate = response(stiffness, damping, mass, h)
-    return StateError(
-        (even + half_rate * odd) * error.height + odd * error.velocity,
-        (even - half_rate * odd) * error.velocity - stiffness / mass * odd * error.height,
+    return turned(error, even + half_rate * odd, odd, -stiffness / mass * odd, even - half_rate * odd)
+
+
+@in_kernel
+def carry_on(
+    error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
+) -> CarriedError:
+    """The same for a stiffness that changes over the step: at its begin, middle and end [N/m].
+
+    The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to both
+    sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
+    """
+    mean = (begin + 4.0 * middle + end) / 6.0
+    grown = 1.0 + h * h * (end - begin) / (24.0 * mass)
+    if h * h * mean > SLOW * mass or not 0.5 < grown < 2.0:
+        return carry(error, middle, damping, mass, h)
+    shrunk = 1.0 / grown
+    across = -damping / mass * (grown - 1.0)
+    error = carry(turned(error, grown, 0.0, across, shrunk), mean, damping, mass, h)
+    return turned(error, grown, 0.0, across, shrunk)
+
+
+@in_kernel
+def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> CarriedError:
+    """The error under a linear map: a e + b ė, c e + d ė."""
+    hh, hv, vv = error.hh, error.hv, error.vv
+    return CarriedError(
+        a * error.height + b * error.velocity,
+        c * error.height + d * error.velocity,
+        a * a * hh + 2.0 * a * b * hv + b * b * vv,
+        a * c * hh + (a * d + b * c) * hv + b * d * vv,
+        c * c * hh + 2.0 * c * d * hv + d * d * vv,
     )
 
 
 @in_kernel
-def carry_in_flight(error: StateError, h: float) -> StateError:
-    """Carry an error through a flight of `h` [s]; its parts must not cancel: after a bounce signs are weak."""
-    reached = error.height + h * error.velocity
-    return StateError(math.copysign(abs(error.height) + h * abs(error.velocity), reached), error.velocity)
+def with_step(
+    error: CarriedError, local: StateError, unknown: float, stiffness: float, damping: float, mass: float
+) -> CarriedError:
+    """The error behind a step with an estimated error of its own, of which a part is `unknown`."""
+    h, v = local.height, local.velocity
+    square = max(stiffness / mass, (damping / mass) * (damping / mass), 1.0 / (HORIZON * HORIZON))
+    aside = TURNED * TURNED * (h * h + v * v / square)
+    return CarriedError(
+        error.height + h,
+        error.velocity + v,
+        error.hh + unknown * unknown * h * h + aside,
+        error.hv + unknown * unknown * h * v,
+        error.vv + unknown * unknown * v * v + aside * square,
+    )
+
+
+@in_kernel
+def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
+    """The error where height [m] and velocity [m/s] may differ by so much more, in any direction, and again and again."""
+    h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
+    v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
+    return CarriedError(error.height, error.velocity, h * h, error.hv, v * v)
+
+
+@in_kernel
+def bounded(error: CarriedError) -> CarriedError:
+    """The error, but no larger than the largest, whatever it has grown to."""
+    h = abs(error.height) + math.sqrt(max(error.hh, 0.0))
+    v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
+    if h <= LARGEST_HEIGHT_ERROR and v <= LARGEST_VELOCITY_ERROR:
+        return error
+    h = h if h < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+    v = v if v < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
+    return CarriedError(0.0, 0.0, h * h, 0.0, v * v)
+
+
+@in_kernel
+def with_push(
+    error: CarriedError, push: float, stiffness: float, damping: float, mass: float, h: float
+) -> CarriedError:
+    """The error where a force [N] of any sign that nobody has told of has acted for `h` [s]."""
+    held = holding(stiffness, damping, mass)
+    velocity = push / mass * min(h, 1.0 / held)
+    return with_bound(error, velocity * min(h, mass * held / max(stiffness, TINY)), velocity)
+
+
+@in_kernel
+def holding(stiffness: float, damping: float, mass: float) -> float:
+    """Rate [1/s] by which a contact holds a velocity's error back: that over it becomes one of the height."""
+    return max(math.sqrt(max(stiffness, 0.0) / mass), damping / mass, 1.0 / HORIZON)
+
+
+@in_kernel
+def reach(error: CarriedError, held: float) -> float:
+    """By how much [m] the height may be wrong: what is published.
+
+    In a contact that holds velocities at a rate `held` [1/s] both errors turn into each other, at a phase that is not well
+    known; in flight (infinite) a velocity's does nothing to the height until later.
+    """
+    swing = error.velocity / held
+    expected = math.sqrt(error.height * error.height + swing * swing)
+    found = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
+    return found if found < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+
+
+@in_kernel
+def velocity_reach(error: CarriedError) -> float:
+    """The same for the velocity [m/s]."""
+    found = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
+    return found if found < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
+
+
+@in_kernel
+def force_reach(error: CarriedError, stiffness: float, damping: float, left_out: float, held: float) -> float:
+    """By how much [N] a force may be wrong that has these slopes over height [N/m] and velocity [N s/m]; see `reach`.
+
+    `left_out` [N] is what it has left out besides.
+    """
+    expected = left_out + stiffness * error.height + damping * error.velocity
+    swing = stiffness * error.velocity / held
+    variance = stiffness * stiffness * error.hh + 2.0 * stiffness * damping * error.hv
+    variance += (damping * damping + stiffness * stiffness / (held * held)) * error.vv
+    return EXPECTED * math.sqrt(expected * expected + swing * swing) + SPREAD * math.sqrt(max(variance, 0.0))
+
+
+@in_kernel
+def carry_in_flight(error: CarriedError, h: float) -> CarriedError:
+    """Carry an error through a flight of `h` [s]."""
+    return turned(error, 1.0, h, 0.0, 1.0)
+
+
+@in_kernel
+def curved(error: CarriedError, depth: float, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
+    """The error after a step of `h` [s] in a contact whose slope changes with the depth [m]."""
+    square = error.height * error.height + error.hh
+    if square <= BENT * BENT * depth * depth:
+        return error
+    wrong = reach(error, math.inf)
+    return with_push(
+        error, CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY)), stiffness, damping, mass, h
+    )
 
 
 @in_kernel
@@ -59,7 +221,7 @@ def decay_rate(stiffness: float, damping: float, mass: float) -> float:
     """Rate [1/s] at which the linearised contact forgets an error: real part of its slower eigenvalue."""
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
-    return half_rate if discriminant <= 0.0 else stiffness / mass / (half_rate + math.sqrt(discriminant))
+    return half_rate if discriminant <= 0.0 else max(stiffness, 0.0) / mass / (half_rate + math.sqrt(discriminant))
 
 
 @in_kernel
@@ -80,11 +242,12 @@ def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float)
     `load` [N] is that at the beginning.
     """
     half_rate, square = 0.5 * step.damping / mass, step.stiffness / mass
-    if square * h * h < FAST_SWING * FAST_SWING or half_rate * half_rate >= square:
+    if half_rate * half_rate >= square:
         return 0.0
     begin, end = step.begin, step.end
     if min(begin.stiffness, end.stiffness) < 0.25 * step.stiffness:  # as at first touch: all of the work may swing
         return math.sqrt(2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass)
+    load, load_rate = load / step.cosine, load_rate / step.cosine
     before, after = swing(begin, load, load_rate, mass), swing(end, load + load_rate * h, load_rate, mass)
     return max(0.0, before * math.exp(-half_rate * h) - after)
 
@@ -98,51 +261,22 @@ def swing(stage: Stage, load: float, load_rate: float, mass: float) -> float:
 
 
 @in_kernel
-def let_go(error: StateError, stiffness: float, mass: float) -> StateError:
-    """Error of a femur that the contact lets go: in contact height and velocity turned into each other.
-
-    The flight keeps the velocity's error, so all of the swing counts as one of the velocity.
-    """
-    swung = error.height * math.sqrt(stiffness / mass)
-    return StateError(
-        error.height, math.copysign(math.sqrt(error.velocity * error.velocity + swung * swung), error.velocity)
-    )
-
-
-@in_kernel
-def behind_jump(error: StateError, rate: float, jump: float, off: float, mass: float, longest: float) -> StateError:
+def behind_jump(error: CarriedError, rate: float, jump: float, off: float, mass: float, longest: float) -> CarriedError:
     """Error behind a boundary met at a `rate` [m/s] of the depth, where the force jumps [N].
 
     A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but
     not for longer than `longest` [s]. Nor does the step end on the boundary itself, but `off` [m] beside it: by
     rounding, which counts where the contact is hard.
     """
-    late = math.copysign(longest, error.height * rate)
-    if abs(error.height) < abs(late * rate):
-        late = error.height / rate
-    beside = min(longest, abs(off / rate)) if rate != 0.0 else 0.0
-    velocity = error.velocity - late * jump / mass
-    return StateError(error.height, velocity + math.copysign(beside * jump / mass, velocity))
+    if jump == 0.0:
+        return error
+    slowest = max(abs(rate), (reach(error, math.inf) + abs(off)) / longest, TINY)
+    late = math.copysign(jump / (mass * slowest), -jump * rate)
+    return with_bound(turned(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))
 
 
 @in_kernel
 def depth_error(error: StateError, stiffness: float, damping: float, mass: float) -> float:
     """Error of the depth [m] that an error of the state amounts to: the height's, and what the velocity's becomes."""
-    holding = max(math.sqrt(stiffness / mass), damping / mass, 1.0 / HORIZON)
-    becomes = error.velocity / holding
+    becomes = error.velocity / holding(stiffness, damping, mass)
     return math.sqrt(error.height * error.height + becomes * becomes)
-
-
-@in_kernel
-def settled_doubt(reach: float, rate: float, load: float, last_load: float, mass: float, left: float) -> StateError:
-    """Error of the static answer given `left` [s] before a tick's end, by all that may have gone on until then.
-
-    `reach` [m] is how far the contact was from its rest, `rate` [m/s] its speed; `load` and `last_load` [N] those of
-    both times. In contact the energy of the load over that distance bounds the speed; a load that pulls moves the femur
-    freely.
-    """
-    pull = max(0.0, -min(load, last_load)) / mass
-    speed = abs(rate) + math.sqrt(2.0 * max(abs(load), abs(last_load)) * reach / mass)
-    if pull == 0.0:
-        return StateError(reach + speed * min(left, HORIZON), speed)
-    return StateError(reach + left * (speed + 0.5 * pull * left), speed + pull * left)

@@ -76,6 +76,8 @@ class KneeModel:
     """Contact law evaluations a tick may cost; 0: no limit"""
     height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
+    force_tolerance: float = 0.0
+    """Wanted error of the contact force [N]; 0: any"""
     level: Level = AUTO
     """The equations that a tick solves; of no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
@@ -91,7 +93,9 @@ class KneeModel:
     def scene(self) -> Scene:
         """The same for the kernel."""
         level = PrescribedHeight() if self.height_prescribed else self.level
-        return Scene(self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.budget, level)
+        return Scene(
+            self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.force_tolerance, self.budget, level
+        )
 
     def stream(self) -> Stream:
         """Start a run that takes one tick at a time."""
@@ -294,11 +298,11 @@ SERIES_DTYPE = np.dtype(
 
 def as_contact(answer: Sequence[float], more_status: int = 0) -> Contact:
     """An answer's numbers under the names of the message; `more_status` gives more bits of the status."""
-    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, fidelity, status, error, evaluations,
-     *_) = answer  # fmt: skip
+    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, fidelity, status, error, force_error,
+     evaluations, *_) = answer  # fmt: skip
     return Contact(
         angle, load, force, depth, gap, rate, Point(x, y, 0.0), height, cartilage, bone, int(state), int(fidelity),
-        int(status) | more_status, error, int(evaluations),
+        int(status) | more_status, error, force_error, int(evaluations),
     )  # fmt: skip
 
 

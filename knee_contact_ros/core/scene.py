@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from knee_contact_ros.core.adrift import FOUND, Adrift
 from knee_contact_ros.core.contact_pairs.base import ContactPair
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, StateError
+from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
+from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.prescribed import Interval
@@ -20,8 +22,8 @@ DYNAMIC = int(Fidelity.DYNAMIC)
 class Level(Protocol):
     """The equations that a tick solves, of the table `LEVELS` (`levels/__init__.py`)."""
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
-        """Carry the femur over an interval."""
+    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+        """Carry the femur over an interval; `spent` are the evaluations that the tick has cost already."""
         ...
 
 
@@ -35,6 +37,8 @@ class Scene(NamedTuple):
     """[kg]"""
     tolerance: float
     """Wanted error of the depth [m]"""
+    force_tolerance: float
+    """Wanted error of the contact force [N]; 0: any"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
     level: Level
@@ -46,7 +50,7 @@ class Progress(NamedTuple):
 
     state: FemurState
     """Its velocity is not a number at the static start: the femur follows its turning surface"""
-    error: StateError
+    error: CarriedError
     """Estimated error of the state, or its deviation from the dynamic one where a simpler level computed it"""
     try_step: float
     """Duration [s] that the next step should try"""
@@ -56,8 +60,6 @@ class Progress(NamedTuple):
     """Its error [m/s]"""
     fidelity: int
     """The level that computed the last tick"""
-    unrest: float
-    """Error [m] of no known sign that a simpler level has left: of its steps, and a swing after a flight left out"""
     stiffness: float
     """Slope of the contact force along the height over the height [N/m] at the end of the last tick"""
     damping: float
@@ -68,6 +70,8 @@ class Progress(NamedTuple):
     """Rate of the depth over n_y [m/s] there"""
     depth: float
     """Signed depth [m] there"""
+    adrift: Adrift
+    """Bounds of the exact solution where its estimate has been lost"""
 
 
 class Advance(NamedTuple):
@@ -82,7 +86,11 @@ class Advance(NamedTuple):
     """[N]"""
     error_estimate: float
     """[m]"""
+    force_error_estimate: float
+    """[N]"""
     evaluations: int
+    reached: float
+    """[s] of the interval up to which the progress has come; the answer is one at the interval's end all the same"""
     converged: bool
     """False if the tick was given up and the contact is the static one"""
 
@@ -91,7 +99,7 @@ class Advance(NamedTuple):
 def impact_of(start: Progress) -> tuple[float, float]:
     """How the contact of a level that never flies began [m/s], and its error: as the present one did, else at rest."""
     if math.isnan(start.impact_speed):
-        return 0.0, start.error.velocity
+        return 0.0, velocity_reach(start.error)
     return start.impact_speed, start.impact_error
 
 
@@ -108,8 +116,7 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
         touched = 0.0 if math.isnan(impact_speed) else impact_speed
         force, _, _ = layers[index].formula.force_at(depth, rate, touched)
     progress = Progress(
-        FemurState(height, velocity), NO_ERROR, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0,
-        depth,
+        FemurState(height, velocity), EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND,
     )  # fmt: skip
     exerted = force if scene.regions.allow_tension else max(force, 0.0)
-    return Advance(progress, depth, rate, exerted, 0.0, 1 if depth > 0.0 else 0, True)
+    return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True)

@@ -9,6 +9,10 @@ from knee_contact_ros.core.contact_pairs.base import Touch
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 
 MAX_ITERATIONS = 200
+NO_LIMIT = 1_000_000
+"""Evaluations where they are not counted"""
+ANSWER = 32
+"""Evaluations that the answer to an unresolved tick takes at most: enough for any load and no guess"""
 ROUNDING = 1e-16
 """Depth and height are solved to this [m], or to this part of them."""
 START_HEIGHT = 0.1
@@ -44,22 +48,24 @@ class StaticContact(NamedTuple):
 
 @aside
 def static_contact(
-    law: ContactLaw, touch: Touch, load: float, near_height: float, near_depth: float, resolution: float
-) -> StaticContact:
+    law: ContactLaw, touch: Touch, load: float, near_height: float, near_depth: float, resolution: float,
+    most: int,
+) -> StaticContact:  # fmt: skip
     """Solve n_y F(depth, 0) = load [N] for the femoral height [m]; a load <= 0 leaves the surfaces just touching.
 
     Guesses are `START_HEIGHT` and a depth of 0 [m] if there are none. The depth is solved until Newton's method
     corrects it by less than `resolution` [m], which leaves about the square of that. The normal hardly turns with the
-    height, so depth and height are solved in turns; on a plane one turn is exact.
+    height, so depth and height are solved in turns; on a plane one turn is exact. It takes about `most` evaluations at
+    most: what is not found by then is answered as far as it is known.
     """
     near, depth, evaluations, cosine = near_depth, 0.0, 0, 0.0
     height = height_at(touch, near_depth, near_height)
     for _ in range(MAX_ITERATIONS):
         last = cosine
         _, _, cosine = touch.touch(height)
-        if abs(cosine - last) <= ROUNDING:
+        if abs(cosine - last) <= ROUNDING or evaluations >= most:
             break
-        solution = static_depth(law, load / cosine, near, resolution)
+        solution = static_depth(law, load / cosine, near, resolution, most - evaluations)
         depth, near = solution.depth, solution.depth
         evaluations += solution.evaluations
         height = height_at(touch, depth, height)
@@ -81,7 +87,7 @@ def height_at(touch: Touch, depth: float, near: float) -> float:
 
 
 @in_kernel
-def static_depth(law: ContactLaw, force: float, near: float, resolution: float) -> StaticSolution:
+def static_depth(law: ContactLaw, force: float, near: float, resolution: float, most: int) -> StaticSolution:
     """Solve F(depth, 0) = force [N] for the depth [m]; 0 for a force <= 0 (just touching).
 
     Newton's method from `near` [m], inside a bracket that halves when Newton leaves it, until a correction is below
@@ -111,7 +117,7 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float) 
         if newton == depth or not low < following < high or correction <= ROUNDING * depth:
             break
         depth = following
-        if correction <= min(resolution, RESOLVED * depth):
+        if correction <= min(resolution, RESOLVED * depth) or evaluations >= most:
             break
     return StaticSolution(depth, evaluations)
 

@@ -6,10 +6,18 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import TINY, decay_rate, depth_error, lost_swing
-from knee_contact_ros.core.integrators.base import FemurState, Motion, StateError, Step, force_on, no_step
+from knee_contact_ros.core.error_estimate import (
+    FAST_SWING,
+    TINY,
+    CarriedError,
+    decay_rate,
+    depth_error,
+    holding,
+    lost_swing,
+)
+from knee_contact_ros.core.integrators.base import FemurState, Motion, StateError, Step, no_step
 from knee_contact_ros.core.integrators.doubling import doubled_step
-from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER
+from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, STAGES
 from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
 from knee_contact_ros.core.integrators.free_flight import free_flight_step
 from knee_contact_ros.core.integrators.massless import massless_step
@@ -38,13 +46,25 @@ MOST_EXPLICIT = 6.0
 """So many explicit steps cost less than an implicit one with its halves"""
 
 
+class Landing(NamedTuple):
+    """The last touch of a tick, of which the exact solution may be late."""
+
+    latest: float
+    """When [s] the exact solution has touched, too"""
+    rate: float
+    """[m/s]"""
+
+
+NO_LANDING = Landing(0.0, 0.0)
+
+
 class Going(NamedTuple):
     """A tick on its way."""
 
     s: float
     """[s] since its beginning"""
     state: FemurState
-    error: StateError
+    error: CarriedError
     try_step: float
     """Duration [s] that the next step should try"""
     swiftness: float
@@ -53,12 +73,13 @@ class Going(NamedTuple):
     """Rate [m/s] at which the present contact began; not a number while apart"""
     impact_error: float
     """Its error [m/s]"""
-    error_at_events: float
-    """Largest error of the height [m] at an event so far"""
     evaluations: int
     events: int
     given_up: bool
     """Whether it takes more evaluations or events than it may"""
+    most: int
+    """Evaluations that it may take"""
+    landing: Landing
 
 
 @in_kernel
@@ -87,8 +108,7 @@ def controlled_step(
 @aside
 def attempt(scene: Scene, interval: Interval, going: Going, region: Region, h: float, known: int) -> tuple[Going, Step]:
     """One step of `h` [s] by the region's formula, wherever it leads; `known` is the boundary it is to end on."""
-    most = scene.budget if scene.budget > 0 else MAX_EVALUATIONS
-    if going.evaluations >= most or going.events >= MAX_EVENTS:
+    if going.evaluations + 3 * STAGES >= going.most or going.events >= MAX_EVENTS:
         return giving_up(going), no_step(going.state)
     motion = motion_in(scene, interval, going, region, known)
     if not region.pressing:
@@ -100,7 +120,8 @@ def attempt(scene: Scene, interval: Interval, going: Going, region: Region, h: f
             step = massless_step(motion, going.s, going.state, h)
     else:
         order, reduced = orders(interval, h)
-        step = doubled_step(motion, order, reduced, going.s, going.state, h, NEWTON_SHARE * scene.tolerance)
+        most = going.most - going.evaluations - 3 * STAGES
+        step = doubled_step(motion, order, reduced, going.s, going.state, h, NEWTON_SHARE * scene.tolerance, most)
     return spending(going, step.evaluations, False), step
 
 
@@ -149,6 +170,8 @@ def local_ratio(
 @in_kernel
 def lost_in(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
     """Speed [m/s] of the oscillation that a step has lost."""
+    if not step.stiffness * h * h >= FAST_SWING * FAST_SWING * scene.mass:
+        return 0.0
     return lost_swing(step, load_at(interval, going.s), interval.load_rate, scene.mass, h)
 
 
@@ -171,10 +194,10 @@ def impact_doubt(
     law = scene.regions.law
     if not law.layers[0].formula.remembers_impact() or math.isnan(going.impact_speed) or going.impact_error == 0.0:
         return 0.0
-    motion = motion_in(scene, interval, going, region, NOWHERE)
-    other = going.impact_speed + going.impact_error
-    motion = Motion(interval, scene.regions, region, other, motion.mass, motion.known)
-    return abs(force_on(motion, depth, rate)[0] - force)
+    formula = law.layers[region.layer].formula
+    faster, _, _ = formula.force_at(depth, rate, going.impact_speed + going.impact_error)
+    slower, _, _ = formula.force_at(depth, rate, max(0.0, going.impact_speed - going.impact_error))
+    return max(abs(faster - force), abs(slower - force))
 
 
 @in_kernel
@@ -183,7 +206,7 @@ def doubtful_push(scene: Scene, interval: Interval, going: Going, region: Region
     if h == 0.0 or not region.pressing:
         return 0.0
     end, mass = step.end, scene.mass
-    answered = max(math.sqrt(step.stiffness / mass), step.damping / mass, 1.0 / h)
+    answered = max(holding(step.stiffness, step.damping, mass), 1.0 / h)
     return impact_doubt(scene, interval, going, region, end.depth, end.rate, end.force) / max(mass * answered, TINY)
 
 
@@ -192,7 +215,7 @@ def spending(going: Going, evaluations: int, given_up: bool) -> Going:
     """The same tick with more evaluations spent."""
     return Going(
         going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.error_at_events, going.evaluations + evaluations, going.events, going.given_up or given_up,
+        going.evaluations + evaluations, going.events, going.given_up or given_up, going.most, going.landing,
     )  # fmt: skip
 
 
@@ -207,5 +230,5 @@ def trying(going: Going, try_step: float) -> Going:
     """The same tick with another duration [s] to try."""
     return Going(
         going.s, going.state, going.error, try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.error_at_events, going.evaluations, going.events, going.given_up,
+        going.evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip

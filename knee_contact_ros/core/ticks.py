@@ -10,22 +10,39 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, StateError
+from knee_contact_ros.core.adrift import FOUND, Adrift
+from knee_contact_ros.core.backlog import SIZE, interval_of, lost, take_on, work_off
+from knee_contact_ros.core.contact_laws.base import layer_at
+from knee_contact_ros.core.error_estimate import (
+    EXACT,
+    LARGEST_HEIGHT_ERROR,
+    CarriedError,
+    velocity_reach,
+)
+from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
-from knee_contact_ros.core.statics import START_HEIGHT, static_contact
+from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
 from knee_contact_ros.core.types import Status
 
 Floats = NDArray[np.float64]
 
-MEMORY = 17
-"""Numbers that a run keeps from tick to tick: whether it has begun, the last angle and load, and its progress"""
-ANSWER = 19
+PROGRESS = 3
+"""Where the progress begins in a run's memory: behind whether the run has begun, the last angle and the last load"""
+BACKLOG = PROGRESS + 19
+"""Where the backlog begins"""
+MEMORY = BACKLOG + SIZE
+"""Numbers that a run keeps from tick to tick"""
+ANSWER = 20
 """Numbers of an answer, in the order of `write_answer`"""
-PLACING = slice(16, 19)
+PLACING = slice(17, 20)
 """Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
+LARGEST_FORCE_ERROR = 1e12
+"""[N]"""
+NEARLY_STRAIGHT = 0.05
+"""Part of the depth up to which an error of it makes one of the force by the slope alone"""
 
 
 @in_kernel
@@ -58,7 +75,22 @@ def tick(
         progress = read_progress(memory)
         if math.isnan(progress.state.velocity):
             progress = following_surface(interval, progress)
-        advance = scene.level.advance(scene, interval, progress)
+        calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.energy == 0.0 and not lost(interval, progress)
+        if not calm:
+            interval, progress = take_on(scene, memory[BACKLOG:], progress, interval)
+        spent, again = 0, True
+        while again:
+            advance = scene.level.advance(scene, interval, progress, spent)
+            if calm and advance.converged:
+                break
+            calm = False
+            advance, again = work_off(scene, memory[BACKLOG:], interval, progress, advance)
+            if again:
+                interval, progress, spent = (
+                    interval_of(scene, memory[BACKLOG:], 0),
+                    advance.progress,
+                    advance.evaluations,
+                )
     memory[0], memory[1], memory[2] = 1.0, angle, load
     write_progress(memory, advance.progress)
     write_answer(answer, scene, angle, load, advance)
@@ -72,14 +104,13 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
     if not math.isnan(height):
         depth, _, _ = touch.touch(height)
         return at_height(scene, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
-    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0)
+    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0, NO_LIMIT)
     _, _, cosine = touch.touch(static.height)
     progress = Progress(
-        FemurState(static.height, math.nan), NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0,
-        cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0,
-        static.depth,
+        FemurState(static.height, math.nan), EXACT, math.inf, 0.0, 0.0, DYNAMIC,
+        cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, FOUND,
     )  # fmt: skip
-    return Advance(progress, static.depth, 0.0, static.force, 0.0, static.evaluations, True)
+    return Advance(progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, True)
 
 
 @aside
@@ -88,8 +119,8 @@ def following_surface(interval: Interval, progress: Progress) -> Progress:
     _, rate, cosine = touch_at(interval, 0.0).touch(progress.state.height)
     return Progress(
         FemurState(progress.state.height, rate / cosine), progress.error, progress.try_step, progress.impact_speed,
-        progress.impact_error, progress.fidelity, progress.unrest, progress.stiffness, progress.damping,
-        progress.excess, progress.sinking, progress.depth,
+        progress.impact_error, progress.fidelity, progress.stiffness, progress.damping, progress.excess,
+        progress.sinking, progress.depth, progress.adrift,
     )  # fmt: skip
 
 
@@ -98,30 +129,33 @@ def read_progress(memory: Floats) -> Progress:
     """Take the progress out of a run's memory."""
     return Progress(
         FemurState(float(memory[3]), float(memory[4])),
-        StateError(float(memory[5]), float(memory[6])),
-        float(memory[7]),
-        float(memory[8]),
-        float(memory[9]),
-        int(memory[10]),
+        CarriedError(float(memory[5]), float(memory[6]), float(memory[7]), float(memory[8]), float(memory[9])),
+        float(memory[10]),
         float(memory[11]),
         float(memory[12]),
-        float(memory[13]),
+        int(memory[13]),
         float(memory[14]),
         float(memory[15]),
         float(memory[16]),
+        float(memory[17]),
+        float(memory[18]),
+        Adrift(float(memory[19]), float(memory[20]), float(memory[21])),
     )
 
 
 @in_kernel
 def write_progress(memory: Floats, progress: Progress) -> None:
     """Put the progress into a run's memory."""
+    error, adrift = progress.error, progress.adrift
     memory[3], memory[4] = progress.state.height, progress.state.velocity
-    memory[5], memory[6] = progress.error.height, progress.error.velocity
-    memory[7] = progress.try_step
-    memory[8], memory[9] = progress.impact_speed, progress.impact_error
-    memory[10], memory[11] = progress.fidelity, progress.unrest
-    memory[12], memory[13] = progress.stiffness, progress.damping
-    memory[14], memory[15], memory[16] = progress.excess, progress.sinking, progress.depth
+    memory[5], memory[6] = error.height, error.velocity
+    memory[7], memory[8], memory[9] = error.hh, error.hv, error.vv
+    memory[10] = progress.try_step
+    memory[11], memory[12] = progress.impact_speed, progress.impact_error
+    memory[13] = progress.fidelity
+    memory[14], memory[15] = progress.stiffness, progress.damping
+    memory[16], memory[17], memory[18] = progress.excess, progress.sinking, progress.depth
+    memory[19], memory[20], memory[21] = adrift.energy, adrift.height, adrift.pressed
 
 
 @in_kernel
@@ -133,7 +167,14 @@ def write_answer(answer: Floats, scene: Scene, angle: float, load: float, advanc
     x, _ = scene.mechanism.translation(angle)
     closest = scene.pair.closest(angle, x, height)
     point_x, point_y = closest.point(x, height)
-    missed = not advance.converged or advance.error_estimate > scene.tolerance
+    error, force_error, evaluations = advance.error_estimate, advance.force_error_estimate, advance.evaluations
+    if error > NEARLY_STRAIGHT * abs(advance.depth) and advance.depth + error > 0.0:
+        force_error = max(force_error, bent_force_error(scene, advance))
+        evaluations += 1
+    # Not a number is no estimate: it is never within a tolerance, and published as the largest error.
+    met = error <= scene.tolerance and (scene.force_tolerance == 0.0 or force_error <= scene.force_tolerance)
+    error = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+    force_error = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
     answer[0], answer[1] = angle, load
     answer[2] = advance.force
     answer[3], answer[4] = depth, max(0.0, -advance.depth)
@@ -143,8 +184,18 @@ def write_answer(answer: Floats, scene: Scene, angle: float, load: float, advanc
     answer[9], answer[10] = depth - bone, bone
     answer[11] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     answer[12] = advance.progress.fidelity
-    answer[13] = NOT_CONVERGED if missed else 0
-    answer[14] = advance.error_estimate
-    answer[15] = advance.evaluations
-    answer[16] = x
-    answer[17], answer[18] = closest.normal_x, closest.normal_y
+    answer[13] = 0 if met and advance.converged else NOT_CONVERGED
+    answer[14], answer[15] = error, force_error
+    answer[16] = evaluations
+    answer[17] = x
+    answer[18], answer[19] = closest.normal_x, closest.normal_y
+
+
+@aside
+def bent_force_error(scene: Scene, advance: Advance) -> float:
+    """By how much [N] the force may be wrong where that of the depth is large against it: the law itself tells."""
+    depth = advance.depth + advance.error_estimate
+    rate = advance.rate + velocity_reach(advance.progress.error)
+    speed = 0.0 if math.isnan(advance.progress.impact_speed) else advance.progress.impact_speed
+    force, _, _ = scene.regions.law.layers[layer_at(scene.regions.law, depth)].formula.force_at(depth, rate, speed)
+    return max(force - advance.force, advance.force)

@@ -80,5 +80,7 @@ class Contact(NamedTuple):
     """a set of `Status` bits"""
     error_estimate: float
     """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
+    force_error_estimate: float
+    """[N] estimated error of `contact_force` against the exact solution of the scene"""
     evaluations: int
     """contact law evaluations that this tick took"""

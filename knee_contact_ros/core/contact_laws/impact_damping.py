@@ -33,9 +33,7 @@ class ImpactDamped(NamedTuple):
         loss_over_speed = self.loss / max(impact_speed, self.least_impact_speed)
         elastic, slope = power_law(self.stiffness, self.exponent, depth)
         factor = 1.0 + loss_over_speed * rate
-        # Where the factor is negative the formula pulls, and its true slope is negative: Newton's method needs one
-        # >= 0, and the integrator releases the contact at that boundary.
-        return elastic * factor, slope * max(factor, 0.0), elastic * loss_over_speed
+        return elastic * factor, slope * factor, elastic * loss_over_speed
 
     def remembers_impact(self) -> bool:
         """See `LayerFormula`."""

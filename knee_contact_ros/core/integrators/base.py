@@ -81,9 +81,11 @@ class Step(NamedTuple):
     """The contact at its end"""
     crossing: Crossing
     stiffness: float
-    """Slope of the force over depth [N/m], typical of the step: it carries errors over it"""
+    """Slope of the force along the height over the height [N/m], typical of the step: it carries errors over it"""
     damping: float
-    """Slope of the force over rate [N s/m], likewise"""
+    """The same over the velocity [N s/m], likewise"""
+    cosine: float
+    """n_y at its beginning"""
     leapt: float
     """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within the step; 0 if none"""
     evaluations: int
@@ -134,11 +136,11 @@ def leap(before: float, after: float, angle_rate: float, duration: float) -> flo
 @in_kernel
 def staying(state: FemurState, contact: Stage) -> Step:
     """A step of no duration."""
-    return Step(state, NO_ERROR, contact, contact, INSIDE, 0.0, 0.0, 0.0, 0, True)
+    return Step(state, NO_ERROR, contact, contact, INSIDE, 0.0, 0.0, 1.0, 0.0, 0, True)
 
 
 @in_kernel
 def no_step(state: FemurState) -> Step:
     """In place of a step that is not to be taken any more."""
     nothing = Stage(0.0, 0.0, 0.0, 0.0, 0.0)
-    return Step(state, NO_ERROR, nothing, nothing, INSIDE, 0.0, 0.0, 0.0, 0, False)
+    return Step(state, NO_ERROR, nothing, nothing, INSIDE, 0.0, 0.0, 1.0, 0.0, 0, False)

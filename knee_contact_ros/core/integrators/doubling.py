@@ -6,6 +6,8 @@ estimate is of the solution that goes on (no local extrapolation), so it is shar
 
 from __future__ import annotations
 
+import math
+
 from knee_contact_ros.core.integrators.base import Crossing, FemurState, Motion, StateError, Step, knowing
 from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
 from knee_contact_ros.core.kernel_source import aside
@@ -17,33 +19,38 @@ STIFF = 100.0
 
 @aside
 def doubled_step(
-    motion: Motion, order: int, reduced: int, s: float, state: FemurState, h: float, resolution: float
+    motion: Motion, order: int, reduced: int, s: float, state: FemurState, h: float, resolution: float, most: int
 ) -> Step:
     """Two ESDIRK steps of h/2 [s] with their estimated error; the method has the given `order`.
 
     In a contact that is stiff against the step only the order `reduced` is left (Prothero & Robinson; Hairer & Wanner,
-    Solving Ordinary Differential Equations II, section IV.15), and Richardson's estimate must be that order's.
+    Solving Ordinary Differential Equations II, section IV.15), and Richardson's estimate must be that order's. It takes
+    `most` evaluations, or one for every stage that is left then.
     """
-    whole = esdirk4_step(motion, s, state, h, resolution)
-    first = esdirk4_step(knowing(motion, NOWHERE), s, state, 0.5 * h, resolution)
-    second = esdirk4_step(motion, s + 0.5 * h, first.state, 0.5 * h, resolution)
+    whole = esdirk4_step(motion, s, state, h, resolution, most)
+    first = esdirk4_step(knowing(motion, NOWHERE), s, state, 0.5 * h, resolution, most - whole.evaluations)
+    left = most - whole.evaluations - first.evaluations
+    second = esdirk4_step(motion, s + 0.5 * h, first.state, 0.5 * h, resolution, left)
     # A contact without mass is solved in this way only where it is stiff.
     stiff = h * (h * first.stiffness + first.damping) > STIFF * motion.mass
     gain = 2.0 ** (reduced if stiff else order) - 1.0
     crossing = Crossing(second.crossing.boundary, 0.5 + 0.5 * second.crossing.fraction)
     if first.crossing.boundary != NOWHERE:
         crossing = Crossing(first.crossing.boundary, 0.5 * first.crossing.fraction)
+    compared = (second.state.height - whole.state.height) / gain
     # The middle's slopes carry an error over the step at second order; the end's would do so at first.
     return Step(
         second.state,
         StateError(
-            (second.state.height - whole.state.height) / gain, (second.state.velocity - whole.state.velocity) / gain
+            compared + math.copysign(first.error.height + second.error.height, compared),
+            (second.state.velocity - whole.state.velocity) / gain,
         ),
         first.begin,
         second.end,
         crossing,
         first.stiffness,
         first.damping,
+        first.cosine,
         max(first.leapt, second.leapt),
         whole.evaluations + first.evaluations + second.evaluations,
         whole.solved and first.solved and second.solved,

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import (
     INSIDE,
-    NO_ERROR,
     FemurState,
     Motion,
     Stage,
+    StateError,
     Step,
     acceleration_of,
     earlier,
@@ -33,6 +33,7 @@ from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
 STAGE_ORDER = 2
+STAGES = 6
 GAMMA = 1 / 4
 C2, C3, C4, C5 = 1 / 2, 83 / 250, 31 / 50, 17 / 20
 A21 = 1 / 4
@@ -64,14 +65,16 @@ class Solved(NamedTuple):
     """The same over the velocity [N s/m]"""
     evaluations: int
     arrived: bool
+    left: float
+    """Of the depth [m]: what Newton's method has left, by the curve of the contact law"""
 
 
 @aside
-def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resolution: float) -> Step:
+def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resolution: float, most: int) -> Step:
     """Take one step of `h` [s] under one layer's formula.
 
     `resolution` [m] is the change of depth below which Newton's method has arrived (its next correction would be
-    smaller by orders of magnitude).
+    smaller by orders of magnitude). Once the step has taken `most` evaluations its stages are not solved any more.
     """
     y, v = state.height, state.velocity
     d = h * GAMMA
@@ -81,24 +84,31 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     begin = Stage(depth, rate, force, stiffness, surface_rate)
     a = acceleration_of(motion, cosine * force - load_at(motion.interval, s))
 
-    one = solve_stage(motion, s + C2 * h, y + h * (A21 * v), v + h * (A21 * a), d, a, resolution)
+    one = solve_stage(motion, s + C2 * h, y + h * (A21 * v), v + h * (A21 * a), d, a, resolution, most)
+    most -= one.evaluations
     v2, a2 = one.velocity, one.acceleration
-    two = solve_stage(motion, s + C3 * h, y + h * (A31 * v + A32 * v2), v + h * (A31 * a + A32 * a2), d, a2, resolution)
+    two = solve_stage(
+        motion, s + C3 * h, y + h * (A31 * v + A32 * v2), v + h * (A31 * a + A32 * a2), d, a2, resolution, most
+    )
+    most -= two.evaluations
     v3, a3 = two.velocity, two.acceleration
     three = solve_stage(
         motion, s + C4 * h,
         y + h * (A41 * v + A42 * v2 + A43 * v3), v + h * (A41 * a + A42 * a2 + A43 * a3), d, a3, resolution,
+        most,
     )  # fmt: skip
+    most -= three.evaluations
     v4, a4 = three.velocity, three.acceleration
     four = solve_stage(
         motion, s + C5 * h,
         y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4), v + h * (A51 * a + A52 * a2 + A53 * a3 + A54 * a4),
-        d, a4, resolution,
+        d, a4, resolution, most,
     )  # fmt: skip
+    most -= four.evaluations
     v5, a5 = four.velocity, four.acceleration
     known_height = y + h * (A61 * v + A63 * v3 + A64 * v4 + A65 * v5)
     known_velocity = v + h * (A61 * a + A63 * a3 + A64 * a4 + A65 * a5)
-    five = solve_stage(motion, s + h, known_height, known_velocity, d, a5, resolution)
+    five = solve_stage(motion, s + h, known_height, known_velocity, d, a5, resolution, most)
 
     crossing = earlier(INSIDE, motion, two.stage, s + C3 * h, C3)
     crossing = earlier(crossing, motion, one.stage, s + C2 * h, C2)
@@ -117,12 +127,13 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
         )
     return Step(
         FemurState(known_height + d * five.velocity, five.velocity),
-        NO_ERROR,
+        StateError(one.left + two.left + three.left + four.left + five.left, 0.0),
         begin,
         five.stage,
         crossing,
         five.stiffness,
         five.damping,
+        cosine,
         leapt,
         1 + one.evaluations + two.evaluations + three.evaluations + four.evaluations + five.evaluations,
         one.arrived and two.arrived and three.arrived and four.arrived and five.arrived,
@@ -131,27 +142,31 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
 
 @in_kernel
 def solve_stage(
-    motion: Motion, s: float, height: float, velocity: float, diagonal: float, guess: float, resolution: float
-) -> Solved:
+    motion: Motion, s: float, height: float, velocity: float, diagonal: float, guess: float, resolution: float,
+    most: int,
+) -> Solved:  # fmt: skip
     """Solve a stage at s [s]: its height is `height` + `diagonal` times its velocity, and so on with the acceleration.
 
-    Newton's method from the acceleration `guess` [m/s²].
+    Newton's method from the acceleration `guess` [m/s²], for `most` evaluations, but one at least.
     """
     touch, load = touch_at(motion.interval, s), load_at(motion.interval, s)
     unknown = velocity + diagonal * guess
+    most = max(1, min(most, MAX_NEWTON))
     evaluations, arrived = 0, False
-    while not arrived and evaluations < MAX_NEWTON:
+    while not arrived and evaluations < most:
         depth, surface_rate, cosine = touch.touch(height + diagonal * unknown)
         rate = surface_rate - cosine * unknown
         force, stiffness, damping = force_on(motion, depth, rate)
         evaluations += 1
-        force_slope = cosine * (diagonal * stiffness + damping)
+        # Where a formula pulls its slope may be negative; Newton's method is to go on downhill there, too.
+        force_slope = cosine * (diagonal * max(stiffness, 0.0) + damping)
         residual = motion.mass * (unknown - velocity) - diagonal * (cosine * force - load)
         slope = motion.mass + diagonal * cosine * force_slope
         # Without mass, and where nothing presses yet, there is no slope to follow: go into contact.
         correction = residual / slope if slope > 0.0 else (FIRST_DEPTH - depth) / (cosine * diagonal)
         unknown -= correction
         arrived = abs(correction) * diagonal <= max(min(resolution, DEPTH_SHARE * depth), LEAST_CORRECTION)
+    left = (cosine * diagonal * correction) ** 2 / max(depth, LEAST_CORRECTION)
     if arrived:  # all else follows the last correction along the tangent, at no further evaluation
         force += force_slope * correction
         depth += cosine * diagonal * correction
@@ -165,4 +180,5 @@ def solve_stage(
         cosine * cosine * damping,
         evaluations,
         arrived,
+        left,
     )

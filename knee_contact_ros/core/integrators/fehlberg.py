@@ -80,7 +80,7 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     stride = fehlberg_stride(motion, s, state, h, begin)
     return Step(
         stride.state, stride.error, begin.stage, stride.end.stage, stride.crossing, stride.middle.stiffness,
-        stride.middle.damping, stride.leapt, EVALUATIONS + 1, True,
+        stride.middle.damping, begin.cosine, stride.leapt, EVALUATIONS + 1, True,
     )  # fmt: skip
 
 

@@ -100,6 +100,7 @@ def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
         crossing,
         six.stiffness,
         six.damping,
+        1.0,
         0.0,
         EVALUATIONS + 1,
         least > 0.0,

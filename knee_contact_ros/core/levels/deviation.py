@@ -1,31 +1,33 @@
 """How far a simpler level is from the dynamic one: the motion that it leaves out, by the linearised contact.
 
 With x = level's height - dynamic height, M ẍ + C ẋ + K x = p, where p [N] is what the level left out of Eq. 13: the
-inertia of its own motion, and for the quasi-static level the dashpot's force too. Where the dynamic femur flies, x
-grows freely; what it may swing after that is remembered as an unrest that the contact calms.
+inertia of its own motion, and for the quasi-static level the dashpot's force too. p/K, where x would come to rest, is
+taken as linear over the tick. Where no load presses, the dynamic femur flies and x grows freely; how it lands from there
+is no matter of a linear contact any more (`adrift.py`).
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import carry, decay_rate, depth_error
-from knee_contact_ros.core.integrators.base import StateError
+from knee_contact_ros.core.error_estimate import (
+    CarriedError,
+    carry,
+    carry_in_flight,
+    curved,
+    with_bound,
+    with_push,
+)
 from knee_contact_ros.core.kernel_source import in_kernel
 
 SOFTEST = 1e-8
 """K h²/M below which the spring does not count in a tick"""
-BOUNCE = math.pi / math.sqrt(8.0)
-"""A bounce of the height A lasts √(8 A M/L), and the contact in between half a period, π √(M/K)"""
-
-
-class Deviation(NamedTuple):
-    """Estimated deviation of a level from the dynamic one."""
-
-    state: StateError
-    unrest: float
-    """Error [m] of no known sign: of the level's steps, and a swing after a flight"""
+ROUGH = 0.2
+"""Part of the change of x's place of rest in a tick that is not known"""
+LOOSE = 0.03
+"""The same of x itself: K and C are taken as constant"""
+LAUNCHED = 0.2
+"""The same of a flight's acceleration"""
 
 
 class LeftOut(NamedTuple):
@@ -35,33 +37,42 @@ class LeftOut(NamedTuple):
     """K [N/m] along the height, of the tick's middle"""
     damping: float
     """C [N s/m], likewise"""
+    begin_rest: float
+    """p/K [m] at the tick's beginning"""
+    end_rest: float
+    """The same at its end"""
     acceleration: float
     """Of the level [m/s²]"""
-    dashpot: float
-    """Force of the dashpot along the height that the level leaves out [N]"""
     begin_load: float
     """[N] at the tick's beginning"""
     end_load: float
     """[N] at its end"""
-    reach: float
-    """Depth over n_y of the level [m]: as far as the dynamic femur must be above it to fly"""
+    depth: float
+    """Of the level in its layer [m] at the tick's end"""
 
 
 @in_kernel
-def deviate(deviation: Deviation, left_out: LeftOut, mass: float, h: float) -> Deviation:
+def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
     """The deviation after a tick of `h` [s]."""
-    error, unrest = deviation
-    flying = -error.height > left_out.reach
-    if flying or left_out.begin_load < 0.0 or left_out.end_load < 0.0:
-        push = left_out.acceleration + lifting(left_out, flying) / mass
-        error = StateError(error.height + h * (error.velocity + 0.5 * push * h), error.velocity + push * h)
-        return Deviation(error, max(unrest, abs(error.height)))
+    if left_out.begin_load <= 0.0 or left_out.end_load <= 0.0:
+        push = left_out.acceleration + lifting(left_out) / mass
+        flown = carry_in_flight(error, h)
+        flown = CarriedError(flown.height + 0.5 * push * h * h, flown.velocity + push * h, flown.hh, flown.hv, flown.vv)
+        return with_bound(flown, LAUNCHED * abs(push) * h * h, LAUNCHED * abs(push) * h)
     spring = max(left_out.stiffness, SOFTEST * mass / (h * h))
-    rest = (mass * left_out.acceleration - left_out.dashpot) / spring
-    behind = error.height - lagging(error.velocity, left_out, mass, h)
-    moved = carry(StateError(behind - rest, error.velocity), spring, left_out.damping, mass, h)
-    error = StateError(moved.height + rest, moved.velocity)
-    return Deviation(error, max(calmed(unrest, left_out, spring, mass, h), thrown(error, left_out, spring, mass)))
+    drift = (left_out.end_rest - left_out.begin_rest) / h
+    lag = left_out.damping / spring * drift
+    behind = lagging(error.velocity, left_out, mass, h)
+    away = CarriedError(
+        error.height - behind - left_out.begin_rest + lag, error.velocity - drift, error.hh, error.hv, error.vv
+    )
+    moved = carry(away, spring, left_out.damping, mass, h)
+    moved = CarriedError(moved.height + left_out.end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
+    unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * (abs(moved.height) + abs(error.height))
+    moved = with_push(moved, spring * unknown, spring, left_out.damping, mass, h)
+    if behind > 0.0:
+        moved = with_bound(moved, behind, 0.0)
+    return curved(moved, left_out.depth, spring, left_out.damping, mass, h)
 
 
 @in_kernel
@@ -79,36 +90,9 @@ def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
 
 
 @in_kernel
-def thrown(error: StateError, left_out: LeftOut, spring: float, mass: float) -> float:
-    """How high [m] a contact that swings further than its depth throws the femur; 0 if it swings less.
-
-    What the spring had stored beyond the depth is lifted against the load.
-    """
-    swung = error.height * error.height + error.velocity * error.velocity * mass / spring
-    spare = swung - left_out.reach * left_out.reach
-    load = 0.5 * (left_out.begin_load + left_out.end_load)
-    return math.sqrt(swung) + 0.5 * spring * spare / load if spare > 0.0 and load > 0.0 else 0.0
-
-
-@in_kernel
-def calmed(unrest: float, left_out: LeftOut, spring: float, mass: float, h: float) -> float:
-    """What is left of a swing's depth [m] after `h` [s]; a femur that bounces is in contact for a part of the time."""
-    rate, load = decay_rate(spring, left_out.damping, mass), 0.5 * (left_out.begin_load + left_out.end_load)
-    if unrest > left_out.reach:
-        rate *= min(1.0, BOUNCE * math.sqrt(load / (spring * unrest)))
-    return unrest * math.exp(-rate * h)
-
-
-@in_kernel
-def lifting(left_out: LeftOut, flying: bool) -> float:
-    """Mean load [N] of a tick on a femur that flies, or that leaves the tibia when the load changes its sign."""
+def lifting(left_out: LeftOut) -> float:
+    """Mean load [N] of a tick on a femur that leaves the tibia when the load changes its sign, if it does."""
     begin, end = left_out.begin_load, left_out.end_load
-    if flying or begin < 0.0 or end >= 0.0:
+    if begin < 0.0 or end >= 0.0:
         return 0.5 * (begin + end)
     return 0.5 * end * end / (end - begin)
-
-
-@in_kernel
-def deviation_of_depth(deviation: Deviation, stiffness: float, damping: float, mass: float) -> float:
-    """The deviation as an error of the depth [m]."""
-    return depth_error(deviation.state, stiffness, damping, mass) + deviation.unrest

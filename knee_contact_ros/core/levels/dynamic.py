@@ -9,19 +9,27 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from knee_contact_ros.core.adrift import RESERVE, Adrift
 from knee_contact_ros.core.error_estimate import (
-    HORIZON,
-    SAFETY,
+    TINY,
+    UNKNOWN,
+    UNKNOWN_IMPLICIT,
     behind_jump,
-    carry,
+    bounded,
     carry_in_flight,
-    depth_error,
-    let_go,
-    settled_doubt,
+    carry_on,
+    curved,
+    force_reach,
+    holding,
+    reach,
     swiftness,
+    velocity_reach,
+    with_bound,
+    with_push,
+    with_step,
 )
 from knee_contact_ros.core.events import end_on_boundary
-from knee_contact_ros.core.integrators.base import FemurState, StateError, Step, force_on
+from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
 from knee_contact_ros.core.levels.flight import flies_freely, flying_tick
 from knee_contact_ros.core.levels.quiet import quiet_tick
@@ -40,9 +48,12 @@ from knee_contact_ros.core.regions import (
     margin,
 )
 from knee_contact_ros.core.scene import Advance, Progress, Scene
-from knee_contact_ros.core.statics import START_HEIGHT, static_contact
 from knee_contact_ros.core.stepping import (
+    EXPLICIT,
+    MAX_EVALUATIONS,
+    NO_LANDING,
     Going,
+    Landing,
     controlled_step,
     doubtful_push,
     impact_doubt,
@@ -52,7 +63,6 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
-GIVEN_UP = int(Fidelity.QUASI_STATIC)
 
 
 class Dynamic(NamedTuple):
@@ -60,9 +70,9 @@ class Dynamic(NamedTuple):
 
     rank: int = DYNAMIC
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
-        return dynamic_tick(scene, interval, start, 0)
+        return dynamic_tick(scene, interval, start, spent)
 
 
 @inlined
@@ -81,8 +91,9 @@ def dynamic_tick(scene: Scene, interval: Interval, start: Progress, spent: int) 
 def stepwise(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
     """The same by steps of any length and kind, from event to event."""
     going = Going(
-        0.0, start.state, start.error, start.try_step, 0.0, start.impact_speed, start.impact_error, 0.0, spent, 0, False
-    )
+        0.0, start.state, start.error, start.try_step, 0.0, start.impact_speed, start.impact_error, spent, 0, False,
+        most_evaluations(scene), NO_LANDING,
+    )  # fmt: skip
     region = Region(APART, False)
     begin = 0.0
     while begin < interval.duration and not going.given_up:
@@ -92,8 +103,8 @@ def stepwise(scene: Scene, interval: Interval, start: Progress, spent: int) -> A
             going, region = step_on(scene, interval, going, region, until)
         begin = following
     if going.given_up or not abs(going.state.height) < math.inf:
-        return settled(scene, interval, going)
-    return result(scene, interval, going, region)
+        return unresolved(interval, going, start)
+    return result(scene, interval, going, region, start.adrift)
 
 
 @in_kernel
@@ -104,12 +115,12 @@ def begin_stretch(scene: Scene, interval: Interval, going: Going, s: float) -> t
     rate = surface_rate - cosine * state.velocity
     impact_speed, impact_error = going.impact_speed, going.impact_error
     if math.isnan(impact_speed) and depth_ahead(depth, rate) >= 0.0:
-        impact_speed, impact_error = rate, going.error.velocity
+        impact_speed, impact_error = rate, velocity_reach(going.error)
     entry = enter(scene.regions, depth, rate, load_at(interval, s), impact_speed)
     evaluations = going.evaluations + (1 if entry.region.layer >= 0 else 0)
     going = Going(
         s, state, going.error, going.try_step, swiftness_in(scene, entry, cosine), impact_speed, impact_error,
-        going.error_at_events, evaluations, going.events, False,
+        evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip
     return going, entry.region
 
@@ -143,25 +154,47 @@ def accepted(
 ) -> Going:
     """Go to the end of a step."""
     if region.pressing:
-        carried = carry(going.error, step.stiffness, step.damping, scene.mass, h)
+        square = step.cosine * step.cosine
+        begin, end = square * step.begin.stiffness, square * step.end.stiffness
+        error = carry_on(going.error, begin, step.stiffness, end, step.damping, scene.mass, h)
+        unknown = UNKNOWN if going.swiftness * h <= EXPLICIT else UNKNOWN_IMPLICIT
+        error = with_step(error, step.error, unknown, step.stiffness, step.damping, scene.mass)
+        error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
+        going = touching_anew(scene, going, step)
+        unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, interval, going, region, step, h)
+        error = with_bound(error, 0.0, unsigned) if unsigned > 0.0 else error
         swift = swiftness(step.stiffness, step.damping, scene.mass)
     else:
-        carried, swift = carry_in_flight(going.error, h), 0.0
-    velocity = carried.velocity + step.error.velocity
-    unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, interval, going, region, step, h)
+        error, swift = with_bound(carry_in_flight(going.error, h), step.error.height, 0.0), 0.0
     return Going(
         until if h == until - going.s else going.s + h,
         step.state,
-        StateError(carried.height + step.error.height, velocity + math.copysign(unsigned, velocity)),
+        error,
         going.try_step,
         swift,
         going.impact_speed,
         going.impact_error,
-        going.error_at_events,
         going.evaluations,
         going.events,
         going.given_up,
+        going.most,
+        going.landing,
     )
+
+
+@in_kernel
+def touching_anew(scene: Scene, going: Going, step: Step) -> Going:
+    """The same tick with all that is not known of how the contact began, where the exact one may have parted meanwhile."""
+    if not scene.regions.law.layers[0].formula.remembers_impact():
+        return going
+    begin, end = step.begin, step.end
+    if not begin.rate < 0.0 < end.rate or min(begin.depth, end.depth) > reach(going.error, math.inf):
+        return going
+    speed = abs(going.impact_speed) + max(-begin.rate, end.rate) + velocity_reach(going.error)
+    return Going(
+        going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed,
+        max(going.impact_error, speed), going.evaluations, going.events, going.given_up, going.most, going.landing,
+    )  # fmt: skip
 
 
 @aside
@@ -171,8 +204,11 @@ def behind_boundary(
     """Go on behind a boundary that a step has ended on; return the region there."""
     end = step.end
     impact_speed, impact_error = going.impact_speed, going.impact_error
+    landing = going.landing
     if region.layer < 0:
-        impact_speed, impact_error = end.rate, going.error.velocity
+        impact_speed, impact_error = end.rate, velocity_reach(going.error)
+        late = reach(going.error, math.inf) / max(abs(end.rate), TINY)
+        landing = Landing(going.s + late, end.rate)
     if boundary == FORCE:
         entry = cross_force(scene.regions, region, end.depth, end.rate, impact_speed)
     else:
@@ -180,80 +216,86 @@ def behind_boundary(
         entry = enter_layer(scene.regions, layer, end.depth, end.rate, load, impact_speed)
     following = entry.region
     jump = entry.force - (end.force if region.pressing else 0.0)
-    error = going.error
-    if region.pressing and not following.pressing:
-        error = let_go(error, step.stiffness, scene.mass)
     off = 0.0 if boundary == FORCE else margin(scene.regions, region, boundary, end.depth, end.force)
     evaluated = following.pressing or (boundary != FORCE and following.layer >= 0)
     _, _, cosine = touch_at(interval, going.s).touch(going.state.height)
     going = Going(
         going.s,
         going.state,
-        behind_jump(error, end.rate, jump, off, scene.mass, interval.duration),
+        bounded(behind_jump(going.error, end.rate, jump, off, scene.mass, interval.duration)),
         going.try_step,
         swiftness_in(scene, entry, cosine),
         math.nan if following.layer < 0 else impact_speed,
         impact_error,
-        max(going.error_at_events, abs(going.error.height)),
         going.evaluations + (1 if evaluated else 0),
         going.events + 1,
         going.given_up,
+        going.most,
+        landing,
     )
     return going, following
 
 
 @in_kernel
-def result(scene: Scene, interval: Interval, going: Going, region: Region) -> Advance:
+def most_evaluations(scene: Scene) -> int:
+    """Evaluations that the steps of a tick may take, so that there are some left for an answer."""
+    return scene.budget - RESERVE if scene.budget > 0 else MAX_EVALUATIONS
+
+
+@in_kernel
+def result(scene: Scene, interval: Interval, going: Going, region: Region, adrift: Adrift) -> Advance:
     """The contact at the end of the interval."""
     depth, surface_rate, cosine = touch_at(interval, going.s).touch(going.state.height)
     rate, load = surface_rate - cosine * going.state.velocity, load_at(interval, interval.duration)
-    force, stiffness, damping, evaluations = 0.0, 0.0, 0.0, going.evaluations
+    force, stiffness, damping, evaluations, held = 0.0, 0.0, 0.0, going.evaluations, math.inf
+    error, force_error = bounded(going.error), 0.0
+    if going.landing.latest > interval.duration:
+        # The exact solution may still be on its way.
+        way = (going.landing.latest - interval.duration) * going.landing.rate
+        error = bounded(with_bound(error, way + max(depth, 0.0), going.landing.rate))
     if region.pressing:
         motion = motion_in(scene, interval, going, region, NOWHERE)
         force, stiffness, damping = force_on(motion, depth, rate)
         evaluations += 1
-    # In flight a velocity error does nothing to the height until later; in contact the two turn into each other.
-    error = abs(going.error.height)
-    if region.pressing:
-        error = depth_error(going.error, stiffness, damping, scene.mass)
         doubt = impact_doubt(scene, interval, going, region, depth, rate, force)
-        error += doubt / max(stiffness, scene.mass / (HORIZON * HORIZON))
+        if doubt > 0.0:
+            error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)
+        held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)
+        force_error = cosine * force_reach(error, stiffness, damping, 0.0, held) + doubt
     return Advance(
         Progress(
-            going.state, going.error, going.try_step, going.impact_speed, going.impact_error, DYNAMIC, 0.0,
-            cosine * cosine * stiffness, cosine * cosine * damping, cosine * force - load, rate / cosine, depth,
+            going.state, error, going.try_step, going.impact_speed, going.impact_error, DYNAMIC,
+            cosine * cosine * stiffness, cosine * cosine * damping, cosine * force - load, rate / cosine, depth, adrift,
         ),
         depth,
         rate,
         force if scene.regions.allow_tension else max(force, 0.0),
-        # A bounce turns the height's error round: where that is underway, its signed estimate says little.
-        SAFETY * max(error, going.error_at_events),
+        reach(error, held),
+        force_error,
         evaluations,
+        interval.duration,
         True,
     )  # fmt: skip
 
 
-@aside
-def settled(scene: Scene, interval: Interval, going: Going) -> Advance:
-    """The static contact at the end of the interval, in doubt by all the motion that was going on."""
+@in_kernel
+def unresolved(interval: Interval, going: Going, start: Progress) -> Advance:
+    """How far the motion has come in a tick that was given up; there is no answer yet (`backlog.py`)."""
     depth, surface_rate, cosine = touch_at(interval, going.s).touch(going.state.height)
+    if not abs(depth) < math.inf:
+        return Advance(start, start.depth, 0.0, 0.0, math.inf, math.inf, going.evaluations, 0.0, False)
     rate = surface_rate - cosine * going.state.velocity
-    left = interval.duration - going.s
-    touch, load = touch_at(interval, interval.duration), load_at(interval, interval.duration)
-    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0)
-    _, surface_rate, cosine = touch.touch(static.height)
-    reach = max(abs(depth), static.depth)
-    doubt = settled_doubt(reach, rate, load, load - interval.load_rate * left, scene.mass, left)
     return Advance(
-        # How the contact began is lost with the motion: it may have begun as fast as all of this doubt.
         Progress(
-            FemurState(static.height, surface_rate / cosine), doubt, math.inf, 0.0, doubt.velocity, GIVEN_UP,
-            0.0, 0.0, 0.0, 0.0, 0.0, static.depth,
+            going.state, bounded(going.error), going.try_step, going.impact_speed, going.impact_error, start.fidelity,
+            start.stiffness, start.damping, start.excess, rate / cosine, depth, start.adrift,
         ),
-        static.depth,
+        depth,
+        rate,
         0.0,
-        static.force,
-        doubt.height,
-        going.evaluations + static.evaluations,
+        math.inf,
+        math.inf,
+        going.evaluations,
+        going.s,
         False,
     )  # fmt: skip

@@ -10,20 +10,40 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import layer_at
-from knee_contact_ros.core.error_estimate import SAFETY
+from knee_contact_ros.core.error_estimate import (
+    EXACT,
+    CarriedError,
+    bounded,
+    force_reach,
+    holding,
+    reach,
+    with_bound,
+    with_push,
+)
 from knee_contact_ros.core.events import end_on_boundary
-from knee_contact_ros.core.integrators.base import FemurState, StateError, Step, force_on
+from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import aside, in_kernel
-from knee_contact_ros.core.levels.deviation import Deviation, LeftOut, deviate, deviation_of_depth
-from knee_contact_ros.core.levels.dynamic import settled
+from knee_contact_ros.core.levels.deviation import LeftOut, deviate
+from knee_contact_ros.core.levels.dynamic import most_evaluations, unresolved
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.regions import ABOVE, BELOW, NOWHERE, Region, Regions
 from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
-from knee_contact_ros.core.statics import height_at, static_contact
-from knee_contact_ros.core.stepping import EXPLICIT, LOCAL_SHARE, MOST_EXPLICIT, Going, attempt, giving_up, motion_in
+from knee_contact_ros.core.statics import NO_LIMIT, height_at, static_contact
+from knee_contact_ros.core.stepping import (
+    EXPLICIT,
+    LOCAL_SHARE,
+    MOST_EXPLICIT,
+    NO_LANDING,
+    Going,
+    attempt,
+    giving_up,
+    motion_in,
+)
 from knee_contact_ros.core.types import Fidelity
 
 FIRST_ORDER = int(Fidelity.FIRST_ORDER)
+UNKNOWN_INERTIA = 0.3
+"""Part of the inertia that is left out that is not known: it is a tick's mean"""
 SUDDEN = 3.0
 """Ticks that are longer than this many times C/K see the level's velocity jump"""
 
@@ -33,9 +53,9 @@ class FirstOrder(NamedTuple):
 
     rank: int = FIRST_ORDER
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
-        return first_order_tick(scene, interval, start, 0)
+        return first_order_tick(scene, interval, start, spent)
 
 
 @aside
@@ -46,15 +66,16 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
     going = Going(
         0.0,
         start.state,
-        StateError(0.0, 0.0),
+        EXACT,
         start.try_step,
         math.inf,
         impact_speed,
         impact_error,
-        0.0,
         spent,
         0,
         False,
+        most_evaluations(scene),
+        NO_LANDING,
     )
     begin, first = 0.0, FemurState(math.nan, math.nan)
     while begin < interval.duration and not going.given_up:
@@ -70,7 +91,7 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
             going, region = step_on(massless, part, going, region, until)
         begin = following
     if going.given_up or not abs(going.state.height) < math.inf:
-        return settled(scene, interval, going)
+        return unresolved(interval, at_height(going, 0.0, start.state, 0), start)
     return result(scene, interval, start, going, region, first)
 
 
@@ -78,7 +99,9 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
 def without_mass(scene: Scene) -> Scene:
     """The same scene with a mass of 0, where the contact always exerts what the load asks for."""
     regions = Regions(scene.regions.law, True)
-    return Scene(scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.budget, scene.level)
+    return Scene(
+        scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level
+    )
 
 
 @in_kernel
@@ -124,7 +147,7 @@ def enter_layer(scene: Scene, part: Interval, going: Going, layer: int) -> tuple
     at_rest, stiffness, damping = formula.force_at(depth, 0.0, going.impact_speed)
     evaluations = 1
     if damping <= 0.0:
-        static = static_contact(scene.regions.law, touch, load, height, max(depth, 0.0), 0.0)
+        static = static_contact(scene.regions.law, touch, load, height, max(depth, 0.0), 0.0, NO_LIMIT)
         layer, depth = stopped(scene, layer, static.depth)
         height = height_at(touch, depth, static.height)
         going = jumped(going, height - going.state.height)
@@ -154,10 +177,13 @@ def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
 
 @in_kernel
 def jumped(going: Going, jump: float) -> Going:
-    """The same tick behind a jump of the height [m], which the femur with its mass does not follow."""
+    """The same tick behind a jump of the height [m], which the femur with its mass does not follow.
+
+    The sum of all jumps is kept as the expected error, and what the steps leave as the spread.
+    """
     return Going(
-        going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.error_at_events + abs(jump), going.evaluations, going.events, going.given_up,
+        going.s, going.state, CarriedError(going.error.height + abs(jump), 0.0, going.error.hh, 0.0, 0.0), going.try_step, going.swiftness,
+        going.impact_speed, going.impact_error, going.evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip
 
 
@@ -166,7 +192,7 @@ def quick_as(going: Going, swift: float) -> Going:
     """The same tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
     return Going(
         going.s, going.state, going.error, going.try_step, swift, going.impact_speed, going.impact_error,
-        going.error_at_events, going.evaluations, going.events, going.given_up,
+        going.evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip
 
 
@@ -175,7 +201,7 @@ def at_height(going: Going, s: float, state: FemurState, evaluations: int) -> Go
     """The same tick at another time and state, with more evaluations spent."""
     return Going(
         s, state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.error_at_events, going.evaluations + evaluations, going.events, going.given_up,
+        going.evaluations + evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip
 
 
@@ -189,12 +215,13 @@ def step_on(scene: Scene, part: Interval, going: Going, region: Region, until: f
     if going.given_up:
         return going, region
     remembered = memory(step, h)
-    error = StateError(remembered * going.error.height + step.error.height, 0.0)
+    spread = remembered * math.sqrt(going.error.hh) + abs(step.error.height)
+    error = CarriedError(going.error.height, 0.0, spread * spread, 0.0, 0.0)
     swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = going.events + (0 if boundary == NOWHERE else 1)
     going = Going(
         until if h == until - going.s else going.s + h, step.state, error, going.try_step, swift, going.impact_speed,
-        going.impact_error, going.error_at_events, going.evaluations, events, going.given_up,
+        going.impact_error, going.evaluations, events, going.given_up, going.most, going.landing,
     )  # fmt: skip
     if boundary == NOWHERE:
         return going, region
@@ -254,33 +281,44 @@ def result(
         # The dashpot answers within the tick: but for the softer or stiffer contact, the level's velocity changes as by
         # a blow at the beginning.
         blow = change + interval.load_rate * (1.0 / stiffness - 1.0 / start.stiffness)
+    spring = 0.5 * (start.stiffness + stiffness)
+    inertia = scene.mass * (change - blow) / h
+    rest = inertia / spring if spring > 0.0 else 0.0
+    layers = scene.regions.law.layers
     left_out = LeftOut(
-        0.5 * (start.stiffness + stiffness),
+        spring,
         0.5 * (start.damping + damping),
+        rest,
+        rest,
         (change - blow) / h,
-        0.0,
         load_at(interval, 0.0),
         load_at(interval, h),
-        max(0.0, depth) / cosine,
+        max(0.0, depth - layers[region.layer].begin) / cosine,
     )
-    jump = StateError(
-        first.height - start.state.height + start.error.height,
-        first.velocity + blow - start.state.velocity + start.error.velocity,
+    before = start.error
+    jump = CarriedError(
+        first.height - start.state.height + before.height,
+        first.velocity + blow - start.state.velocity + before.velocity,
+        before.hh,
+        before.hv,
+        before.vv,
     )
-    deviation = deviate(Deviation(jump, start.unrest), left_out, scene.mass, h)
-    # The steps' error and what the level leaves out may not cancel: the signs of both are weak.
-    deviation = Deviation(deviation.state, deviation.unrest + abs(going.error.height) + going.error_at_events)
-    error = deviation_of_depth(deviation, stiffness, damping, scene.mass)
+    error = deviate(jump, left_out, scene.mass, h)
+    # What the level leaves out in a tick may not cancel against the error of its steps: the signs of both are weak.
+    error = with_push(error, UNKNOWN_INERTIA * abs(inertia), stiffness, damping, scene.mass, h)
+    held, jumps = holding(stiffness, damping, scene.mass), going.error.height
+    error = bounded(with_bound(error, jumps + 2.0 * math.sqrt(going.error.hh), jumps * held))
     return Advance(
         Progress(
-            going.state, deviation.state, going.try_step, going.impact_speed, going.impact_error, FIRST_ORDER,
-            deviation.unrest, stiffness, damping,
-            cosine * force - load_at(interval, h), rate / cosine, depth,
+            going.state, error, going.try_step, going.impact_speed, going.impact_error, FIRST_ORDER,
+            stiffness, damping, cosine * force - load_at(interval, h), rate / cosine, depth, start.adrift,
         ),
         depth,
         rate,
         max(force, 0.0),
-        SAFETY * error,
+        reach(error, held),
+        force_reach(error, stiffness, damping, 0.0, held) / cosine,
         going.evaluations + 1,
+        h,
         True,
     )  # fmt: skip

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.core.error_estimate import SAFETY, carry_in_flight
-from knee_contact_ros.core.integrators.base import StateError
+from knee_contact_ros.core.error_estimate import bounded, carry_in_flight, reach, with_bound
 from knee_contact_ros.core.integrators.free_flight import flight, launch_rounding
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
@@ -32,19 +31,20 @@ def flying_tick(interval: Interval, start: Progress, mass: float, spent: int) ->
     """Fly over the interval. `spent` are the evaluations that the tick has cost already."""
     h = interval.duration
     state = flight(interval, mass, 0.0, start.state, h)
-    carried = carry_in_flight(start.error, h)
-    error = StateError(carried.height + launch_rounding(start.state, state), carried.velocity)
+    error = bounded(with_bound(carry_in_flight(start.error, h), launch_rounding(start.state, state), 0.0))
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
     return Advance(
         Progress(
-            state, error, start.try_step, start.impact_speed, start.impact_error, DYNAMIC, 0.0, 0.0, 0.0,
-            -load_at(interval, h), rate / cosine, depth,
+            state, error, start.try_step, start.impact_speed, start.impact_error, DYNAMIC, 0.0, 0.0,
+            -load_at(interval, h), rate / cosine, depth, start.adrift,
         ),
         depth,
         rate,
         0.0,
-        SAFETY * abs(error.height),
+        reach(error, math.inf),
+        0.0,
         spent,
+        h,
         True,
     )  # fmt: skip

@@ -19,7 +19,7 @@ class PrescribedHeight(NamedTuple):
 
     rank: int = int(Fidelity.DYNAMIC)
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
         return follow(scene, interval, start)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import SAFETY
-from knee_contact_ros.core.integrators.base import FemurState, StateError
+from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
+from knee_contact_ros.core.error_estimate import CarriedError, bounded, force_reach, holding, reach, with_bound
+from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import aside, in_kernel
-from knee_contact_ros.core.levels.deviation import Deviation, LeftOut, deviate, deviation_of_depth
+from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
-from knee_contact_ros.core.statics import static_contact
+from knee_contact_ros.core.statics import NO_LIMIT, static_contact
 from knee_contact_ros.core.stepping import NEWTON_SHARE
 from knee_contact_ros.core.types import Fidelity
 
@@ -23,9 +24,9 @@ class QuasiStatic(NamedTuple):
 
     rank: int = QUASI_STATIC
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
-        return quasi_static_tick(scene, interval, start, 0)
+        return quasi_static_tick(scene, interval, start, spent)
 
 
 @aside
@@ -36,49 +37,77 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
     begin_sinking = load_rate / start.stiffness if start.stiffness > 0.0 else 0.0
     begin_velocity = surface_rate / cosine - begin_sinking
 
-    touch, load = touch_at(interval, h), load_at(interval, h)
+    law, touch, load = scene.regions.law, touch_at(interval, h), load_at(interval, h)
     near = max(0.0, begin_depth + cosine * begin_sinking * h)
-    resolution = NEWTON_SHARE * scene.tolerance
-    static = static_contact(scene.regions.law, touch, load, start.state.height, near, resolution)
+    most = scene.budget - spent if scene.budget > 0 else NO_LIMIT
+    static = static_contact(law, touch, load, start.state.height, near, NEWTON_SHARE * scene.tolerance, most)
     _, surface_rate, cosine = touch.touch(static.height)
-    stiffness, damping = cosine * cosine * static.stiffness, cosine * cosine * static.damping
+    impact_speed, impact_error = impact_of(start)
+    evaluations, damping = spent + static.evaluations, cosine * cosine * static.damping
+    if static.depth > 0.0 and impact_speed > 0.0 and law.layers[0].formula.remembers_impact():
+        damping = cosine * cosine * law.layers[0].formula.force_at(static.depth, 0.0, impact_speed)[2]
+        evaluations += 1
+    stiffness = cosine * cosine * static.stiffness
     sinking = load_rate / stiffness if stiffness > 0.0 else 0.0
     velocity = surface_rate / cosine - sinking
-
-    mean_damping = 0.5 * (start.damping + damping)
+    inertia = scene.mass * (velocity - begin_velocity) / h
     left_out = LeftOut(
         0.5 * (start.stiffness + stiffness),
-        mean_damping,
-        (velocity - begin_velocity) / h,
-        mean_damping * 0.5 * (begin_sinking + sinking),
+        0.5 * (start.damping + damping),
+        rest(inertia - start.damping * begin_sinking, start.stiffness, stiffness),
+        rest(inertia - damping * sinking, stiffness, start.stiffness),
+        inertia / scene.mass,
         load_at(interval, 0.0),
         load,
-        static.depth / cosine,
+        static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
     )
-    impact_speed, impact_error = impact_of(start)
-    deviation = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
-    error = deviation_of_depth(deviation, stiffness, damping, scene.mass)
+    error = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
+    across = way_across(law, begin_depth, static.depth)
+    error = bounded(with_bound(error, across, 0.0) if across > 0.0 else error)
+    held = holding(stiffness, damping, scene.mass)
     return Advance(
         Progress(
-            FemurState(static.height, velocity), deviation.state, math.inf, impact_speed, impact_error, QUASI_STATIC,
-            deviation.unrest,
-            stiffness, damping, damping * sinking, sinking, static.depth,
+            FemurState(static.height, velocity), error, math.inf, impact_speed, impact_error, QUASI_STATIC,
+            stiffness, damping, damping * sinking, sinking, static.depth, start.adrift,
         ),
         static.depth,
         cosine * sinking,
         static.force,
-        SAFETY * error,
-        spent + static.evaluations,
+        reach(error, held),
+        force_reach(error, stiffness, damping, damping * sinking, held) / cosine,
+        evaluations,
+        h,
         True,
     )  # fmt: skip
 
 
 @in_kernel
-def deviation_at_start(start: Progress, velocity: float) -> Deviation:
+def rest(push: float, stiffness: float, other: float) -> float:
+    """Where a force [N] leads the contact [m] by its stiffness [N/m], or by another where it has none."""
+    spring = stiffness if stiffness > 0.0 else other
+    return push / spring if spring > 0.0 else 0.0
+
+
+@in_kernel
+def way_across(law: ContactLaw, begin: float, end: float) -> float:
+    """How far [m] a contact that goes from one depth [m] to another goes beyond a layer's boundary; 0 if it meets none.
+
+    On the other side the dynamic femur finds another dashpot, and may stay there.
+    """
+    before, after = layer_at(law, max(begin, 0.0)), layer_at(law, end)
+    if before == after:
+        return 0.0
+    return abs(end - law.layers[max(before, after)].begin)
+
+
+@in_kernel
+def deviation_at_start(start: Progress, velocity: float) -> CarriedError:
     """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s].
 
     The state there may be another level's: its elastic force tells how far it is from the static one.
     """
     lag = (start.excess - start.damping * start.sinking) / start.stiffness if start.stiffness > 0.0 else 0.0
-    error = StateError(lag + start.error.height, velocity - start.state.velocity + start.error.velocity)
-    return Deviation(error, start.unrest)
+    error = start.error
+    return CarriedError(
+        lag + error.height, velocity - start.state.velocity + error.velocity, error.hh, error.hv, error.vv
+    )

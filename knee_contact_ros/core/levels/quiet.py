@@ -8,8 +8,18 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.core.error_estimate import SAFETY, carry, depth_error, swiftness
-from knee_contact_ros.core.integrators.base import Motion, Stage, StateError
+from knee_contact_ros.core.error_estimate import (
+    UNKNOWN,
+    bounded,
+    carry_on,
+    curved,
+    force_reach,
+    holding,
+    reach,
+    swiftness,
+    with_step,
+)
+from knee_contact_ros.core.integrators.base import Motion, Stage
 from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS, Slope, fehlberg_stride
 from knee_contact_ros.core.kernel_source import in_kernel, inlined
 from knee_contact_ros.core.prescribed import Interval, stretch_from, touch_at
@@ -59,24 +69,29 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         )  # fmt: skip
         if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
             return not_quiet(start, spent)
-        carried = carry(error, middle.stiffness, middle.damping, scene.mass, part)
-        error = StateError(carried.height + stride.error.height, carried.velocity + stride.error.velocity)
+        error = carry_on(
+            error, slope.stiffness, middle.stiffness, stride.end.stiffness, middle.damping, scene.mass, part
+        )
+        error = with_step(error, stride.error, UNKNOWN, middle.stiffness, middle.damping, scene.mass)
+        error = curved(error, stride.end.stage.depth, middle.stiffness, middle.damping, scene.mass, part)
         state, slope, largest = stride.state, stride.end, max(largest, ratio)
 
     factor = 0.9 / math.sqrt(math.sqrt(max(largest, 1e-4)))
     end = slope.stage
-    doubt = depth_error(error, end.stiffness, slope.damping / (slope.cosine * slope.cosine), scene.mass)
+    error, held = bounded(error), holding(slope.stiffness, slope.damping, scene.mass)
     return Advance(
         Progress(
             state, error, max(start.try_step, part * factor) if parts == 1 else part * factor, start.impact_speed,
-            start.impact_error, DYNAMIC, 0.0, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
-            end.rate / slope.cosine, end.depth,
+            start.impact_error, DYNAMIC, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
+            end.rate / slope.cosine, end.depth, start.adrift,
         ),
         end.depth,
         end.rate,
         end.force if scene.regions.allow_tension else max(end.force, 0.0),
-        SAFETY * doubt,
+        reach(error, held),
+        force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
         spent,
+        h,
         True,
     )  # fmt: skip
 
@@ -84,4 +99,4 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
 @in_kernel
 def not_quiet(start: Progress, spent: int) -> Advance:
     """Word that a tick is none of this kind, with what it has cost."""
-    return Advance(start, 0.0, 0.0, 0.0, 0.0, spent, False)
+    return Advance(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False)
