@@ -62,13 +62,11 @@ def test_frames_of_different_length_and_trailing_bytes(tmp_path: Path) -> None:
     assert answer_topics(tmp_path / "x.mcap") == ["/left/knee_contact"]
 
 
-OLD = Path(__file__).parent / "recordings" / "without_later_fields.mcap"
-"""Made by `solve` (the right gait bag, healthy.yaml) before the message had sliding velocity and force error"""
-
-
-def test_recordings_from_before_a_field_stay_readable(config: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_recordings_from_before_a_field_stay_readable(
+    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+) -> None:
     solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap", lambda *_: None)
-    old, now = read_answers(OLD), read_answers(tmp_path / "now.mcap")
+    old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
     assert old.stamps.tolist() == now.stamps.tolist()
     for name in Answers._fields[1:]:
         column = getattr(old, name)
@@ -79,9 +77,9 @@ def test_recordings_from_before_a_field_stay_readable(config: Path, right_bag: P
     assert np.abs(old.penetration_depth - now.penetration_depth).max() < 2e-6  # both within 1e-6 m of the exact one
 
 
-def test_a_file_of_two_definitions_is_read_by_both(tmp_path: Path) -> None:
+def test_a_file_of_two_definitions_is_read_by_both(old_recording: Path, tmp_path: Path) -> None:
     """As `mcap merge` makes it of an old and a new recording."""
-    with OLD.open("rb") as file:
+    with old_recording.open("rb") as file:
         schema, _, entry = next(iter(make_reader(file).iter_messages("/knee_contact")))
     assert schema is not None
     with (tmp_path / "both.mcap").open("wb") as file:

@@ -14,8 +14,6 @@ from knee_contact_ros.core.types import COLUMN
 from knee_contact_ros.summary import Summary, bound, read_summary
 from knee_contact_ros.terminal import show_summary
 
-OLD = Path(__file__).parent / "recordings" / "without_later_fields.mcap"
-
 
 @pytest.mark.parametrize("errors", [[0.0, 3e-6, 1e-6], [0.0, math.nan, 1e-6], [math.inf, 0.0, math.nan]])
 @pytest.mark.parametrize("at_once", [True, False])
@@ -34,8 +32,8 @@ def test_an_error_that_is_not_a_number_bounds_nothing(errors: list[float], at_on
     assert bound(np.array(errors)) == expected
 
 
-def test_a_recording_from_before_the_force_error(capsys: pytest.CaptureFixture[str]) -> None:
-    summary = read_summary(OLD, 737.068)
+def test_a_recording_from_before_the_force_error(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = read_summary(old_recording, 737.068)
     assert (summary.ticks, summary.flagged) == (387, {})
     assert summary.largest_error < 1e-6
     assert [round(peak.contact_force / 737.068, 2) for peak in summary.load_peaks] == [1.72, 2.11, 1.82, 2.19]
