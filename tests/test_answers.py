@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from rosbags import rosbag2
 
 from knee_contact_ros.answer_layout import ADDED
 from knee_contact_ros.cdr_out import encode_numbers
@@ -111,3 +113,47 @@ def test_progress_reaches_the_end(recording: Path) -> None:
     told: list[tuple[int, int]] = []
     list(answer_blocks(recording, advance=lambda done, count: told.append((done, count))))
     assert told[-1] == (387, 387)
+
+
+def sqlite_of(source: Path, folder: Path) -> Path:
+    """The answers of a recording in a folder as rosbag2 writes it with sqlite3."""
+    path = folder / "bag"
+    with (
+        rosbag2.Reader(source) as reader,
+        rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer,
+    ):
+        (connection,) = (each for each in reader.connections if each.msgtype == CONTACT)
+        topic = writer.add_connection(
+            connection.topic, CONTACT, msgdef=connection.msgdef.data, rihs01="RIHS01_not_asked_for"
+        )
+        for _, time, data in reader.messages([connection]):
+            writer.write(topic, time, data)
+    return path
+
+
+def beside_a_foreign_schema(source: Path, folder: Path) -> Path:
+    """The same in a file with a topic that rosbags knows nothing of."""
+    path = folder / "foreign.mcap"
+    with source.open("rb") as old, path.open("wb") as new:
+        reader, writer = make_reader(old), Writer(new)
+        writer.start("")
+        foreign = writer.register_schema("a.B", "protobuf", b"")
+        writer.add_message(writer.register_channel("/foreign", "protobuf", foreign), 0, b"", 0)
+        channel = 0
+        for schema, _, entry in reader.iter_messages("/knee_contact"):
+            assert schema is not None
+            if not channel:
+                known = writer.register_schema(CONTACT, schema.encoding, schema.data)
+                channel = writer.register_channel("/knee_contact", "cdr", known)
+            writer.add_message(channel, entry.log_time, entry.data, entry.log_time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("kind", [sqlite_of, beside_a_foreign_schema])
+def test_definitions_are_found_in_other_kinds_of_bags(
+    kind: Callable[[Path, Path], Path], old_recording: Path, tmp_path: Path
+) -> None:
+    ours, theirs = read_answers(old_recording), read_answers(kind(old_recording, tmp_path))
+    for one, other in zip(ours, theirs, strict=True):
+        assert np.array_equal(one, other, equal_nan=True)

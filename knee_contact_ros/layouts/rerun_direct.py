@@ -50,7 +50,7 @@ def blueprint(namespace: str = "") -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(*plots[:ON_THE_KNEE]),
             rrb.Vertical(
-                states, *plots[ON_THE_KNEE:], joints, row_shares=[1.3, *[1.0] * len(plots[ON_THE_KNEE - 1 :])]
+                states, *plots[ON_THE_KNEE:], joints, row_shares=[1.8, *[1.0] * len(plots[ON_THE_KNEE - 1 :])]
             ),
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),

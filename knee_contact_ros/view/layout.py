@@ -55,17 +55,12 @@ def blueprint(drawings: Sequence[Drawing], latency: bool = False, follow: bool =
 
 def _one(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
     """A knee that has the screen for itself: nine cells beside the planes, none of them empty."""
-    point = rrb.Tabs(plots[CONTACT_POINT], plots[SLIDING])
-    others = [plot for path, plot in plots.items() if path not in (FLEXION, CONTACT_POINT, SLIDING)]
-    cells: list[rrb.View | rrb.Container] = [plots[FLEXION], point, *others, states]
-    left: list[rrb.View] = [_plane(drawing), _close(drawing)]
-    shares = [5.0, 4.0]
-    if len(cells) < CELLS:
-        cells.append(_events(drawing.knee))
-    else:
-        left, shares = [*left, _events(drawing.knee)], [5.0, 3.0, 4.0]
+    cells: dict[str, rrb.View | rrb.Container] = {**plots, "states": states}
+    if len(cells) > CELLS:
+        cells[CONTACT_POINT] = rrb.Tabs(plots[CONTACT_POINT], cells.pop(SLIDING))
+    left = [_plane(drawing), _close(drawing), _events(drawing.knee)]
     return rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=shares), rrb.Grid(*cells, grid_columns=3), column_shares=[4, 9]
+        rrb.Vertical(*left, row_shares=[5, 3, 4]), rrb.Grid(*cells.values(), grid_columns=3), column_shares=[4, 9]
     )
 
 
