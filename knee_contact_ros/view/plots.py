@@ -73,7 +73,7 @@ PLOTS = (
         Series("penetration depth [mm]", DEPTH, 2.0, lambda shown, _: MM * shown.penetration_depth),
         Series("gap [mm]", LOAD, 1.0, lambda shown, _: MM * shown.gap),
     )),
-    Plot("error", "Estimated error: depth [µm], force orange [N]", (
+    Plot("error", "Error: depth [µm], orange force [N]", (
         Series("error of the force [N]", FORCE, 1.5, lambda shown, _: shown.force_error_estimate),
         Series("error of the depth [µm]", ERROR, 1.5, lambda shown, _: MICRO * shown.error_estimate),
     )),
