@@ -127,7 +127,7 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
         force_error = force_reach(error, progress.stiffness, progress.damping, 0.0, held)
         return Advance(
             with_error(with_bounds(progress, FOUND), error), advance.depth, advance.rate, advance.force, reach(error, held),
-            max(force_error, advance.force), evaluations, advance.reached, True,
+            max(force_error, advance.force), evaluations, advance.reached, True, advance.height, advance.fidelity,
         )  # fmt: skip
     limits = range_of(scene.regions, interval, adrift, depth, scene.mass)
     return Advance(
@@ -140,6 +140,8 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
         evaluations + limits.evaluations,
         advance.reached,
         True,
+        advance.height,
+        advance.fidelity,
     )
 
 
@@ -198,6 +200,8 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         advance.evaluations + static.evaluations + limits.evaluations + 1,
         interval.duration,
         False,
+        static.height,
+        STANDING,
     )
 
 
@@ -225,5 +229,5 @@ def gone_on(advance: Advance, progress: Progress) -> Advance:
     """The same answer with another progress."""
     return Advance(
         progress, advance.depth, advance.rate, advance.force, advance.error_estimate, advance.force_error_estimate,
-        advance.evaluations, advance.reached, advance.converged,
+        advance.evaluations, advance.reached, advance.converged, advance.height, advance.fidelity,
     )  # fmt: skip

@@ -93,6 +93,10 @@ class Advance(NamedTuple):
     """[s] of the interval up to which the progress has come; the answer is one at the interval's end all the same"""
     converged: bool
     """False if the tick was given up and the contact is the static one"""
+    height: float
+    """Of the femoral reference point [m] in the answer"""
+    fidelity: int
+    """The level that computed the answer"""
 
 
 @in_kernel
@@ -119,4 +123,4 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
         FemurState(height, velocity), EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND,
     )  # fmt: skip
     exerted = force if scene.regions.allow_tension else max(force, 0.0)
-    return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True)
+    return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True, height, DYNAMIC)

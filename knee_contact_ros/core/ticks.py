@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.core.adrift import FOUND, Adrift
 from knee_contact_ros.core.backlog import SIZE, interval_of, lost, take_on, work_off
 from knee_contact_ros.core.contact_laws.base import layer_at
+from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.error_estimate import (
     EXACT,
     LARGEST_HEIGHT_ERROR,
@@ -24,7 +25,7 @@ from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import NUMBERS, Status
 
 Floats = NDArray[np.float64]
 
@@ -34,9 +35,11 @@ BACKLOG = PROGRESS + 19
 """Where the backlog begins"""
 MEMORY = BACKLOG + SIZE
 """Numbers that a run keeps from tick to tick"""
-ANSWER = 20
+TOLD = len(NUMBERS)
+"""Numbers of an answer that its message tells"""
+ANSWER = TOLD + 3
 """Numbers of an answer, in the order of `write_answer`"""
-PLACING = slice(17, 20)
+PLACING = slice(TOLD, ANSWER)
 """Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
 LARGEST_FORCE_ERROR = 1e12
@@ -65,12 +68,14 @@ def tick(
     the contact at rest. `answer`, shape (`ANSWER`,), is filled.
     """
     if float(memory[0]) == 0.0:
+        angle_rate = 0.0
         advance = start(scene, angle, load, height)
     else:
         last_angle, last_load = float(memory[1]), float(memory[2])
+        angle_rate = (angle - last_angle) / duration
         interval = Interval(
-            scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
-            (load - last_load) / duration, height,
+            scene.pair, scene.mechanism, duration, last_angle, angle_rate, last_load, (load - last_load) / duration,
+            height,
         )  # fmt: skip
         progress = read_progress(memory)
         if math.isnan(progress.state.velocity):
@@ -93,7 +98,7 @@ def tick(
                 )
     memory[0], memory[1], memory[2] = 1.0, angle, load
     write_progress(memory, advance.progress)
-    write_answer(answer, scene, angle, load, advance)
+    write_answer(answer, scene, angle, angle_rate, load, advance)
 
 
 @aside
@@ -110,7 +115,9 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
         FemurState(static.height, math.nan), EXACT, math.inf, 0.0, 0.0, DYNAMIC,
         cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, FOUND,
     )  # fmt: skip
-    return Advance(progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, True)
+    return Advance(
+        progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, True, static.height, DYNAMIC
+    )
 
 
 @aside
@@ -159,36 +166,53 @@ def write_progress(memory: Floats, progress: Progress) -> None:
 
 
 @in_kernel
-def write_answer(answer: Floats, scene: Scene, angle: float, load: float, advance: Advance) -> None:
-    """Put the answer to a tick into the terms of the message, in the order of `types.Contact` and then `PLACING`."""
-    depth, height = max(0.0, advance.depth), advance.progress.state.height
+def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, load: float, advance: Advance) -> None:
+    """Put the answer to a tick into the terms of the message, in the order of `types.NUMBERS` and then `PLACING`."""
+    depth, height = max(0.0, advance.depth), advance.height
     layers = scene.regions.law.layers
     bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
-    x, _ = scene.mechanism.translation(angle)
+    x, x_slope = scene.mechanism.translation(angle)
     closest = scene.pair.closest(angle, x, height)
     point_x, point_y = closest.point(x, height)
     error, force_error, evaluations = advance.error_estimate, advance.force_error_estimate, advance.evaluations
     if error > NEARLY_STRAIGHT * abs(advance.depth) and advance.depth + error > 0.0:
         force_error = max(force_error, bent_force_error(scene, advance))
         evaluations += 1
-    # Not a number is no estimate: it is never within a tolerance, and published as the largest error.
-    met = error <= scene.tolerance and (scene.force_tolerance == 0.0 or force_error <= scene.force_tolerance)
-    error = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
-    force_error = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
     answer[0], answer[1] = angle, load
     answer[2] = advance.force
     answer[3], answer[4] = depth, max(0.0, -advance.depth)
     answer[5] = advance.rate
-    answer[6], answer[7] = point_x, point_y
-    answer[8] = height
-    answer[9], answer[10] = depth - bone, bone
-    answer[11] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
-    answer[12] = advance.progress.fidelity
-    answer[13] = 0 if met and advance.converged else NOT_CONVERGED
-    answer[14], answer[15] = error, force_error
-    answer[16] = evaluations
-    answer[17] = x
-    answer[18], answer[19] = closest.normal_x, closest.normal_y
+    answer[6] = sliding_velocity(closest, x_slope, angle_rate, advance.progress.state.velocity)
+    answer[7], answer[8] = point_x, point_y
+    answer[9] = height
+    answer[10], answer[11] = depth - bone, bone
+    answer[12] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
+    answer[13] = advance.fidelity
+    answer[14] = 0 if advance.converged and is_exact_enough(scene, error, force_error) else NOT_CONVERGED
+    # Not a number is no estimate: it is published as the largest error.
+    answer[15] = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+    answer[16] = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
+    answer[17] = evaluations
+    answer[18] = x
+    answer[19], answer[20] = closest.normal_x, closest.normal_y
+
+
+@in_kernel
+def sliding_velocity(closest: Closest, x_slope: float, angle_rate: float, velocity: float) -> float:
+    """Velocity [m/s] of the femur's deepest point along t = (n_y, -n_x), the anterior tangent; the tibia stands still.
+
+    The second of Eqs. 6, with the tangent turned round. The femoral reference point moves by `x_slope` [m/rad] of the
+    translation, the `angle_rate` [rad/s] and its `velocity` [m/s] along the height, which is not a number at rest.
+    """
+    along_height = 0.0 if math.isnan(velocity) else velocity
+    return angle_rate * (x_slope * closest.normal_y + closest.extent) - along_height * closest.normal_x
+
+
+@in_kernel
+def is_exact_enough(scene: Scene, error: float, force_error: float) -> bool:
+    """Whether estimated errors of depth [m] and force [N] keep the tolerances; what is not a number keeps none."""
+    force_kept = scene.force_tolerance == 0.0 or force_error <= scene.force_tolerance
+    return error <= scene.tolerance and force_kept
 
 
 @aside

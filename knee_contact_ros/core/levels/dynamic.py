@@ -275,6 +275,8 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region, adrif
         evaluations,
         interval.duration,
         True,
+        going.state.height,
+        DYNAMIC,
     )  # fmt: skip
 
 
@@ -283,7 +285,7 @@ def unresolved(interval: Interval, going: Going, start: Progress) -> Advance:
     """How far the motion has come in a tick that was given up; there is no answer yet (`backlog.py`)."""
     depth, surface_rate, cosine = touch_at(interval, going.s).touch(going.state.height)
     if not abs(depth) < math.inf:
-        return Advance(start, start.depth, 0.0, 0.0, math.inf, math.inf, going.evaluations, 0.0, False)
+        return Advance(start, start.depth, 0.0, 0.0, math.inf, math.inf, going.evaluations, 0.0, False, 0.0, DYNAMIC)
     rate = surface_rate - cosine * going.state.velocity
     return Advance(
         Progress(
@@ -298,4 +300,6 @@ def unresolved(interval: Interval, going: Going, start: Progress) -> Advance:
         going.evaluations,
         going.s,
         False,
+        going.state.height,
+        DYNAMIC,
     )  # fmt: skip

@@ -321,4 +321,6 @@ def result(
         going.evaluations + 1,
         h,
         True,
+        going.state.height,
+        FIRST_ORDER,
     )  # fmt: skip

@@ -47,4 +47,6 @@ def flying_tick(interval: Interval, start: Progress, mass: float, spent: int) ->
         spent,
         h,
         True,
+        state.height,
+        DYNAMIC,
     )  # fmt: skip

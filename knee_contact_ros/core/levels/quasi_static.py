@@ -78,6 +78,8 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         evaluations,
         h,
         True,
+        static.height,
+        QUASI_STATIC,
     )  # fmt: skip
 
 

@@ -93,10 +93,12 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         spent,
         h,
         True,
+        state.height,
+        DYNAMIC,
     )  # fmt: skip
 
 
 @in_kernel
 def not_quiet(start: Progress, spent: int) -> Advance:
     """Word that a tick is none of this kind, with what it has cost."""
-    return Advance(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False)
+    return Advance(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False, 0.0, DYNAMIC)
