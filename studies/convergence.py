@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw, Layer
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.error_estimate import EXACT
 from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.geometries import Circle
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, Motion
+from knee_contact_ros.core.integrators.base import FemurState, Motion
 from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
 from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
 from knee_contact_ros.core.levels import LEVELS
@@ -26,9 +27,9 @@ from knee_contact_ros.core.levels.dynamic import accepted, begin_stretch, behind
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import NOWHERE, Region, Regions
-from knee_contact_ros.core.scene import DYNAMIC, Progress, Scene
-from knee_contact_ros.core.statics import static_depth
-from knee_contact_ros.core.stepping import Going, attempt
+from knee_contact_ros.core.scene import Progress, Scene, begin_with
+from knee_contact_ros.core.statics import NO_LIMIT, static_depth
+from knee_contact_ros.core.stepping import NO_LANDING, Going, attempt
 from knee_contact_ros.trade import reference
 from knee_contact_ros.trade import reference_laws as laws
 from knee_contact_ros.trade.reference_femur import ByDepth, circle
@@ -149,7 +150,9 @@ def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
     scene, size, state, impact_speed = scene_of(case, 1e-13), PERIOD / steps, static_start(case).state, 0.0
     depths = []
     for interval in intervals(case):
-        going = Going(0.0, state, NO_ERROR, size, 0.0, impact_speed, 0.0, 0.0, 0, 0, given_up=False)
+        going = Going(
+            0.0, state, EXACT, size, 0.0, impact_speed, 0.0, 0, 0, given_up=False, most=NO_LIMIT, landing=NO_LANDING
+        )  # fmt: skip
         going, region = begin_stretch(scene, interval, going, 0.0)
         while going.s < PERIOD:
             going, region = fixed_step(scene, interval, going._replace(swiftness=METHODS[method]), region, size)
@@ -184,9 +187,9 @@ def controlled(case: Case, tolerance: float) -> tuple[list[float], float]:
 
 def static_start(case: Case) -> Progress:
     """At rest under the first load."""
-    depth = static_depth(case.law, case.loads[0], 0.0, 0.0).depth
+    depth = static_depth(case.law, case.loads[0], 0.0, 0.0, NO_LIMIT).depth
     state = FemurState(RADIUS - depth, 0.0)
-    return Progress(state, NO_ERROR, math.inf, 0.0, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return begin_with(state, 0.0, 0.0)
 
 
 def stepped_across(case: Case, steps: int, method: str) -> list[float]:
@@ -202,7 +205,7 @@ def stepped_across(case: Case, steps: int, method: str) -> list[float]:
             if method == "explicit":
                 state = fehlberg_step(motion, i * h, state, h).state
             else:
-                state = esdirk4_step(motion, i * h, state, h, 1e-16).state
+                state = esdirk4_step(motion, i * h, state, h, 1e-16, NO_LIMIT).state
         depths.append(RADIUS - state.height)
     return depths
 

@@ -15,12 +15,12 @@ from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
 from knee_contact_ros.core.model import NANOSECOND, KneeModel, as_series
 from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress
+from knee_contact_ros.core.scene import at_height, begin_with
 from studies.ellipse import Ellipse
 
 RADIUS = 0.034
@@ -178,11 +178,11 @@ def run(
         return model.run(scene.time, scene.angle, scene.load)
     touching = model.pair.at(scene.angle[0], 0.0, 0.0, 0.0).touch(0.0)[0]
     state = FemurState(touching + scene.start_gap, -scene.thrown)
-    progress = Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, -scene.start_gap)
+    progress = begin_with(state, math.nan, -scene.start_gap)
     memory, answers = np.zeros(ticks.MEMORY), np.zeros((len(scene.time), ticks.ANSWER))
     memory[:3] = 1.0, scene.angle[0], scene.load[0]
     ticks.write_progress(memory, progress)
-    start = Advance(progress, -scene.start_gap, scene.thrown, 0.0, 0.0, 0.0, 0, converged=True)
+    start = at_height(model.scene, state.height, state.velocity, -scene.start_gap, scene.thrown, math.nan)
     ticks.write_answer(answers[0], model.scene, scene.angle[0], 0.0, scene.load[0], start)
     durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND
     angles, loads, heights = np.array(scene.angle[1:]), np.array(scene.load[1:]), np.full(len(durations), math.nan)

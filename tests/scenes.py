@@ -9,7 +9,7 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry
-from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState
+from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.base import Mechanism
@@ -17,7 +17,7 @@ from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
+from knee_contact_ros.core.scene import Advance, Progress, Scene, begin_with
 
 RADIUS = 0.034
 MASS = 9.3014
@@ -106,4 +106,4 @@ def advance(
 
 def moving(state: FemurState) -> Progress:
     """A run that has come to a state without error, apart so far."""
-    return Progress(state, NO_ERROR, math.inf, math.nan, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return begin_with(state, math.nan, 0.0)

@@ -1,14 +1,14 @@
 """Where the exact solution can be, once it has been lost: wherever its energy lets it be, until the contact forgets.
 
-A run loses the exact solution where a tick could not be resolved, or where its estimated error is so large that the exact
-femur may be apart while the answer is in contact: the linearised contact says nothing then. What is left is a bound on the
-femur's energy: kinetic, elastic, and that of the load over its height. A pulling load raises it, a pressing one keeps it
-but for its own change, and each compression takes from it what the dashpot must at least take. Where nothing damps the
-contact nothing is ever forgotten.
+A run loses the exact solution where a tick could not be resolved, or where its estimated error is so large that the
+exact femur may be apart while the answer is in contact: the linearised contact says nothing then. What is left is a
+bound on the femur's energy: kinetic, elastic, and that of the load over its height. A pulling load raises it, a
+pressing one keeps it but for its own change, and each compression takes from it what the dashpot must at least take.
+Where nothing damps the contact nothing is ever forgotten.
 
-The bound on a compression: from touch at a speed v to the depth z where a quarter of that energy is stored, the femur is at
-least half as fast unless the dashpot has taken half of the energy already; so it takes min(½ E, ½ v ∫ c dz), for dampings c
-that do not fall with the depth (`LayerFormula`).
+The bound on a compression: from touch at a speed v to the depth z where a quarter of that energy is stored, the femur
+is at least half as fast unless the dashpot has taken half of the energy already; so it takes min(½ E, ½ v ∫ c dz), for
+dampings c that do not fall with the depth (`LayerFormula`).
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ def found_again(adrift: Adrift, depth: float, load: float) -> bool:
 
 @in_kernel
 def error_near(adrift: Adrift, depth: float, load: float, mass: float) -> CarriedError:
-    """The error of a contact `depth` [m] deep once its exact solution is found again: as large as the contact is deep."""
+    """The error of a contact `depth` [m] deep whose exact solution is found again: as large as it is deep."""
     height = 0.99 * depth / SPREAD
     speed = math.sqrt(2.0 * (adrift.energy + load * depth) / mass) / SPREAD
     return CarriedError(0.0, 0.0, height * height, 0.0, speed * speed)

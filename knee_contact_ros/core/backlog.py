@@ -1,9 +1,9 @@
 """Ticks whose motion could not be resolved within their budget: their rest is done in the next ones.
 
-A run then lies behind its stamps. Its answers are static ones, in doubt by all that the femur's energy allows since where
-the motion has come to; nothing is lost, and once the run has caught up nothing is in doubt any more. A run that falls
-behind by more than `MOST` ticks, or does not move at all, gives the motion up: it goes on from the static contact, adrift
-(`adrift.py`) until that has provably been forgotten.
+A run then lies behind its stamps. Its answers are static ones, in doubt by all that the femur's energy allows since
+where the motion has come to; nothing is lost, and once the run has caught up nothing is in doubt any more. A run that
+falls behind by more than `MOST` ticks, or does not move at all, gives the motion up: it goes on from the static
+contact, adrift (`adrift.py`) until that has provably been forgotten.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ MOST = 16
 MOVED = 3 * (MOST + 2)
 """Where it stands whether the tick has come forward"""
 SIZE = MOVED + 1
-"""Numbers of a backlog: how many intervals, angle and load where the motion has come to; duration, angle and load at the end
-of each; and the one above"""
+"""Numbers of a backlog: how many intervals, angle and load where the motion has come to; duration, angle and load at
+the end of each; and the one above
+"""
 STANDING = int(Fidelity.QUASI_STATIC)
 """The level of such an answer"""
 
@@ -126,8 +127,9 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
         held = holding(progress.stiffness, progress.damping, scene.mass)
         force_error = force_reach(error, progress.stiffness, progress.damping, 0.0, held)
         return Advance(
-            with_error(with_bounds(progress, FOUND), error), advance.depth, advance.rate, advance.force, reach(error, held),
-            max(force_error, advance.force), evaluations, advance.reached, True, advance.height, advance.fidelity,
+            with_error(with_bounds(progress, FOUND), error), advance.depth, advance.rate, advance.force,
+            reach(error, held), max(force_error, advance.force), evaluations, advance.reached, True,
+            advance.height, advance.fidelity,
         )  # fmt: skip
     limits = range_of(scene.regions, interval, adrift, depth, scene.mass)
     return Advance(

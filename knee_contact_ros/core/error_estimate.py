@@ -1,8 +1,8 @@
 """The error that the steps leave behind, carried along by the linearised contact: its expected value and its spread.
 
-Each step adds its estimated error to the expected one and a part of it to the spread (the estimate of an error is itself
-in error), in the contact's energy norm. Both then go on as the contact does: spring, dashpot, flight and events turn
-them in closed form, so that parts that cancel do cancel, and what is not known of them never does.
+Each step adds its estimated error to the expected one and a part of it to the spread (the estimate of an error is
+itself in error), in the contact's energy norm. Both then go on as the contact does: spring, dashpot, flight and events
+turn them in closed form, so that parts that cancel do cancel, and what is not known of them never does.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def carry_on(
 ) -> CarriedError:
     """The same for a stiffness that changes over the step: at its begin, middle and end [N/m].
 
-    The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to both
-    sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
+    The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
+    both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
     """
     mean = (begin + 4.0 * middle + end) / 6.0
     grown = 1.0 + h * h * (end - begin) / (24.0 * mass)
@@ -131,7 +131,7 @@ def with_step(
 
 @in_kernel
 def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """The error where height [m] and velocity [m/s] may differ by so much more, in any direction, and again and again."""
+    """The error where height [m] and velocity [m/s] may differ by so much more, in any direction, each time."""
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
     return CarriedError(error.height, error.velocity, h * h, error.hv, v * v)
@@ -169,8 +169,8 @@ def holding(stiffness: float, damping: float, mass: float) -> float:
 def reach(error: CarriedError, held: float) -> float:
     """By how much [m] the height may be wrong: what is published.
 
-    In a contact that holds velocities at a rate `held` [1/s] both errors turn into each other, at a phase that is not well
-    known; in flight (infinite) a velocity's does nothing to the height until later.
+    In a contact that holds velocities at a rate `held` [1/s] both errors turn into each other, at a phase that is not
+    well known; in flight (infinite) a velocity's does nothing to the height until later.
     """
     swing = error.velocity / held
     expected = math.sqrt(error.height * error.height + swing * swing)

@@ -108,6 +108,12 @@ def impact_of(start: Progress) -> tuple[float, float]:
 
 
 @in_kernel
+def begin_with(state: FemurState, impact_speed: float, depth: float) -> Progress:
+    """The progress of a run that begins in a state: `impact_speed` [m/s] is not a number apart; `depth` [m] is signed."""
+    return Progress(state, EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND)
+
+
+@in_kernel
 def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float) -> Advance:
     """The contact in a prescribed state: height [m] and velocity [m/s] with their depth [m] and its rate [m/s]."""
     layers = scene.regions.law.layers
@@ -119,8 +125,6 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
     if index >= 0:
         touched = 0.0 if math.isnan(impact_speed) else impact_speed
         force, _, _ = layers[index].formula.force_at(depth, rate, touched)
-    progress = Progress(
-        FemurState(height, velocity), EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND,
-    )  # fmt: skip
+    progress = begin_with(FemurState(height, velocity), impact_speed, depth)
     exerted = force if scene.regions.allow_tension else max(force, 0.0)
     return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True, height, DYNAMIC)

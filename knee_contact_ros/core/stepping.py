@@ -187,9 +187,7 @@ def orders(interval: Interval, h: float) -> tuple[int, int]:
 
 
 @in_kernel
-def impact_doubt(
-    scene: Scene, interval: Interval, going: Going, region: Region, depth: float, rate: float, force: float
-) -> float:
+def impact_doubt(scene: Scene, going: Going, region: Region, depth: float, rate: float, force: float) -> float:
     """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
     law = scene.regions.law
     if not law.layers[0].formula.remembers_impact() or math.isnan(going.impact_speed) or going.impact_error == 0.0:
@@ -201,13 +199,13 @@ def impact_doubt(
 
 
 @in_kernel
-def doubtful_push(scene: Scene, interval: Interval, going: Going, region: Region, step: Step, h: float) -> float:
+def doubtful_push(scene: Scene, going: Going, region: Region, step: Step, h: float) -> float:
     """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it."""
     if h == 0.0 or not region.pressing:
         return 0.0
     end, mass = step.end, scene.mass
     answered = max(holding(step.stiffness, step.damping, mass), 1.0 / h)
-    return impact_doubt(scene, interval, going, region, end.depth, end.rate, end.force) / max(mass * answered, TINY)
+    return impact_doubt(scene, going, region, end.depth, end.rate, end.force) / max(mass * answered, TINY)
 
 
 @in_kernel

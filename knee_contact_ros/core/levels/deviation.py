@@ -2,8 +2,8 @@
 
 With x = level's height - dynamic height, M ẍ + C ẋ + K x = p, where p [N] is what the level left out of Eq. 13: the
 inertia of its own motion, and for the quasi-static level the dashpot's force too. p/K, where x would come to rest, is
-taken as linear over the tick. Where no load presses, the dynamic femur flies and x grows freely; how it lands from there
-is no matter of a linear contact any more (`adrift.py`).
+taken as linear over the tick. Where no load presses, the dynamic femur flies and x grows freely; how it lands from
+there is no matter of a linear contact any more (`adrift.py`).
 """
 
 from __future__ import annotations

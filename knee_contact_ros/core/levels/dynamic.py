@@ -161,7 +161,7 @@ def accepted(
         error = with_step(error, step.error, unknown, step.stiffness, step.damping, scene.mass)
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
         going = touching_anew(scene, going, step)
-        unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, interval, going, region, step, h)
+        unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, going, region, step, h)
         error = with_bound(error, 0.0, unsigned) if unsigned > 0.0 else error
         swift = swiftness(step.stiffness, step.damping, scene.mass)
     else:
@@ -184,7 +184,7 @@ def accepted(
 
 @in_kernel
 def touching_anew(scene: Scene, going: Going, step: Step) -> Going:
-    """The same tick with all that is not known of how the contact began, where the exact one may have parted meanwhile."""
+    """The same tick with what is not known of the contact's begin, where the exact one may have parted since."""
     if not scene.regions.law.layers[0].formula.remembers_impact():
         return going
     begin, end = step.begin, step.end
@@ -257,7 +257,7 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region, adrif
         motion = motion_in(scene, interval, going, region, NOWHERE)
         force, stiffness, damping = force_on(motion, depth, rate)
         evaluations += 1
-        doubt = impact_doubt(scene, interval, going, region, depth, rate, force)
+        doubt = impact_doubt(scene, going, region, depth, rate, force)
         if doubt > 0.0:
             error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)
         held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)

@@ -181,9 +181,10 @@ def jumped(going: Going, jump: float) -> Going:
 
     The sum of all jumps is kept as the expected error, and what the steps leave as the spread.
     """
+    error = CarriedError(going.error.height + abs(jump), 0.0, going.error.hh, 0.0, 0.0)
     return Going(
-        going.s, going.state, CarriedError(going.error.height + abs(jump), 0.0, going.error.hh, 0.0, 0.0), going.try_step, going.swiftness,
-        going.impact_speed, going.impact_error, going.evaluations, going.events, going.given_up, going.most, going.landing,
+        going.s, going.state, error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.evaluations, going.events, going.given_up, going.most, going.landing,
     )  # fmt: skip
 
 
