@@ -31,6 +31,8 @@ from knee_contact_ros.core.prescribed import Interval, load_at
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.statics import ANSWER, static_depth
 
+SWING = 0.7
+"""Largest part of the depth that such a swing has, so that height and velocity together stay within it"""
 NEAR = 0.1
 """Energy over what lifts the femur out of its static contact from which on it stays in contact, give or take"""
 HALVINGS = 12
@@ -154,16 +156,16 @@ def range_of(regions: Regions, interval: Interval, adrift: Adrift, near: float, 
     load = max(load_at(interval, interval.duration), 0.0)
     static = static_depth(regions.law, load, near, 1e-9, FEW)
     _, stiffness, _ = static_force(regions.law, static.depth)
+    evaluations = static.evaluations + (1 if static.depth > 0.0 else 0) + 1
     energy = adrift.energy + load * static.depth
     if stiffness > 0.0:
-        deeper = math.sqrt(2.0 * energy / stiffness)
-        depth = static.depth + deeper
+        depth = static.depth + math.sqrt(2.0 * energy / stiffness)
     else:
-        depth, _ = storing(regions, 16.0 * energy)
-        depth *= 4.0
+        depth, looks = storing(regions, 16.0 * energy)
+        depth, evaluations = 4.0 * depth, evaluations + looks
     at_rest, _, damping = static_force(regions.law, depth)
     force = at_rest + damping * math.sqrt(2.0 * energy / mass)
-    return Range(depth, adrift.height, force, static.evaluations + 2)
+    return Range(depth, adrift.height, force, evaluations)
 
 
 @in_kernel
@@ -173,8 +175,10 @@ def found_again(adrift: Adrift, depth: float, load: float) -> bool:
 
 
 @in_kernel
-def error_near(adrift: Adrift, depth: float, load: float, mass: float) -> CarriedError:
-    """The error of a contact `depth` [m] deep whose exact solution is found again: as large as it is deep."""
-    height = 0.99 * depth / SPREAD
-    speed = math.sqrt(2.0 * (adrift.energy + load * depth) / mass) / SPREAD
-    return CarriedError(0.0, 0.0, height * height, 0.0, speed * speed)
+def error_near(depth: float, held: float) -> CarriedError:
+    """The error of a contact `depth` [m] deep whose exact solution is found again: a swing that does not leave it.
+
+    `held` [1/s] is the rate at which the contact holds velocities.
+    """
+    height = SWING * depth / SPREAD
+    return CarriedError(0.0, 0.0, height * height, 0.0, height * height * held * held)

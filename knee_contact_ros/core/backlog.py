@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.adrift import (
     FOUND,
+    RESERVE,
     Adrift,
     calmed,
     error_near,
@@ -46,8 +47,8 @@ STANDING = int(Fidelity.QUASI_STATIC)
 
 
 @aside
-def take_on(scene: Scene, backlog: Floats, start: Progress, last: Interval) -> tuple[Interval, Progress]:
-    """Add an interval to the backlog; return its first one, and the progress that it begins with."""
+def take_on(scene: Scene, backlog: Floats, start: Progress, last: Interval) -> tuple[Interval, Progress, int]:
+    """Add an interval to the backlog; return its first one, the progress that it begins with, and the evaluations."""
     count = int(backlog[0]) + 1
     if count == 1:
         backlog[1], backlog[2] = last.angle, last.start_load
@@ -56,7 +57,8 @@ def take_on(scene: Scene, backlog: Floats, start: Progress, last: Interval) -> t
     backlog[3 * count + 2] = load_at(last, last.duration)
     backlog[MOVED] = 0.0
     interval = interval_of(scene, backlog, 0)
-    return interval, looked_after(scene, interval, start)
+    progress, evaluations = looked_after(scene, interval, start)
+    return interval, progress, evaluations
 
 
 @aside
@@ -83,8 +85,10 @@ def work_off(
     backlog[0], backlog[MOVED] = count - 1, 1.0
     if count == 1:
         return advance, False
-    progress = looked_after(scene, interval_of(scene, backlog, 0), advance.progress)
-    return gone_on(advance, progress), True
+    if scene.budget > 0 and advance.evaluations >= scene.budget - RESERVE:
+        return behind(scene, backlog, advance, advance.progress.adrift, count - 1 > MOST), False
+    progress, evaluations = looked_after(scene, interval_of(scene, backlog, 0), advance.progress)
+    return gone_on(advance, progress, evaluations), True
 
 
 @in_kernel
@@ -101,15 +105,16 @@ def interval_of(scene: Scene, backlog: Floats, index: int) -> Interval:
 
 
 @in_kernel
-def looked_after(scene: Scene, interval: Interval, start: Progress) -> Progress:
-    """The progress that an interval begins with: adrift where the exact solution may be anywhere from here on."""
+def looked_after(scene: Scene, interval: Interval, start: Progress) -> tuple[Progress, int]:
+    """The progress that an interval begins with: adrift where the exact solution may be anywhere from here on.
+
+    The second number is that of evaluations.
+    """
     if start.adrift.energy > 0.0 or not lost(interval, start):
-        return start
+        return start, 0
     elastic, _, _ = static_force(scene.regions.law, start.depth)
-    return with_bounds(
-        start,
-        set_adrift(start.depth, start.sinking, elastic, interval.start_load, start.error, scene.mass),
-    )
+    adrift = set_adrift(start.depth, start.sinking, elastic, interval.start_load, start.error, scene.mass)
+    return with_bounds(start, adrift), 1 if start.depth > 0.0 else 0
 
 
 @aside
@@ -123,8 +128,8 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
     depth, evaluations = max(advance.depth, 0.0), evaluations + advance.evaluations
     progress = advance.progress
     if found_again(adrift, depth, load):
-        error = error_near(adrift, depth, load, scene.mass)
         held = holding(progress.stiffness, progress.damping, scene.mass)
+        error = error_near(depth, held)
         force_error = force_reach(error, progress.stiffness, progress.damping, 0.0, held)
         return Advance(
             with_error(with_bounds(progress, FOUND), error), advance.depth, advance.rate, advance.force,
@@ -168,9 +173,10 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
     If the motion is given up the run goes on from there, else from where `advance` has come to.
     """
     progress, law = advance.progress, scene.regions.law
-    known = adrift
+    known, evaluations = adrift, advance.evaluations
     if adrift.energy == 0.0:
         elastic, _, _ = static_force(law, progress.depth)
+        evaluations += 1 if progress.depth > 0.0 else 0
         adrift = set_adrift(progress.depth, progress.sinking, elastic, float(backlog[2]), progress.error, scene.mass)
     interval = interval_of(scene, backlog, 0)
     adrift = pushed(interval, adrift, kick_of(interval, progress), scene.mass)
@@ -199,7 +205,7 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         static.force,
         max(limits.depth - static.depth, static.depth + limits.height),
         max(limits.force - static.force, static.force),
-        advance.evaluations + static.evaluations + limits.evaluations + 1,
+        evaluations + static.evaluations + limits.evaluations,
         interval.duration,
         False,
         static.height,
@@ -227,9 +233,9 @@ def with_error(progress: Progress, error: CarriedError) -> Progress:
 
 
 @in_kernel
-def gone_on(advance: Advance, progress: Progress) -> Advance:
-    """The same answer with another progress."""
+def gone_on(advance: Advance, progress: Progress, evaluations: int) -> Advance:
+    """The same answer with another progress, and more evaluations."""
     return Advance(
         progress, advance.depth, advance.rate, advance.force, advance.error_estimate, advance.force_error_estimate,
-        advance.evaluations, advance.reached, advance.converged, advance.height, advance.fidelity,
+        advance.evaluations + evaluations, advance.reached, advance.converged, advance.height, advance.fidelity,
     )  # fmt: skip

@@ -242,7 +242,7 @@ def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float)
     `load` [N] is that at the beginning.
     """
     half_rate, square = 0.5 * step.damping / mass, step.stiffness / mass
-    if half_rate * half_rate >= square:
+    if square * h * h < FAST_SWING * FAST_SWING or half_rate * half_rate >= square:
         return 0.0
     begin, end = step.begin, step.end
     if min(begin.stiffness, end.stiffness) < 0.25 * step.stiffness:  # as at first touch: all of the work may swing

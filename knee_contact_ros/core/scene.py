@@ -109,7 +109,7 @@ def impact_of(start: Progress) -> tuple[float, float]:
 
 @in_kernel
 def begin_with(state: FemurState, impact_speed: float, depth: float) -> Progress:
-    """The progress of a run that begins in a state: `impact_speed` [m/s] is not a number apart; `depth` [m] is signed."""
+    """How a run begins in a state; `impact_speed` [m/s] is not a number apart, `depth` [m] is signed."""
     return Progress(state, EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND)
 
 

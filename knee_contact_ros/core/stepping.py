@@ -7,7 +7,6 @@ import sys
 from typing import NamedTuple
 
 from knee_contact_ros.core.error_estimate import (
-    FAST_SWING,
     TINY,
     CarriedError,
     decay_rate,
@@ -19,7 +18,7 @@ from knee_contact_ros.core.integrators.base import FemurState, Motion, StateErro
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, STAGES
 from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
-from knee_contact_ros.core.integrators.free_flight import free_flight_step
+from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, PARTS, free_flight_step
 from knee_contact_ros.core.integrators.massless import massless_step
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at
@@ -38,6 +37,8 @@ RELEASE = 8.0
 """Steps more after which a falling force counts as about to end"""
 MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
+WATCHED = PARTS + 2 * MAX_PEAK
+"""Evaluations that a flight through overlapping surfaces may take"""
 MAX_EVENTS = 1_000
 """The same for the boundaries that a tick crosses."""
 EXPLICIT = 1.0
@@ -108,7 +109,8 @@ def controlled_step(
 @aside
 def attempt(scene: Scene, interval: Interval, going: Going, region: Region, h: float, known: int) -> tuple[Going, Step]:
     """One step of `h` [s] by the region's formula, wherever it leads; `known` is the boundary it is to end on."""
-    if going.evaluations + 3 * STAGES >= going.most or going.events >= MAX_EVENTS:
+    least = WATCHED if region.layer >= 0 and not region.pressing else 3 * STAGES
+    if going.evaluations + least >= going.most or going.events >= MAX_EVENTS:
         return giving_up(going), no_step(going.state)
     motion = motion_in(scene, interval, going, region, known)
     if not region.pressing:
@@ -170,8 +172,6 @@ def local_ratio(
 @in_kernel
 def lost_in(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
     """Speed [m/s] of the oscillation that a step has lost."""
-    if not step.stiffness * h * h >= FAST_SWING * FAST_SWING * scene.mass:
-        return 0.0
     return lost_swing(step, load_at(interval, going.s), interval.load_rate, scene.mass, h)
 
 
@@ -189,13 +189,19 @@ def orders(interval: Interval, h: float) -> tuple[int, int]:
 @in_kernel
 def impact_doubt(scene: Scene, going: Going, region: Region, depth: float, rate: float, force: float) -> float:
     """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
-    law = scene.regions.law
-    if not law.layers[0].formula.remembers_impact() or math.isnan(going.impact_speed) or going.impact_error == 0.0:
+    if looks_for_doubt(scene, going) == 0:
         return 0.0
-    formula = law.layers[region.layer].formula
+    formula = scene.regions.law.layers[region.layer].formula
     faster, _, _ = formula.force_at(depth, rate, going.impact_speed + going.impact_error)
     slower, _, _ = formula.force_at(depth, rate, max(0.0, going.impact_speed - going.impact_error))
     return max(abs(faster - force), abs(slower - force))
+
+
+@in_kernel
+def looks_for_doubt(scene: Scene, going: Going) -> int:
+    """Evaluations of `impact_doubt`."""
+    known = math.isnan(going.impact_speed) or going.impact_error == 0.0
+    return 0 if known or not scene.regions.law.layers[0].formula.remembers_impact() else 2
 
 
 @in_kernel

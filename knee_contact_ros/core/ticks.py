@@ -81,9 +81,9 @@ def tick(
         if math.isnan(progress.state.velocity):
             progress = following_surface(interval, progress)
         calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.energy == 0.0 and not lost(interval, progress)
-        if not calm:
-            interval, progress = take_on(scene, memory[BACKLOG:], progress, interval)
         spent, again = 0, True
+        if not calm:
+            interval, progress, spent = take_on(scene, memory[BACKLOG:], progress, interval)
         while again:
             advance = scene.level.advance(scene, interval, progress, spent)
             if calm and advance.converged:

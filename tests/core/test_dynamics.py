@@ -12,17 +12,8 @@ from scipy.integrate import quad
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
-from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.levels.dynamic import dynamic_tick
-from knee_contact_ros.core.mechanisms.hinge import Hinge
-from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.scene import DYNAMIC, Scene
-from knee_contact_ros.core.types import Fidelity
-from tests.core.test_geometries import ellipse
-from tests.scenes import STIFFNESS, advance, law, moving
+from knee_contact_ros.core.scene import DYNAMIC
+from tests.scenes import STIFFNESS, advance, law
 
 SPEED = 0.3
 TOLERANCE = 1e-10
@@ -118,22 +109,6 @@ def test_the_estimate_covers_the_error_of_an_impact() -> None:
     loose = advance(law("kelvin_voigt"), 0.0, SPEED, 5e-3, load=500.0, tolerance=1e-5)
     tight = advance(law("kelvin_voigt"), 0.0, SPEED, 5e-3, load=500.0, tolerance=1e-12)
     assert abs(loose.depth - tight.depth) <= loose.error_estimate <= 1e-5
-
-
-@pytest.mark.parametrize("slope", [0.0, 0.3])
-def test_behind_a_settled_tick_the_femur_follows_its_turning_surface(slope: float) -> None:
-    geometry, angle, angle_rate, duration, load = ellipse(320), 0.2, 20.0, 0.02, 800.0
-    pair, regions = OnPlane(geometry, slope), Regions(law("kelvin_voigt"), False)
-    interval = Interval(pair, Hinge(), duration, angle, angle_rate, load, 0.0, math.nan)
-    scene = Scene(pair, Hinge(), regions, 10.0, TOLERANCE, 0.0, 1, LEVELS["dynamic"])  # no tick keeps this budget
-    result = dynamic_tick(scene, interval, moving(FemurState(geometry.support(angle)[0], 0.0)), 0)
-    assert not result.converged
-    assert result.progress.fidelity == Fidelity.QUASI_STATIC
-    assert result.rate == 0.0
-    surface_rate = geometry.support(angle + angle_rate * duration - slope)[1] * angle_rate
-    assert abs(surface_rate) > 0.01
-    # The depth rests if the height moves with the surface. Rounding of a rate of 0.1 m/s
-    assert result.progress.state.velocity * math.cos(slope) == pytest.approx(surface_rate, abs=1e-15)
 
 
 def test_a_state_on_the_boundary_goes_where_it_moves() -> None:

@@ -19,6 +19,7 @@ from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import APART, BELOW, NOWHERE, Region, Regions
+from knee_contact_ros.core.statics import NO_LIMIT
 from tests.core.test_geometries import ellipse
 from tests.scenes import RADIUS, law
 
@@ -142,7 +143,7 @@ def integrate(method: str, steps: int, duration: float) -> tuple[float, Step]:
         if method == "explicit":
             step = fehlberg.fehlberg_step(motion, i * h, state, h)
         else:
-            step = doubled_step(motion, esdirk4.ORDER, esdirk4.STAGE_ORDER, i * h, state, h, 1e-18)
+            step = doubled_step(motion, esdirk4.ORDER, esdirk4.STAGE_ORDER, i * h, state, h, 1e-18, NO_LIMIT)
         state = step.state
     return abs(RADIUS - state.height - oscillator(1e-3, 0.5, duration)[0]), step
 
@@ -210,6 +211,6 @@ def test_a_stiff_stage_is_solved() -> None:
     stiff = Regions(law("kelvin_voigt", stiffness=1e13, damping=1e7), False)
     interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), 0.1, 0.0, 0.0, 2e4, 0.0, math.nan)
     motion = Motion(interval, stiff, Region(0, True), 0.0, 1e-4, NOWHERE)
-    step = esdirk4.esdirk4_step(motion, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12)
+    step = esdirk4.esdirk4_step(motion, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12, NO_LIMIT)
     assert step.solved
     assert all(math.isfinite(value) for value in (*step.state, step.end.force))

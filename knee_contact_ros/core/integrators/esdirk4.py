@@ -166,7 +166,8 @@ def solve_stage(
         correction = residual / slope if slope > 0.0 else (FIRST_DEPTH - depth) / (cosine * diagonal)
         unknown -= correction
         arrived = abs(correction) * diagonal <= max(min(resolution, DEPTH_SHARE * depth), LEAST_CORRECTION)
-    left = (cosine * diagonal * correction) ** 2 / max(depth, LEAST_CORRECTION)
+    last = cosine * diagonal * correction
+    left = last * last / max(depth, LEAST_CORRECTION)
     if arrived:  # all else follows the last correction along the tangent, at no further evaluation
         force += force_slope * correction
         depth += cosine * diagonal * correction

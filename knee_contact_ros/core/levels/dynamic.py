@@ -57,8 +57,10 @@ from knee_contact_ros.core.stepping import (
     controlled_step,
     doubtful_push,
     impact_doubt,
+    looks_for_doubt,
     lost_in,
     motion_in,
+    spending,
 )
 from knee_contact_ros.core.types import Fidelity
 
@@ -164,6 +166,8 @@ def accepted(
         unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, going, region, step, h)
         error = with_bound(error, 0.0, unsigned) if unsigned > 0.0 else error
         swift = swiftness(step.stiffness, step.damping, scene.mass)
+        if h > 0.0:
+            going = spending(going, looks_for_doubt(scene, going), False)
     else:
         error, swift = with_bound(carry_in_flight(going.error, h), step.error.height, 0.0), 0.0
     return Going(
@@ -256,7 +260,7 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region, adrif
     if region.pressing:
         motion = motion_in(scene, interval, going, region, NOWHERE)
         force, stiffness, damping = force_on(motion, depth, rate)
-        evaluations += 1
+        evaluations += 1 + looks_for_doubt(scene, going)
         doubt = impact_doubt(scene, going, region, depth, rate, force)
         if doubt > 0.0:
             error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)

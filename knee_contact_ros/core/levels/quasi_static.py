@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
-from knee_contact_ros.core.error_estimate import CarriedError, bounded, force_reach, holding, reach, with_bound
+from knee_contact_ros.core.error_estimate import TINY, CarriedError, bounded, force_reach, holding, reach, with_bound
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
-from knee_contact_ros.core.statics import NO_LIMIT, static_contact
+from knee_contact_ros.core.statics import NO_LIMIT, RESOLVED, static_contact
 from knee_contact_ros.core.stepping import NEWTON_SHARE
 from knee_contact_ros.core.types import Fidelity
 
@@ -39,7 +40,7 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
 
     law, touch, load = scene.regions.law, touch_at(interval, h), load_at(interval, h)
     near = max(0.0, begin_depth + cosine * begin_sinking * h)
-    most = scene.budget - spent if scene.budget > 0 else NO_LIMIT
+    most = scene.budget - RESERVE - spent if scene.budget > 0 else NO_LIMIT
     static = static_contact(law, touch, load, start.state.height, near, NEWTON_SHARE * scene.tolerance, most)
     _, surface_rate, cosine = touch.touch(static.height)
     impact_speed, impact_error = impact_of(start)
@@ -62,8 +63,9 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
     )
     error = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
-    across = way_across(law, begin_depth, static.depth)
-    error = bounded(with_bound(error, across, 0.0) if across > 0.0 else error)
+    left = min(NEWTON_SHARE * scene.tolerance, RESOLVED * static.depth)
+    unknown = way_across(law, begin_depth, static.depth) + left * left / max(static.depth, TINY)
+    error = bounded(with_bound(error, unknown, 0.0))
     held = holding(stiffness, damping, scene.mass)
     return Advance(
         Progress(

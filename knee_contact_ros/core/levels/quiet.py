@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.error_estimate import (
     UNKNOWN,
     bounded,
@@ -52,7 +53,7 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
     swift = swiftness(stiffness, damping, scene.mass)
     parts = math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step))
     most = min(FINEST, MOST_EXPLICIT if h * swift > EXPLICIT else FINEST)
-    if parts > most or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget):
+    if parts > most or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE):
         return not_quiet(start, spent)
 
     motion = Motion(interval, scene.regions, entry.region, start.impact_speed, scene.mass, NOWHERE)
