@@ -42,7 +42,8 @@ TEXT = (
 )
 HEADER = (
     "level", "budget", "scenes", "ticks", "most evaluations of a tick", "ticks over budget", "flagged",
-    "said right and wrong", "in scenes", "worst of them [m]", "known", "covered", "estimate over error: median, 95 %",
+    "said right and wrong", "in scenes", "worst of them [m]", "known", "covered",
+    "estimate over error: median, 95 %", "force: covered", "estimate over error: median, 95 %",
 )  # fmt: skip
 
 
@@ -91,14 +92,16 @@ def row(level: str, budget: int, found: list[Found]) -> list[str]:
     total, chosen = Tally(), [one for one in found if (one.level, one.budget) == (level, budget)]
     for one in chosen:
         total.add(one.tally)
-    depth = total.depth
-    ratios = depth.contact + depth.apart
+    depth, force = total.depth, total.force
+    ratios, pushes = depth.contact + depth.apart, force.contact + force.apart
     return [
         level, str(budget), str(len(chosen)), str(total.ticks), str(max(one.most for one in chosen)),
         str(sum(one.over for one in chosen)), f"{100 * total.flagged / total.ticks:.2f} %", str(depth.wrong),
         str(sum(one.tally.depth.wrong > 0 for one in chosen)), f"{max(one.worst for one in chosen):.1e}",
         f"{100 * depth.known / total.ticks:.2f} %", f"{100 * depth.covered / max(depth.known, 1):.2f} %",
         f"{percentile(ratios, 50):.3g}, {percentile(ratios, 95):.3g}",
+        f"{100 * force.covered / force.known:.2f} %" if force.known else "-",
+        f"{percentile(pushes, 50):.3g}, {percentile(pushes, 95):.3g}",
     ]  # fmt: skip
 
 

@@ -45,7 +45,8 @@ TEXT = (
 HEADER = (
     "run", "hours", "rate [Hz]", "ticks", "said right and wrong", "first at [s]", "not finite", "flagged",
     "largest error said right [m]", "known", "covered", "of errors above rounding",
-    "estimate over error in contact: median, 95 %", "apart", "evaluations per tick",
+    "estimate over error in contact: median, 95 %", "apart", "force: covered", "estimate over error: median, 95 %",
+    "evaluations per tick",
 )  # fmt: skip
 
 
@@ -153,11 +154,17 @@ def measured(run: LongRun, part: float, seed: int) -> Found:
         series = as_series(stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None))
         judged = judge(series, truth.take(scene.time[here], scene.angle[here], scene.load[here]), TOLERANCE)
         tally.count(judged)
-        not_finite += int(np.sum(~np.isfinite(judged.depth.estimate) | ~np.isfinite(series.penetration_depth)))
+        not_finite += _not_finite(judged) + int(np.sum(~np.isfinite(series.penetration_depth)))
         if math.isnan(first) and judged.depth.wrong.any():
             first = float(scene.time[here][np.argmax(judged.depth.wrong)])
         largest = max(largest, _largest(judged))
     return Found(tally, not_finite, first, largest)
+
+
+def _not_finite(judged: Judged) -> int:
+    """Estimates that are not."""
+    verdicts = [judged.depth] if judged.force is None else [judged.depth, judged.force]
+    return sum(int(np.sum(~np.isfinite(verdict.estimate))) for verdict in verdicts)
 
 
 def _largest(judged: Judged) -> float:
@@ -167,7 +174,7 @@ def _largest(judged: Judged) -> float:
 
 def row(run: LongRun, found: Found) -> list[str]:
     """One line of the table."""
-    tally, depth = found.tally, found.tally.depth
+    tally, depth, force = found.tally, found.tally.depth, found.tally.force
 
     def ratios(histogram: NDArray[np.int64]) -> str:
         return f"{percentile(histogram, 50):.3g}, {percentile(histogram, 95):.3g}" if histogram.any() else "-"
@@ -177,8 +184,10 @@ def row(run: LongRun, found: Found) -> list[str]:
         "-" if math.isnan(found.first_wrong) else f"{found.first_wrong:.3f}", str(found.not_finite),
         f"{100 * tally.flagged / tally.ticks:.2f} %", f"{found.largest:.1e}",
         f"{100 * depth.known / tally.ticks:.2f} %", f"{100 * depth.covered / max(depth.known, 1):.3f} %",
-        f"{100 * depth.covered_large / max(depth.large, 1):.2f} %",
-        ratios(depth.contact), ratios(depth.apart), f"{tally.evaluations / tally.ticks:.1f}",
+        f"{100 * depth.covered_large / max(depth.large, 1):.3f} %",
+        ratios(depth.contact), ratios(depth.apart),
+        f"{100 * force.covered / force.known:.3f} %" if force.known else "-", ratios(force.contact + force.apart),
+        f"{tally.evaluations / tally.ticks:.1f}",
     ]  # fmt: skip
 
 
