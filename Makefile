@@ -10,7 +10,7 @@ help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
 	@echo "make lint   formatter, linters and type checker"
-	@echo "make studies  measure accuracy, convergence, fidelity and stability again, and the reproduction of the paper (10 minutes)"
+	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets and stability again, and the reproduction of the paper (an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
 demo: $(VENV)/.installed
@@ -28,7 +28,9 @@ lint: $(VENV)/.installed-dev
 studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.accuracy
 	$(BIN)/python -m studies.convergence
-	$(BIN)/python -m studies.fidelity
+	$(BIN)/python -m studies.honesty
+	$(BIN)/python -m studies.long_runs
+	$(BIN)/python -m studies.budgets
 	$(BIN)/python -m studies.stability
 	$(BIN)/python -m studies.reproduction
 

@@ -10,6 +10,7 @@
 typedef long double real;
 
 #define MOST_TERMS 40
+#define EPSILON 5.4e-20L /* of a number */
 
 typedef struct {
     real begin;     /* depth at which the layer begins */

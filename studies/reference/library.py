@@ -40,6 +40,7 @@ class Accuracy(ctypes.Structure):
         ("force_tolerance", ctypes.c_double),
         ("degree", ctypes.c_int),
         ("most_cost", ctypes.c_double),
+        ("implicit", ctypes.c_int),
     )
 
 

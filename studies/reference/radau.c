@@ -42,7 +42,7 @@ Implicit implicit_step(const Knee *k, const Tick *t, const Mode *m, real s, real
     }
     step.solved = 0;
     for (step.iterations = 1; step.iterations <= 40; step.iterations++) {
-        real matrix[STAGES][STAGES], right[STAGES], largest = 0.0L, size = fabsl(velocity);
+        real matrix[STAGES][STAGES], right[STAGES], largest = 0.0L, size = fabsl(velocity), noise = 0.0L;
         for (int i = 0; i < STAGES; i++) {
             real sum = 0.0L, stiffness, damping;
             risen[i] = NODES[i] * velocity;
@@ -59,6 +59,7 @@ Implicit implicit_step(const Knee *k, const Tick *t, const Mode *m, real s, real
             for (int j = 0; j < STAGES; j++)
                 matrix[i][j] = inertia * RADAU_INVERSE[i][j] + cc * fmaxl(stiffness, 0.0L) * duration * RADAU[i][j];
             matrix[i][i] += cc * fmaxl(damping, 0.0L);
+            noise = fmaxl(noise, EPSILON * (fabsl(force) + fabsl(load[i])) / matrix[i][i]);
         }
         if (!eliminate(matrix, right)) return step;
         for (int i = 0; i < STAGES; i++) {
@@ -66,8 +67,10 @@ Implicit implicit_step(const Knee *k, const Tick *t, const Mode *m, real s, real
             largest = fmaxl(largest, fabsl(right[i]));
             size = fmaxl(size, fabsl(velocity + g[i]));
         }
-        if (!(largest < INFINITY)) return step;
-        int arrived = largest <= 1e-18L * size + 1e-30L;
+        real sum = 0.0L;
+        for (int i = 0; i < STAGES; i++) sum += fabsl(g[i]);
+        if (!(sum < INFINITY)) return step; /* nor a NaN, which fmaxl would swallow */
+        int arrived = largest <= 1e-18L * size + 20.0L * noise + 1e-30L;
         int stagnant = largest <= 1e-13L * size && largest >= 0.5L * last;
         if (arrived || stagnant) {
             step.solved = 1;

@@ -9,6 +9,7 @@
 typedef struct {
     real depth, velocity, angle, load;
     real implicit_duration; /* what an implicit step should try */
+    real first_duration;    /* the same for the first step behind a boundary, where the force has no series */
     Mode mode;
     int begun, moving, failed;
 } State;
@@ -19,7 +20,7 @@ unsigned long state_size(void) { return sizeof(State); }
 typedef struct {
     real s, height, velocity;
     Mode mode;
-    real implicit_duration;
+    real implicit_duration, first_duration;
     double cost;
     int idle;
 } Going;
@@ -78,7 +79,7 @@ static void switch_mode(const Problem *p, Going *g, int boundary) {
         m->pressing = presses(p->knee, m, depth, rate);
     }
     m->on = boundary == SIGN ? SIGN : boundary == BELOW ? ABOVE : BELOW;
-    g->implicit_duration = p->tick->duration;
+    g->implicit_duration = m->on == ABOVE ? fminl(g->first_duration, p->tick->duration) : p->tick->duration;
 }
 
 /* Take one explicit step by series; 0 if an implicit one would be quicker. */
@@ -88,7 +89,8 @@ static int series_step(const Problem *p, Going *g) {
     develop(p->knee, p->tick, &g->mode, g->s, g->height, g->velocity, p->accuracy->degree, &series);
     g->cost += p->accuracy->degree;
     real h = reach(p->knee, &g->mode, &series, p->accuracy->tolerance, p->accuracy->force_tolerance);
-    if (g->mode.pressing && h < left && h < 0.1L * fminl(g->implicit_duration, left)) return 0;
+    int gains = series.singular || p->accuracy->implicit || (series.stiff && h < 0.1L * fminl(g->implicit_duration, left));
+    if (g->mode.pressing && gains && (h < left || p->accuracy->implicit)) return 0;
     int last = h >= left;
     h = fminl(h, left);
     int boundary = first_crossing(p->knee, &g->mode, &series, h, &when);
@@ -96,7 +98,7 @@ static int series_step(const Problem *p, Going *g) {
     g->velocity = slope_of(series.height, series.degree, when);
     g->idle = g->s + when > g->s ? 0 : g->idle + 1;
     g->s = last && boundary == NOWHERE ? p->tick->duration : g->s + when;
-    g->implicit_duration *= 1.15L;
+    if (series.stiff) g->implicit_duration *= 1.15L;
     g->mode.on = NOWHERE;
     if (boundary != NOWHERE) switch_mode(p, g, boundary);
     return 1;
@@ -218,24 +220,25 @@ static int end_on(const Problem *p, Going *g, int boundary, real *high) {
 /* Part of the tolerance that the difference of two solutions of a step takes. */
 static real share(const Problem *p, const Going *g, const Implicit *one, const Implicit *two, real h) {
     const Knee *k = p->knee;
-    real stiffness, damping, cc = k->cosine * k->cosine, epsilon = 5.4e-20L;
+    real stiffness, damping, cc = k->cosine * k->cosine;
     real depth = two->depth[STAGES - 1], rate = two->rate[STAGES - 1];
-    formula(k, &g->mode, depth, rate, &stiffness, &damping);
+    real noise = 8.0L * EPSILON * fabsl(formula(k, &g->mode, depth, rate, &stiffness, &damping));
     real high = fabsl(one->height - two->height), fast = fabsl(one->velocity - two->velocity);
     real swift = fmaxl(1.0L, cc * damping / k->mass);
     real tolerance = p->accuracy->tolerance, force_tolerance = p->accuracy->force_tolerance;
-    real rounding_height = 8.0L * epsilon * (fabsl(two->height) + fabsl(depth));
-    real rounding_speed = 8.0L * epsilon * fabsl(two->velocity);
+    real rounding_speed = 8.0L * EPSILON * fabsl(two->velocity) + noise / (cc * damping + k->mass / h);
+    real rounding_height = 8.0L * EPSILON * (fabsl(two->height) + fabsl(depth)) + h * rounding_speed;
     real worst = high / (fmaxl(tolerance * fminl(1.0L, 100.0L * h), 1e-21L) + rounding_height);
     worst = fmaxl(worst, fast / (tolerance * swift + rounding_speed));
     real force = stiffness * high + damping * fast;
-    worst = fmaxl(worst, force / (force_tolerance + stiffness * rounding_height + damping * rounding_speed));
+    worst = fmaxl(worst, force / (force_tolerance + noise + stiffness * rounding_height + damping * rounding_speed));
     return worst / 15.0L; /* the pair's error is far below the difference */
 }
 
 /* Take one implicit step. */
 static void radau_step(const Problem *p, Going *g) {
     real left = p->tick->duration - g->s, h = fminl(g->implicit_duration, left);
+    int first = g->mode.on == ABOVE;
     for (;;) {
         if (!(g->s + h > g->s) || g->cost > p->accuracy->most_cost) {
             g->cost = INFINITY;
@@ -255,12 +258,13 @@ static void radau_step(const Problem *p, Going *g) {
         int boundary;
         real beyond = beyond_at(p, &g->mode, &pair, &boundary);
         real used = share(p, g, &one, &pair.half[1], h);
-        if (used > 1.0L) {
+        if (!(used <= 1.0L)) {
             real factor = 0.8L * powl(used, -1.0L / 8.0L);
-            h *= fmaxl(factor, 0.1L);
+            h *= factor > 0.1L ? factor : 0.1L;
             g->implicit_duration = h;
             continue;
         }
+        if (first) g->first_duration = 1.2L * h;
         if (boundary == NOWHERE) {
             real factor = 0.8L * powl(fmaxl(used, 1e-12L), -1.0L / 10.0L);
             if (h < left || factor < 1.0L) g->implicit_duration = h * fminl(fmaxl(factor, 0.5L), 5.0L);
@@ -305,7 +309,7 @@ static void start(const Knee *k, State *state, real angle, real load) {
     int layer = k->layers == 2 && state->depth > k->layer[1].begin ? 1 : 0;
     /* without load it just touches: apart, and about to touch if it is pressed or turns its longer side down */
     state->mode = (Mode){state->depth > 0.0L ? layer : APART, state->depth > 0.0L, 0.0L, state->depth > 0.0L ? NOWHERE : BELOW};
-    state->implicit_duration = 1.0L;
+    state->implicit_duration = state->first_duration = 1.0L;
 }
 
 static int step(const Knee *k, State *state, const Accuracy *accuracy, real duration, real angle, real load, real *rate) {
@@ -313,7 +317,7 @@ static int step(const Knee *k, State *state, const Accuracy *accuracy, real dura
                  (load - state->load) / duration, state->depth, 0.0L};
     tick.support = support(k, tick.phi);
     Problem problem = {k, &tick, accuracy};
-    Going going = {0.0L, 0.0L, state->velocity, state->mode, state->implicit_duration, 0.0, 0};
+    Going going = {0.0L, 0.0L, state->velocity, state->mode, state->implicit_duration, state->first_duration, 0.0, 0};
     if (!state->moving) { /* it follows its turning surface */
         real growth_rate;
         grown(k, &tick, 0.0L, &growth_rate);
@@ -325,6 +329,7 @@ static int step(const Knee *k, State *state, const Accuracy *accuracy, real dura
     state->velocity = going.velocity;
     state->mode = going.mode;
     state->implicit_duration = fminl(fmaxl(going.implicit_duration, 1e-3L * duration), 1.0L);
+    state->first_duration = going.first_duration;
     state->angle = angle;
     state->load = load;
     return 1;

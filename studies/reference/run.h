@@ -14,6 +14,7 @@ typedef struct {
     double force_tolerance; /* [N] */
     int degree;             /* of the power series */
     double most_cost;       /* terms and stages that a tick may take */
+    int implicit;           /* whether all steps in contact are implicit */
 } Accuracy;
 
 #endif

@@ -97,18 +97,21 @@ static double binary_logarithm(real x) {
     return (double)exponent + log2(fraction);
 }
 
-/* Logarithm of the duration for which the last terms stay below the tolerance; what `lower` powers are divided out. */
+/* Logarithm of the duration for which the last terms, times their `lower` th power's order, stay below the tolerance. Series
+   may lack all terms but every fifth or eighth: terms before the last count too, with four times the tolerance each. */
 static double allowed(const real *c, int degree, int lower, real tolerance) {
     double least = 1e300, wanted = binary_logarithm(tolerance);
-    for (int i = degree; i > degree - 3 && i > lower; i--) {
+    for (int i = degree; i > degree - 9 && i > lower; i--) {
         if (c[i] == 0.0L) continue;
-        double own = (wanted - binary_logarithm(c[i]) - log2((double)i)) / (double)(i - lower);
+        double slack = 2.0 * (double)(degree - i);
+        double own = (wanted + slack - binary_logarithm(c[i]) - log2((double)i)) / (double)(i - lower);
         least = fmin(least, own);
     }
     return least;
 }
 
-real reach(const Knee *k, const Mode *m, const Series *series, real tolerance, real force_tolerance) {
+real reach(const Knee *k, const Mode *m, Series *series, real tolerance, real force_tolerance) {
+    series->stiff = 0;
     if (series->singular && m->pressing) return 0.0L;
     double least = allowed(series->depth, series->degree, 1, tolerance);
     least = fmin(least, allowed(series->height, series->degree, 1, tolerance));
@@ -117,7 +120,9 @@ real reach(const Knee *k, const Mode *m, const Series *series, real tolerance, r
         real stiffness, damping, depth = series->depth[0], rate = series->depth[1];
         formula(k, m, depth, rate, &stiffness, &damping);
         real swift = k->cosine * k->cosine * damping / k->mass;
-        if (swift > 0.0L) least = fmin(least, 3.0 - binary_logarithm(swift)); /* 8 times the decay at most */
+        double most = swift > 0.0L ? 3.0 - binary_logarithm(swift) : 1e300; /* 8 times the decay at most */
+        series->stiff = most < least;
+        least = fmin(least, most);
     } else if (may_pull(k, m)) {
         real enough = fmaxl(force_tolerance, 1e-6L * fabsl(series->value[0]));
         least = fmin(least, allowed(series->value, series->degree - 2, 0, enough));
@@ -151,6 +156,32 @@ static real least_between(const real *c, int degree, real low, real high) {
     return 0.5L * (low + high);
 }
 
+/* Whether a polynomial certainly stays positive over a duration: a quick look in double precision. */
+static int stays_positive(const real *c, int degree, real duration) {
+    double scaled[MOST_TERMS + 1], sum = 0.0;
+    real factor = 1.0L;
+    for (int k = 0; k <= degree; k++, factor *= duration) {
+        scaled[k] = (double)(c[k] * factor);
+        sum += k > 0 ? fabs(scaled[k]) : 0.0;
+    }
+    if (scaled[0] > sum) return 1;
+    const int cells = 16;
+    double last = scaled[0], last_slope = scaled[1], least = 1e-9 * (sum + scaled[0]);
+    if (!(last > least)) return 0;
+    for (int i = 1; i <= cells; i++) {
+        double t = (double)i / cells, value = scaled[degree], slope = 0.0;
+        for (int k = degree - 1; k >= 0; k--) {
+            slope = slope * t + value;
+            value = value * t + scaled[k];
+        }
+        double dip = last_slope < 0.0 && slope > 0.0 ? fmin(-last_slope, slope) / cells : 0.0;
+        if (!(fmin(last, value) - dip > least)) return 0;
+        last = value;
+        last_slope = slope;
+    }
+    return 1;
+}
+
 /* First time within a duration at which a polynomial becomes negative; `on`: it begins at 0. */
 static int first_zero(const real *c, int degree, real duration, int on, real *when) {
     if (on) c++, degree--;
@@ -158,9 +189,7 @@ static int first_zero(const real *c, int degree, real duration, int on, real *wh
     *when = 0.0L;
     if (c[0] < 0.0L) return 1;
     if (c[0] == 0.0L) return 0;
-    real most = 0.0L;
-    for (int k = degree; k >= 1; k--) most = (most + fabsl(c[k])) * duration;
-    if (c[0] > most) return 0;
+    if (stays_positive(c, degree, duration)) return 0;
     const int cells = 32;
     real last = 0.0L, last_slope = c[1];
     for (int i = 1; i <= cells; i++) {

@@ -15,9 +15,9 @@ Floats = NDArray[np.float64]
 FINE = Accuracy(1e-18, 1e-11, 26, 4e6)
 """[m/s] a step, [N], degree of the series, and the cost at which a tick is given up"""
 COARSE = Accuracy(5e-17, 5e-10, 21, 4e6)
-SAFETY = 2.0
+SAFETY = 3.0
 """The bound over the difference; the coarse solution's error is some fifty times the fine one's"""
-NEIGHBOURS = 2
+NEIGHBOURS = 4
 """Ticks to either side whose difference counts too: a difference passes through 0 now and then"""
 ROUNDING = 4.5e-16
 """Of the numbers handed back, as a part of them"""

@@ -1,0 +1,107 @@
+"""What one run's estimates are worth, tick by tick."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.types import Status
+from studies.reference import Solution
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+KNOWN = 0.02
+"""A tick counts where the reference is known to this part of the model's error"""
+LEAST_ERROR = 1e-12
+"""Errors of the depth below this [m] are rounding"""
+LEAST_FORCE_ERROR, LEAST_FORCE_SHARE = 1e-7, 1e-10
+"""The same for the force: [N], and as a part of the run's largest load"""
+
+
+class Verdict(NamedTuple):
+    """One quantity of a run, an entry per tick each."""
+
+    error: Floats
+    """Against the reference; not a number where that gave up"""
+    bound: Floats
+    """Of the reference's own error"""
+    estimate: Floats
+    known: Flags
+    """Whether the reference is good enough to judge this tick"""
+    large: Flags
+    """Known, and above rounding"""
+    covered: Flags
+    """Known, and the error within its estimate or below rounding"""
+    wrong: Flags
+    """Said to be within the tolerance, and known not to be; or said so with an estimate that is not finite"""
+    ratio: Floats
+    """Estimate over error where `large`, else not a number"""
+
+
+class Judged(NamedTuple):
+    """A run."""
+
+    depth: Verdict
+    force: Verdict | None
+    """None where the model gives no estimate of it"""
+    said_right: Flags
+    """Status without NOT_CONVERGED"""
+    claimed: Flags
+    """Said right although the run's own estimate is beyond the tolerance, or not finite"""
+    apart: Flags
+    """According to the reference"""
+    fidelity: NDArray[np.int_]
+    """Level that computed the tick"""
+    evaluations: NDArray[np.int_]
+
+
+def judge(series: np.recarray[Any, Any], truth: Solution, tolerance: float, force_tolerance: float = 0.0) -> Judged:
+    """Judge a run by the reference's solution of the same scene, tolerances in [m] and [N] (0: none was asked for)."""
+    right = series.status & Status.NOT_CONVERGED == 0
+    signed = series.penetration_depth - series.gap
+    depth = _verdict(signed, truth.depth, truth.depth_bound, series.error_estimate, LEAST_ERROR, right, tolerance)
+    claimed = right & ~(series.error_estimate <= tolerance)
+    force = None
+    if "force_error_estimate" in (series.dtype.names or ()):
+        least = max(LEAST_FORCE_ERROR, LEAST_FORCE_SHARE * float(np.max(np.abs(series.load))))
+        asked = force_tolerance if force_tolerance > 0.0 else np.inf
+        estimate = series.force_error_estimate
+        force = _verdict(series.contact_force, truth.force, truth.force_bound, estimate, least, right, asked)
+        claimed |= right & ~((estimate <= asked) & np.isfinite(estimate))
+    return Judged(
+        depth, force, right, claimed, truth.depth < 0.0, series.fidelity.astype(int), series.evaluations.astype(int)
+    )
+
+
+def _verdict(
+    ours: Floats, exact: Floats, bound: Floats, estimate: Floats, least: float, right: Flags, tolerance: float
+) -> Verdict:
+    error = np.abs(ours - exact)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # an answer that is not a number is as wrong as can be wherever the reference has one
+        error = np.where(np.isfinite(exact) & ~np.isfinite(ours), np.inf, error)
+        known = bound < KNOWN * np.maximum(error, least)
+        large = known & (error > least)
+        covered = known & (~large | (error <= estimate + bound))
+        wrong = right & ((known & (error > tolerance + bound)) | ~np.isfinite(estimate) | ~np.isfinite(ours))
+        ratio = np.where(large, estimate / error, np.nan)
+    return Verdict(error, bound, estimate, known, large, covered, wrong, ratio)
+
+
+def needed(by_level: dict[str, Judged], tolerance: float) -> tuple[NDArray[np.int_], Flags]:
+    """Cheapest level (0 to 2) whose own run is truly within the tolerance [m], and where that is known.
+
+    `by_level` has the runs of quasi_static and first_order; the dynamic level is what remains.
+    """
+    simple = [by_level["quasi_static"].depth, by_level["first_order"].depth]
+    levels = np.full(len(simple[0].error), 2)
+    known = np.ones(len(levels), dtype=bool)
+    for level in (1, 0):
+        verdict = simple[level]
+        within = verdict.error + verdict.bound <= tolerance
+        beyond = verdict.error - verdict.bound > tolerance
+        levels[within] = level
+        known &= within | beyond
+    return levels, known

@@ -1,0 +1,44 @@
+"""The model's answers to a scene."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.compiled import compiled
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_pairs import OnPlane
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.mechanisms import Hinge
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.regions import Regions
+from studies.ellipse import Ellipse
+from studies.honesty.scenes import Scene
+
+FORCE_TOLERANCE = "force_tolerance" in {field.name for field in fields(KneeModel)}
+"""Whether the model takes one"""
+
+
+def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
+    """The scene's knee at a level of `LEVELS`, to a tolerance [m] and, unless it is 0, one of the force [N]."""
+    more = {"force_tolerance": force_tolerance} if force_tolerance > 0.0 else {}
+    model = KneeModel(
+        pair=OnPlane(Ellipse(*map(float, scene.half_axes)), scene.slope),
+        mechanism=Hinge(),
+        regions=Regions(CONTACT_LAWS[scene.law](**scene.arguments), scene.allow_tension),
+        mass=scene.mass,
+        tolerance=tolerance,
+        budget=budget,
+        level=LEVELS[level],
+        **more,  # type: ignore[arg-type]
+    )
+    return compiled(model)
+
+
+def model(
+    scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
+) -> np.recarray[Any, Any]:
+    """The model's answers, one per tick."""
+    return knee(scene, level, tolerance, budget, force_tolerance).run(scene.time, scene.angle, scene.load)

@@ -1,0 +1,168 @@
+"""Many scenes through all levels, in worker processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.core.levels import LEVELS
+from studies.honesty.judging import Judged, Verdict, judge, needed
+from studies.honesty.ours import FORCE_TOLERANCE, model
+from studies.honesty.scenes import Scene, draw
+from studies.honesty.tally import Tally
+from studies.honesty.truth import reference
+
+SETTINGS = ((1e-4, 0.0), (1e-5, 0.0), (1e-6, 0.0), (1e-8, 0.0), (1e-4, 1.0), (1e-6, 0.1))
+"""Tolerances of depth [m] and of force [N]; 0: none"""
+WORST = 15
+"""Worst ticks that are kept"""
+WORKERS = 2
+CHUNK = 5
+"""Scenes a worker takes at a time"""
+
+
+class Key(NamedTuple):
+    """What runs are counted by."""
+
+    family: str
+    loads: str
+    law: str
+    level: str
+    tolerance: float
+    force_tolerance: float
+
+
+class BadTick(NamedTuple):
+    """A tick to look at, with all that is needed to make it again."""
+
+    severity: float
+    """Error over tolerance, or over estimate"""
+    quantity: str
+    seed: int
+    tick: int
+    key: Key
+    fidelity: int
+    error: float
+    estimate: float
+    said_right: bool
+
+
+class Outcome(NamedTuple):
+    """What a study finds."""
+
+    tallies: dict[Key, Tally]
+    wrong: list[BadTick]
+    """Said right and wrong, the worst first"""
+    uncovered: list[BadTick]
+    """Error beyond the estimate, the worst first"""
+
+
+def study(
+    seeds: Iterable[int],
+    levels: Sequence[str] = tuple(LEVELS),
+    settings: Sequence[tuple[float, float]] = SETTINGS,
+    told: Callable[[int], None] = lambda _: None,
+) -> Outcome:
+    """Judge all levels on the scenes of all seeds; `told` hears how many scenes are done."""
+    outcome, wanted, done = Outcome({}, [], []), list(seeds), 0
+    chunks = [wanted[i : i + CHUNK] for i in range(0, len(wanted), CHUNK)]
+    kinds = {scene.law: scene.seed for scene in map(draw, wanted)}
+    with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as workers:
+        # each kind of kernel once, so that the workers do not both compile it
+        list(workers.map(_compile, *zip(*[(seed, level) for seed in kinds.values() for level in levels], strict=True)))
+        count = len(chunks)
+        for chunk, part in zip(
+            chunks, workers.map(_judge_all, chunks, [levels] * count, [settings] * count), strict=True
+        ):
+            merge(outcome, part)
+            done += len(chunk)
+            told(done)
+    return outcome
+
+
+def merge(outcome: Outcome, part: Outcome) -> None:
+    """Add what other scenes gave."""
+    for key, tally in part.tallies.items():
+        outcome.tallies.setdefault(key, Tally()).add(tally)
+    for mine, theirs in ((outcome.wrong, part.wrong), (outcome.uncovered, part.uncovered)):
+        mine[:] = worst_of([*mine, *theirs])
+
+
+def worst_of(bad: list[BadTick]) -> list[BadTick]:
+    """The worst, one of each scene, level and quantity."""
+    kept: dict[tuple[int, str, str], BadTick] = {}
+    for one in sorted(bad, reverse=True):
+        kept.setdefault((one.seed, one.key.level, one.quantity), one)
+    return list(kept.values())[:WORST]
+
+
+def runs(
+    scene: Scene, levels: Sequence[str], settings: Sequence[tuple[float, float]]
+) -> dict[Key, tuple[np.recarray[Any, Any], Judged]]:
+    """All answers to a scene, and what they are worth."""
+    truth, found = reference(scene), {}
+    for level in levels:
+        for tolerance, force_tolerance in settings:
+            if force_tolerance > 0.0 and not FORCE_TOLERANCE:
+                continue
+            series = model(scene, level, tolerance, force_tolerance=force_tolerance)
+            key = Key(scene.family, scene.loads, scene.law, level, tolerance, force_tolerance)
+            found[key] = series, judge(series, truth, tolerance, force_tolerance)
+    return found
+
+
+def _compile(seed: int, level: str) -> None:
+    model(draw(seed, ticks=2), level, 1e-6)
+
+
+def _judge_all(seeds: list[int], levels: Sequence[str], settings: Sequence[tuple[float, float]]) -> Outcome:
+    outcome = Outcome({}, [], [])
+    for seed in seeds:
+        scene = draw(seed)
+        merge(outcome, _judge_scene(scene, levels, settings))
+    return outcome
+
+
+def _judge_scene(scene: Scene, levels: Sequence[str], settings: Sequence[tuple[float, float]]) -> Outcome:
+    outcome = Outcome({}, [], [])
+    found = {key: judged for key, (_, judged) in runs(scene, levels, settings).items()}
+    for key, judged in found.items():
+        tally = outcome.tallies.setdefault(key, Tally())
+        tally.count(judged)
+        simple = {level: found.get(key._replace(level=level)) for level in ("quasi_static", "first_order")}
+        complete = {level: one for level, one in simple.items() if one is not None}
+        if key.level == "auto" and len(complete) == len(simple) and key.force_tolerance == 0.0:
+            tally.choose(judged.fidelity, *needed(complete, key.tolerance))
+        for name, verdict, tolerance in (
+            ("depth", judged.depth, key.tolerance),
+            ("force", judged.force, key.force_tolerance),
+        ):
+            if verdict is not None:
+                outcome.wrong.extend(_worst(scene, key, judged, name, verdict, verdict.wrong, tolerance))
+                missed = verdict.known & ~verdict.covered
+                outcome.uncovered.extend(_worst(scene, key, judged, name, verdict, missed, None))
+    for kept in (outcome.wrong, outcome.uncovered):
+        kept[:] = worst_of(kept)
+    return outcome
+
+
+def _worst(
+    scene: Scene, key: Key, judged: Judged, name: str, verdict: Verdict, bad: Any, tolerance: float | None
+) -> list[BadTick]:
+    """The worst of a run's bad ticks, as one."""
+    if not bad.any():
+        return []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        allowed = verdict.estimate if tolerance is None else tolerance
+        severity = np.where(bad, np.nan_to_num(verdict.error / allowed, nan=np.inf), -1.0)
+    tick = int(np.argmax(severity))
+    return [
+        BadTick(
+            float(severity[tick]), name, scene.seed, tick, key, int(judged.fidelity[tick]), float(verdict.error[tick]),
+            float(verdict.estimate[tick]), bool(judged.said_right[tick]),
+        )
+    ]  # fmt: skip

@@ -1,0 +1,114 @@
+"""Counts of many runs, which add up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.honesty.judging import Judged, Verdict
+
+Counts = NDArray[np.int64]
+LOWEST, WIDTH, BINS = -4.0, 0.02, 1200
+"""Ratios are counted by their decimal logarithm"""
+
+
+def _histogram() -> Counts:
+    return np.zeros(BINS, dtype=np.int64)
+
+
+@dataclass
+class Quantity:
+    """What is counted of one quantity."""
+
+    known: int = 0
+    large: int = 0
+    covered: int = 0
+    covered_large: int = 0
+    wrong: int = 0
+    wrong_runs: int = 0
+    """Runs with a wrong tick"""
+    contact: Counts = field(default_factory=_histogram)
+    """Ratios of estimate to error in contact"""
+    apart: Counts = field(default_factory=_histogram)
+    """The same while apart"""
+
+    def count(self, verdict: Verdict, apart: NDArray[np.bool_]) -> None:
+        """Count a run."""
+        self.known += int(verdict.known.sum())
+        self.large += int(verdict.large.sum())
+        self.covered += int(verdict.covered.sum())
+        self.covered_large += int((verdict.covered & verdict.large).sum())
+        self.wrong += int(verdict.wrong.sum())
+        self.wrong_runs += int(verdict.wrong.any())
+        self.contact += _binned(verdict.ratio[verdict.large & ~apart])
+        self.apart += _binned(verdict.ratio[verdict.large & apart])
+
+    def add(self, other: Quantity) -> None:
+        """Add the counts of other runs."""
+        _add(self, other)
+
+
+@dataclass
+class Tally:
+    """What is counted of runs."""
+
+    runs: int = 0
+    ticks: int = 0
+    flagged: int = 0
+    claimed: int = 0
+    evaluations: int = 0
+    levels: Counts = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
+    choices: int = 0
+    """Ticks whose cheapest sufficient level is known"""
+    cheapest: int = 0
+    """Those of them that a level no more expensive has answered"""
+    depth: Quantity = field(default_factory=Quantity)
+    force: Quantity = field(default_factory=Quantity)
+
+    def count(self, judged: Judged) -> None:
+        """Count a run."""
+        self.runs += 1
+        self.ticks += len(judged.apart)
+        self.flagged += int((~judged.said_right).sum())
+        self.claimed += int(judged.claimed.sum())
+        self.evaluations += int(judged.evaluations.sum())
+        self.levels += np.bincount(judged.fidelity, minlength=3)
+        self.depth.count(judged.depth, judged.apart)
+        if judged.force is not None:
+            self.force.count(judged.force, judged.apart)
+
+    def choose(self, fidelity: NDArray[np.int_], levels: NDArray[np.int_], known: NDArray[np.bool_]) -> None:
+        """Count how often a level was no more expensive than needed, see `judging.needed`."""
+        self.choices += int(known.sum())
+        self.cheapest += int((known & (fidelity <= levels)).sum())
+
+    def add(self, other: Tally) -> None:
+        """Add the counts of other runs."""
+        _add(self, other)
+
+
+def _add(counts: Tally | Quantity, others: Tally | Quantity) -> None:
+    for one in fields(counts):
+        mine, theirs = getattr(counts, one.name), getattr(others, one.name)
+        if isinstance(mine, Quantity):
+            mine.add(theirs)
+        else:
+            setattr(counts, one.name, mine + theirs)
+
+
+def _binned(ratios: NDArray[np.float64]) -> Counts:
+    """A histogram; what is not finite counts as the largest, 0 as the smallest."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = (np.log10(np.where(np.isnan(ratios), np.inf, ratios)) - LOWEST) / WIDTH
+    return np.bincount(np.clip(np.nan_to_num(place, posinf=BINS), 0, BINS - 1).astype(int), minlength=BINS)
+
+
+def percentile(histogram: Counts, percent: float) -> float:
+    """A percentile of the ratios, to 5 %; not a number where there are none."""
+    total = int(histogram.sum())
+    if total == 0:
+        return float("nan")
+    place = int(np.searchsorted(np.cumsum(histogram), 0.01 * percent * total))
+    return float(10 ** (LOWEST + WIDTH * (place + 0.5)))

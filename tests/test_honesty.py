@@ -1,0 +1,113 @@
+"""The studies that judge the error estimates: what they count, and that scenes come again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("tabulate", reason="the studies' tables")
+
+from knee_contact_ros.core.model import SERIES_DTYPE
+from knee_contact_ros.core.types import Status
+from studies.budgets import BUDGETS, scenes
+from studies.honesty.judging import judge, needed
+from studies.honesty.page import sections
+from studies.honesty.scenes import FAMILIES, TICKS, draw
+from studies.honesty.study import Key, Outcome, runs
+from studies.honesty.tally import Tally, percentile
+from studies.honesty.truth import reference
+from studies.long_runs import long_runs, scene_of
+from studies.reference import LAWS, Solution
+
+TOLERANCE = 1e-6
+EXACT, UNKNOWN = 1e-18, np.nan
+
+
+def series(depth: list[float], estimate: list[float], flagged: list[bool]) -> np.recarray:
+    rows = np.zeros(len(depth), dtype=SERIES_DTYPE).view(np.recarray)
+    rows.penetration_depth = np.maximum(depth, 0.0)
+    rows.gap = np.maximum(-np.array(depth), 0.0)
+    rows.error_estimate = estimate
+    rows.status = np.where(flagged, Status.NOT_CONVERGED, Status.OK)
+    return rows
+
+
+def truth(depth: list[float], bound: list[float]) -> Solution:
+    column = np.array(depth)
+    return Solution(column, column, 0.0 * column, column, np.array(bound), np.array(bound))
+
+
+def test_scenes_come_again_and_are_of_all_kinds() -> None:
+    drawn = [draw(seed) for seed in range(120)]
+    for scene, again in zip(drawn, map(draw, range(120)), strict=True):
+        assert scene.content() == again.content()
+        assert len(scene.time) == len(scene.load) == len(scene.angle) == TICKS
+        assert np.all(np.diff(scene.time) > 0.9e-4)
+    assert {scene.law for scene in drawn} == set(LAWS)
+    assert {scene.family for scene in drawn} == set(FAMILIES)
+    assert len({scene.content() for scene in drawn}) == 120
+
+
+def test_what_counts_as_wrong() -> None:
+    """Right; covered though beyond the tolerance; not covered; not finite; the same where the reference is unknown."""
+    exact = [1e-3, 1e-3, 1e-3, -1e-3, 1e-3, 1e-3, 1e-3]
+    ours = [1e-3 + 1e-7, 1e-3 + 2e-6, 1e-3 + 2e-6, -1e-3 + 3e-6, np.nan, 1e-3 + 1e-7, 1e-3 + 1.0]
+    estimate = [2e-7, 4e-6, 1e-6, 1e-7, 1e-7, np.nan, 1e-9]
+    flagged = [False, True, True, False, False, False, False]
+    bound = [EXACT] * 5 + [UNKNOWN, UNKNOWN]
+    judged = judge(series(ours, estimate, flagged), truth(exact, bound), TOLERANCE)
+    assert judged.depth.known.tolist() == [True, True, True, True, True, False, False]
+    assert judged.depth.covered.tolist() == [True, True, False, False, False, False, False]
+    assert judged.depth.wrong.tolist() == [False, False, False, True, True, True, False]
+    assert judged.apart.tolist() == [False, False, False, True, False, False, False]
+    assert judged.claimed.tolist() == [False] * 5 + [True, False]
+    assert judged.depth.ratio[:2] == pytest.approx([2.0, 2.0])
+
+
+def test_a_reference_that_is_no_better_than_the_model_judges_nothing() -> None:
+    judged = judge(series([1e-3 + 2e-6], [1e-9], [False]), truth([1e-3], [1e-7]), TOLERANCE)
+    assert not judged.depth.known.any()
+    assert not judged.depth.wrong.any()
+
+
+def test_the_cheapest_level() -> None:
+    exact, bound = [1e-3] * 3, [EXACT] * 3
+    far, near = 1e-3 + 2e-6, 1e-3 + 1e-8
+    simple = {
+        "quasi_static": judge(series([near, far, far], [0.0] * 3, [False] * 3), truth(exact, bound), TOLERANCE),
+        "first_order": judge(series([far, near, far], [0.0] * 3, [False] * 3), truth(exact, bound), TOLERANCE),
+    }
+    levels, known = needed(simple, TOLERANCE)
+    assert levels.tolist() == [0, 1, 2]
+    assert known.all()
+
+
+def test_counts_add_up() -> None:
+    judged = judge(series([1e-3 + 1e-7] * 4, [1e-6] * 4, [False] * 4), truth([1e-3] * 4, [EXACT] * 4), TOLERANCE)
+    one, two = Tally(), Tally()
+    one.count(judged)
+    two.count(judged)
+    one.add(two)
+    assert (one.runs, one.ticks, one.depth.known, one.depth.covered, one.depth.wrong) == (2, 8, 8, 8, 0)
+    assert percentile(one.depth.contact, 50) == pytest.approx(10.0, rel=0.05)  # the histogram's width
+    assert np.isnan(percentile(one.depth.apart, 50))
+
+
+def test_a_scene_is_judged_and_told() -> None:
+    scene = draw(1)
+    assert reference(scene).depth.tobytes() == reference(scene).depth.tobytes()
+    found = runs(scene, ("quasi_static",), ((TOLERANCE, 0.0),))
+    outcome = Outcome({}, [], [])
+    for key, (_, judged) in found.items():
+        outcome.tallies.setdefault(key, Tally()).count(judged)
+    assert list(found) == [Key(scene.family, scene.loads, scene.law, "quasi_static", TOLERANCE, 0.0)]
+    assert sections(outcome)[0].rows[0][:3] == ["quasi_static", "1e-06 m", str(TICKS)]
+
+
+def test_budgets_and_long_runs_are_as_many_as_they_say() -> None:
+    assert len(list(scenes())) * len(BUDGETS) == 720
+    assert sum(run.hours for run in long_runs()) >= 10.0
+    for run in long_runs():
+        scene = scene_of(run, 0.0, 0)
+        assert np.isfinite(scene.load).all()
+        assert len(scene.load) == len(scene.angle) == len(scene.time)
