@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
+from knee_contact_ros.build import retuned
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters import load_parameters
 
 TIME = np.arange(0.0, 0.1, 0.005)
 ANGLE = 0.3 + 0.3 * np.sin(20.0 * TIME)
@@ -101,3 +103,10 @@ def test_the_mechanism_carries_the_contact_along() -> None:
     expected = [table.mechanism.translation(angle)[0] for angle in ANGLE]
     assert series.contact_point.x == pytest.approx(expected, abs=1e-18)  # a circle touches below its centre
     assert np.ptp(series.contact_point.x) > 1e-3
+
+
+def test_the_wanted_error_of_the_force_reaches_the_scene() -> None:
+    model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
+    assert (model.force_tolerance, model.scene.force_tolerance) == (2.5, 2.5)
+    assert knee_contact_ros.load_model({}).scene.force_tolerance == 0.0
+    assert retuned(model, load_parameters({"fidelity.force_tolerance": 0.1})).scene.force_tolerance == 0.1
