@@ -16,9 +16,8 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bag_metadata import OFFERED_QOS, FileFacts, information, to_yaml
-from knee_contact_ros.messages import typestore
+from knee_contact_ros.messages import definition, typestore
 from knee_contact_ros.outputs import claim, open_claimed
-from knee_contact_ros.resources import PACKAGE, share_folder
 
 LIBRARY = "knee_contact_ros"
 CHUNK_SIZE = 64 * 1024
@@ -118,20 +117,6 @@ class BagFile:
         with suppress(OSError):  # a full disk also refuses what is still in the file's buffer
             self._file.close()
         self.partial.unlink(missing_ok=True)
-
-
-@cache  # the next file of a recording must be open at once
-def definition(type_name: str) -> bytes:
-    """A message's definition with those that it consists of; our own with its comments and in its order.
-
-    The comments have the units, and Foxglove names a field's values by the constants right before it.
-    """
-    text = typestore().generate_msgdef(type_name, ros_version=2)[0]
-    if type_name.startswith(f"{PACKAGE}/"):
-        source = share_folder() / "msg" / f"{type_name.rpartition('/')[2]}.msg"
-        _, rule, parts = text.partition("=" * 80 + "\n")
-        text = source.read_text(encoding="utf-8") + rule + parts
-    return text.encode()
 
 
 @cache

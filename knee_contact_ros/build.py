@@ -49,6 +49,7 @@ def load_model(
         mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance,
         budget=parameters.fidelity.budget,
+        force_tolerance=parameters.fidelity.force_tolerance,
         height_prescribed=parameters.drive == "displacement",
         level=LEVELS[parameters.fidelity.level],
     )
@@ -60,13 +61,14 @@ def load_model(
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
-    """The same model with the numbers of other parameters: law's constants, mass, tolerance and budget.
+    """The same model with the numbers of other parameters: law's constants, mass, tolerances and budget.
 
     Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
     """
     return replace(
         model, regions=contact_law(parameters.contact), mass=parameters.femur.mass,
-        tolerance=parameters.fidelity.tolerance, budget=parameters.fidelity.budget,
+        tolerance=parameters.fidelity.tolerance, force_tolerance=parameters.fidelity.force_tolerance,
+        budget=parameters.fidelity.budget,
     )  # fmt: skip
 
 

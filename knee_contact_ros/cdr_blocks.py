@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.answer_layout import PRESENT, layout_of, places_of
 from knee_contact_ros.cdr_in import (
     MOST_TRAILING,
     SECOND,
@@ -22,7 +23,8 @@ from knee_contact_ros.cdr_in import (
     decode_wrench_stamped,
 )
 from knee_contact_ros.cdr_out import encode_joint_state, encode_numbers, encode_wrench_stamped
-from knee_contact_ros.core.ticks import ANSWER
+from knee_contact_ros.core.ticks import ANSWER, PLACING
+from knee_contact_ros.core.types import COLUMN
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -31,8 +33,6 @@ LITTLE_ENDIAN = (0, 1)
 """First bytes of the header"""
 STAMP = {"seconds": ("<i4", 4), "nanoseconds": ("<u4", 8)}
 """Type and offset of the fields that all messages begin with"""
-TOLD = 16
-"""Numbers of an answer that its message tells"""
 T = TypeVar("T", JointState, WrenchStamped)
 
 
@@ -101,44 +101,20 @@ def encode_wrenches(frame_id: str, stamps: Stamps, numbers: Floats) -> Bytes:
 
 def encode_contacts(frame_id: str, stamps: Stamps, answers: Floats, status: NDArray[np.int64]) -> Bytes:
     """Bytes of `KneeContact` messages: row by row those of `encode_numbers`; `answers` has shape (n, `ANSWER`)."""
-    template = encode_numbers(0, frame_id, [0.0] * ANSWER, 0)
-    rows, matrix = _rows(template, _contact_layout(len(template)), stamps)
-    numbers = rows["numbers"]
-    numbers[:, :8] = answers[:, :8]
-    numbers[:, 9:] = answers[:, 8:11]  # behind the contact point's z, which is 0
-    rows["flags"] = answers[:, 11:14]
-    rows["flags"][:, 2] |= status.astype(np.uint8)
-    rows["error"], rows["evaluations"] = answers[:, 14], answers[:, 15]
+    layout = layout_of(*places_of(PRESENT), "<", len(frame_id.encode()) + 1)
+    rows, matrix = _filled(encode_numbers(0, frame_id, [0.0] * ANSWER, 0), layout.numbers, stamps)
+    for name, column in COLUMN.items():
+        rows[name] = answers[:, column]
+    rows["status"] |= status.astype(np.uint8)
     return matrix
-
-
-def decode_contacts(messages: Sequence[bytes]) -> tuple[Stamps, Floats] | None:
-    """Stamps and numbers of `KneeContact` messages, shape (n, `TOLD`): the first columns of `Stream.answer`.
-
-    None if they do not all have the same layout.
-    """
-    frame_length = int.from_bytes(messages[0][12:16], "little")
-    length = len(encode_numbers(0, "x" * (frame_length - 1), [0.0] * ANSWER, 0)) if 0 < frame_length < 256 else 0
-    lengths = set(map(len, messages))
-    if not length or not length <= min(lengths) <= max(lengths) <= length + MOST_TRAILING:
-        return None
-    matrix = np.frombuffer(b"".join(message[:length] for message in messages), np.uint8).reshape(-1, length)
-    if (matrix[:, :2] != LITTLE_ENDIAN).any() or (matrix[:, 12:16] != matrix[0, 12:16]).any():
-        return None
-    rows = matrix.reshape(-1).view(_dtype(_contact_layout(length), length))
-    numbers = np.empty((len(rows), TOLD))
-    numbers[:, :8] = rows["numbers"][:, :8]
-    numbers[:, 8:11] = rows["numbers"][:, 9:]  # behind the contact point's z
-    numbers[:, 11:14] = rows["flags"]
-    numbers[:, 14], numbers[:, 15] = rows["error"], rows["evaluations"]
-    return rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"], numbers
 
 
 def encode_contact_wrenches(frame_id: str, stamps: Stamps, answers: Floats) -> Bytes:
     """Bytes of the wrenches that go with answers: row by row those of `encode_contact_wrench`."""
-    force, x, y = answers[:, 2], answers[:, 6], answers[:, 7]
+    force, x, y = (answers[:, COLUMN[name]] for name in ("contact_force", "contact_point_x", "contact_point_y"))
+    _, normal_x, normal_y = answers[:, PLACING].T
     numbers = np.zeros((len(answers), 6))
-    numbers[:, 0], numbers[:, 1] = -force * answers[:, 17], -force * answers[:, 18]
+    numbers[:, 0], numbers[:, 1] = -force * normal_x, -force * normal_y
     numbers[:, 5] = x * numbers[:, 1] - y * numbers[:, 0]
     return encode_wrenches(frame_id, stamps, numbers)
 
@@ -162,13 +138,6 @@ def _joint_state_layout(message: JointState) -> Layout:
 
 def _wrench_layout(message: WrenchStamped) -> Layout:
     return STAMP | {"numbers": ("(6,)<f8", len(encode_wrench_stamped(message)) - 48)}
-
-
-def _contact_layout(length: int) -> Layout:
-    return STAMP | {
-        "numbers": ("(12,)<f8", length - 116), "flags": ("(3,)u1", length - 20), "error": ("<f8", length - 12),
-        "evaluations": ("<u4", length - 4),
-    }  # fmt: skip
 
 
 def _same_joints(one: JointState, other: JointState) -> bool:
@@ -213,8 +182,13 @@ def _decode(
 
 def _rows(template: bytes, layout: Layout, stamps: Stamps) -> tuple[NDArray[Any], Bytes]:
     """Copies of a message under stamps, as a structured array and as bytes."""
+    return _filled(template, _dtype(layout, len(template)), stamps)
+
+
+def _filled(template: bytes, fields: np.dtype[Any], stamps: Stamps) -> tuple[NDArray[Any], Bytes]:
+    """The same for the type of a row."""
     matrix = np.tile(np.frombuffer(template, dtype=np.uint8), (len(stamps), 1))
-    rows = matrix.reshape(-1).view(_dtype(layout, len(template)))
+    rows = matrix.reshape(-1).view(fields)
     rows["seconds"], rows["nanoseconds"] = np.divmod(stamps, SECOND)
     return rows, matrix
 

@@ -50,7 +50,7 @@ def encode_contact(stamp: int, frame_id: str, contact: Contact) -> bytes:
     pack, frame = _contact_packer(frame_id)
     seconds, nanoseconds = _time(stamp)
     # The message has the fields of the answer in their order.
-    return pack(_HEADER, seconds, nanoseconds, frame, *contact[:6], *contact.contact_point, *contact[7:])
+    return pack(_HEADER, seconds, nanoseconds, frame, *contact[:7], *contact.contact_point, *contact[8:])
 
 
 def encode_numbers(stamp: int, frame_id: str, numbers: Sequence[float], status: int) -> bytes:
@@ -61,11 +61,11 @@ def encode_numbers(stamp: int, frame_id: str, numbers: Sequence[float], status: 
     """
     pack, frame = _contact_packer(frame_id)
     seconds, nanoseconds = _time(stamp)
-    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, level, missed, error, evaluations,
-     *_) = numbers  # fmt: skip
+    (angle, load, force, depth, gap, rate, sliding, x, y, height, cartilage, bone, state, level, missed, error,
+     force_error, evaluations, *_) = numbers  # fmt: skip
     return pack(
-        _HEADER, seconds, nanoseconds, frame, angle, load, force, depth, gap, rate, x, y, 0.0, height, cartilage, bone,
-        int(state), int(level), int(missed) | status, error, int(evaluations),
+        _HEADER, seconds, nanoseconds, frame, angle, load, force, depth, gap, rate, sliding, x, y, 0.0, height,
+        cartilage, bone, int(state), int(level), int(missed) | status, error, force_error, int(evaluations),
     )  # fmt: skip
 
 
@@ -111,7 +111,7 @@ def _wrench_packer(frame_id: str) -> _Packer:
 @lru_cache(maxsize=16)
 def _contact_packer(frame_id: str) -> _Packer:
     frame = _text(frame_id)
-    return struct.Struct(f"{_START}{len(frame)}s{-len(frame) % 8}x12d3B5xdI").pack, frame
+    return struct.Struct(f"{_START}{len(frame)}s{-len(frame) % 8}x13d3B5x2dI").pack, frame
 
 
 def _text(text: str) -> bytes:

@@ -61,6 +61,8 @@ class Shown(NamedTuple):
     """[m]"""
     gap: Floats
     """[m]"""
+    sliding_velocity: Floats
+    """[m/s]; not a number in recordings that were made before it was added"""
     point_x: Floats
     """[m] of the contact point, tibia frame"""
     point_y: Floats
@@ -80,6 +82,8 @@ class Shown(NamedTuple):
     """Set of `Status` bits"""
     error_estimate: Floats
     """[m]"""
+    force_error_estimate: Floats
+    """[N]; not a number likewise"""
     evaluations: Floats
     """Contact law evaluations"""
     latency: Floats
@@ -111,8 +115,9 @@ def shown_row(answer: Answer) -> tuple[Any, ...]:
     contact, (point_x, point_y, _) = answer.contact, answer.contact.contact_point
     return (
         answer.stamp, contact.flexion_angle, contact.load, contact.contact_force, contact.penetration_depth,
-        contact.gap, point_x, point_y, answer.femoral_x, contact.femoral_height, *answer.normal, contact.contact_state,
-        contact.fidelity, contact.status, contact.error_estimate, contact.evaluations, answer.latency,
+        contact.gap, contact.sliding_velocity, point_x, point_y, answer.femoral_x, contact.femoral_height,
+        *answer.normal, contact.contact_state, contact.fidelity, contact.status, contact.error_estimate,
+        contact.force_error_estimate, contact.evaluations, answer.latency,
     )  # fmt: skip
 
 

@@ -23,6 +23,20 @@ def typestore() -> Typestore:
     return store
 
 
+@cache  # the next file of a recording must be open at once
+def definition(type_name: str) -> bytes:
+    """A message's definition with those that it consists of; our own with its comments and in its order.
+
+    The comments have the units, and Foxglove names a field's values by the constants right before it.
+    """
+    text = typestore().generate_msgdef(type_name, ros_version=2)[0]
+    if type_name.startswith(f"{PACKAGE}/"):
+        source = share_folder() / "msg" / f"{type_name.rpartition('/')[2]}.msg"
+        _, rule, parts = text.partition("=" * 80 + "\n")
+        text = source.read_text(encoding="utf-8") + rule + parts
+    return text.encode()
+
+
 def stamp_to_ns(stamp: Any) -> int:
     """A message's stamp as integer nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)

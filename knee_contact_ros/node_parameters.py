@@ -16,7 +16,7 @@ LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
     "contact.restitution", "contact.least_impact_speed",
-    "fidelity.tolerance", "fidelity.budget", "deadline", "record.path",
+    "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
 })  # fmt: skip
 """Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
 other kernel, and the name of the next recording. They take effect between two ticks."""

@@ -163,6 +163,9 @@ class FidelityParameters(Section):
 
     level: Annotated[str, one_of(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
     tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
+    force_tolerance: Annotated[float, _off_or_at_least(1e-9)] = Field(
+        0.0, le=1e6, description="[N] wanted error of the contact force; 0: off"
+    )
     budget: Annotated[int, AfterValidator(_budget)] = Field(
         0, description="contact law evaluations a tick may cost; 0: no limit"
     )

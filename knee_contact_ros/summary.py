@@ -6,24 +6,21 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
 from numpy.typing import NDArray
 
 from knee_contact_ros.compartments import Split
-from knee_contact_ros.core.types import Fidelity, Status
+from knee_contact_ros.core.types import COLUMN, Contact, Fidelity, Status
 from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
-from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.record import REFUSED_SAMPLES
-from knee_contact_ros.stream_in.bag import BagReader
-from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.stream_in.answers import answer_blocks
 
-PEAKS = {"load": 1, "contact_force": 2, "penetration_depth": 3}
-"""Fields whose largest values are kept, and their columns in `Stream.answer`"""
-FIDELITY, STATUS, ERROR, EVALUATIONS = 12, 13, 14, 15
-"""More of its columns"""
+PEAKS = ("load", "contact_force", "penetration_depth")
+"""Fields whose largest values are kept"""
 
 
 class Peak(NamedTuple):
@@ -65,7 +62,9 @@ class Summary:
     """Ticks by the level that computed them"""
     evaluations: int = 0
     largest_error: float = 0.0
-    """[m]"""
+    """[m] of the depth; infinite if one is not a number"""
+    largest_force_error: float = 0.0
+    """[N] of the contact force; infinite if one is not a number"""
     first_stamp: int = 0
     last_stamp: int = 0
     peaks: dict[str, Peak] = field(default_factory=dict)
@@ -75,15 +74,16 @@ class Summary:
     load_peaks: list[LoadPeak] = field(default_factory=list)
     """Local peaks of the load, where they were looked for"""
 
-    def add(self, stamp: int, contact: Any) -> None:
-        """Take a `Contact` or a `KneeContact` message into account."""
+    def add(self, stamp: int, contact: Contact) -> None:
+        """Take an answer into account."""
         if not self.ticks:
             self.first_stamp = stamp
         self.last_stamp = stamp
         self.ticks += 1
         self.evaluations += contact.evaluations
         self.levels[Fidelity(contact.fidelity).name.lower()] += 1
-        self.largest_error = max(self.largest_error, contact.error_estimate)
+        self.largest_error = max(self.largest_error, bound(contact.error_estimate))
+        self.largest_force_error = max(self.largest_force_error, bound(contact.force_error_estimate))
         for name in PEAKS:
             value = getattr(contact, name)
             if name not in self.peaks or value > self.peaks[name].value:
@@ -98,16 +98,17 @@ class Summary:
             self.first_stamp = int(stamps[0])
         self.last_stamp = int(stamps[-1])
         self.ticks += len(stamps)
-        self.evaluations += int(numbers[:, EVALUATIONS].sum())
-        for level, count in zip(*np.unique(numbers[:, FIDELITY], return_counts=True), strict=True):
+        self.evaluations += int(numbers[:, COLUMN["evaluations"]].sum())
+        for level, count in zip(*np.unique(numbers[:, COLUMN["fidelity"]], return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
-        self.largest_error = max(self.largest_error, float(numbers[:, ERROR].max()))
-        for name, column in PEAKS.items():
-            index = int(numbers[:, column].argmax())
-            value = float(numbers[index, column])
+        self.largest_error = max(self.largest_error, bound(numbers[:, COLUMN["error_estimate"]]))
+        self.largest_force_error = max(self.largest_force_error, bound(numbers[:, COLUMN["force_error_estimate"]]))
+        for name in PEAKS:
+            index = int(numbers[:, COLUMN[name]].argmax())
+            value = float(numbers[index, COLUMN[name]])
             if name not in self.peaks or value > self.peaks[name].value:
                 self.peaks[name] = Peak(value, int(stamps[index]))
-        flags = numbers[:, STATUS].astype(np.int64) | status
+        flags = numbers[:, COLUMN["status"]].astype(np.int64) | status
         for bit in Status:
             if count := int(np.count_nonzero(flags & bit)):
                 self.flagged[bit.name or ""] += count
@@ -118,15 +119,19 @@ class Summary:
         return (self.last_stamp - self.first_stamp) / NANOSECONDS
 
 
+def bound(errors: float | NDArray[np.float64]) -> float:
+    """The largest of some errors, at least one; what is not a number bounds nothing."""
+    return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
+
+
 def read_summary(recording: Path, body_weight: float) -> Summary:
     """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N."""
     summary = Summary(body_weight)
     rows: list[LoadPeak] = []
-    with BagReader(recording, {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
-        for _, _, message in reader.messages():
-            stamp = stamp_to_ns(message.header.stamp)
-            summary.add(stamp, message)
-            rows.append(LoadPeak(stamp, message.load, message.contact_force, message.penetration_depth))
+    for answers in answer_blocks(recording):
+        summary.add_all(answers.stamps, np.column_stack(answers[1:]), np.zeros_like(answers.stamps))
+        columns = (answers.stamps, answers.load, answers.contact_force, answers.penetration_depth)
+        rows += [LoadPeak(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
     summary.refused = read_refused(recording)
     summary.load_peaks = load_peaks(rows, body_weight)
     return summary

@@ -75,13 +75,25 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         figures.add_row("share of the load", summary.split.text)
     figures.add_row("samples refused", _counts(summary.refused))
     figures.add_row("ticks flagged", _counts(summary.flagged))
-    figures.add_row("error estimate", f"{summary.largest_error * MICROMETRE:.2g} um of depth at most")
+    figures.add_row("error estimate", f"{error_of_depth(summary)} of depth at most, {error_of_force(summary)} of force")
     figures.add_row("levels", _shares(summary.levels))
     figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
     console.print(figures)
     console.print()
     for name, path in files.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False, markup=False)
+
+
+def error_of_depth(summary: Summary) -> str:
+    """The largest estimate, with its unit."""
+    error = summary.largest_error
+    return f"{error * MICROMETRE:.2g} um" if math.isfinite(error) else "no bound"
+
+
+def error_of_force(summary: Summary) -> str:
+    """The same of the contact force."""
+    error = summary.largest_force_error
+    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
 
 
 def show_recovery(recovery: Recovery, output: str) -> None:

@@ -141,7 +141,7 @@ def intervals(case: Case) -> list[Interval]:
 def scene_of(case: Case, tolerance: float) -> Scene:
     """The knee of a case."""
     regions = Regions(case.law, allow_tension=False)
-    return Scene(OnPlane(Circle(RADIUS)), Hinge(), regions, MASS, tolerance, 0, LEVELS["dynamic"])
+    return Scene(OnPlane(Circle(RADIUS)), Hinge(), regions, MASS, tolerance, 0.0, 0, LEVELS["dynamic"])
 
 
 def ended_on_events(case: Case, steps: int, method: str) -> list[float]:

@@ -182,8 +182,8 @@ def run(
     memory, answers = np.zeros(ticks.MEMORY), np.zeros((len(scene.time), ticks.ANSWER))
     memory[:3] = 1.0, scene.angle[0], scene.load[0]
     ticks.write_progress(memory, progress)
-    start = Advance(progress, -scene.start_gap, scene.thrown, 0.0, 0.0, 0, converged=True)
-    ticks.write_answer(answers[0], model.scene, scene.angle[0], scene.load[0], start)
+    start = Advance(progress, -scene.start_gap, scene.thrown, 0.0, 0.0, 0.0, 0, converged=True)
+    ticks.write_answer(answers[0], model.scene, scene.angle[0], 0.0, scene.load[0], start)
     durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND
     angles, loads, heights = np.array(scene.angle[1:]), np.array(scene.load[1:]), np.full(len(durations), math.nan)
     model.kernel.run(model.scene, memory, durations, angles, loads, heights, answers[1:])

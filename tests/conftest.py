@@ -71,3 +71,9 @@ def started() -> Iterator[Started]:
     for process in left:
         process.kill()
     assert left == []
+
+
+@pytest.fixture(scope="session")
+def old_recording() -> Path:
+    """The right gait bag with healthy.yaml, by `solve` as it was before sliding velocity and force error were told."""
+    return Path(__file__).parent / "recordings" / "without_later_fields.mcap"

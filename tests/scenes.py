@@ -100,7 +100,7 @@ def advance(
     """One long tick of a circular femur from a given contact, under a constant load."""
     pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
-    scene = Scene(pair, hinge, Regions(contact_law, allow_tension), mass, tolerance, 0, LEVELS["dynamic"])
+    scene = Scene(pair, hinge, Regions(contact_law, allow_tension), mass, tolerance, 0.0, 0, LEVELS["dynamic"])
     return dynamic_tick(scene, interval, moving(FemurState(RADIUS - depth, -rate)), 0)
 
 

@@ -39,7 +39,9 @@ PATIENCE = 30.0
 def answer(number: int) -> Answer:
     """An answer that its number tells from others."""
     stamp, depth = 1_000_000 * number, 1e-6 * number
-    contact = Contact(0.1, 2.0, 3.0, depth, 0.0, 0.01, Point(0.0, 0.0, 0.0), 0.03, depth, 0.0, 1, 2, 0, 1e-9, 12)
+    contact = Contact(
+        0.1, 2.0, 3.0, depth, 0.0, 0.01, -0.02, Point(0.0, 0.0, 0.0), 0.03, depth, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
+    )  # fmt: skip
     angle = JointState(stamp, "", ("knee",), (0.1,), (), ())
     force = WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
     inputs = ((JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force))

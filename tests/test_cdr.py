@@ -51,7 +51,9 @@ contacts = st.fixed_dictionaries(
 
 JOINT_STATE = JointState(1_500_000_007, "tibia", ("knee", "hip", ""), (0.1, -2.0, 3.0), (), (4.0,))
 WRENCH = WrenchStamped(-1, "tibia_r", (1.0, -800.0, 3.0), (0.4, 0.5, 0.6))
-CONTACT = Contact(0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 12)
+CONTACT = Contact(
+    0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, -0.02, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
+)  # fmt: skip
 
 
 def plain_joint_state(message: JointState) -> Any:

@@ -62,6 +62,17 @@ def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag
     assert messages(tmp_path / "fourth.mcap") != messages(first)
 
 
+def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
+    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+) -> None:
+    found = read_provenance(old_recording)
+    assert found is not None
+    assert found.parameters.fidelity.force_tolerance == 0.0  # the default: it knew of none
+    solve(old_recording, found, tmp_path / "again.mcap", silent)
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "new.mcap", silent)
+    assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
+
+
 def test_the_same_bag_and_parameters_give_the_same_file(config: Path, right_bag: Path, tmp_path: Path) -> None:
     for name in ("one", "other"):
         (tmp_path / name).mkdir()

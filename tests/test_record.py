@@ -70,7 +70,9 @@ def test_every_reader_reads_what_was_written(tmp_path_factory: Any, rows: list[C
     assert [fields_of(message) for _, _, _, message in decoded] == rows
 
 
-CONTACT = Contact(0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 12)
+CONTACT = Contact(
+    0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, -0.02, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
+)  # fmt: skip
 
 
 def test_the_same_answers_give_the_same_bytes(tmp_path: Path) -> None:

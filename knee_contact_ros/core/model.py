@@ -18,7 +18,7 @@ from knee_contact_ros.core.levels.auto import Auto
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Level, Scene
-from knee_contact_ros.core.types import Contact, Point
+from knee_contact_ros.core.types import COLUMN, Contact, Point
 
 NANOSECOND = 1e-9
 AUTO = Auto()
@@ -75,6 +75,8 @@ class KneeModel:
     """Wanted error of the penetration depth [m]"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
+    force_tolerance: float = 0.0
+    """Wanted error of the contact force [N]; 0: none in particular"""
     height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
     level: Level = AUTO
@@ -100,7 +102,10 @@ class KneeModel:
     def scene(self) -> Scene:
         """The same for the kernel."""
         level = PrescribedHeight() if self.height_prescribed else self.level
-        return Scene(self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.budget, level)
+        return Scene(
+            self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.force_tolerance, self.budget,
+            level,
+        )  # fmt: skip
 
     def stream(self) -> Stream:
         """Start a run that takes one tick at a time."""
@@ -303,23 +308,21 @@ SERIES_DTYPE = np.dtype(
 
 def as_contact(answer: Sequence[float], more_status: int = 0) -> Contact:
     """An answer's numbers under the names of the message; `more_status` gives more bits of the status."""
-    (angle, load, force, depth, gap, rate, x, y, height, cartilage, bone, state, fidelity, status, error, evaluations,
-     *_) = answer  # fmt: skip
+    (angle, load, force, depth, gap, rate, sliding, x, y, height, cartilage, bone, state, fidelity, status, error,
+     force_error, evaluations, *_) = answer  # fmt: skip
     return Contact(
-        angle, load, force, depth, gap, rate, Point(x, y, 0.0), height, cartilage, bone, int(state), int(fidelity),
-        int(status) | more_status, error, int(evaluations),
+        angle, load, force, depth, gap, rate, sliding, Point(x, y, 0.0), height, cartilage, bone, int(state),
+        int(fidelity), int(status) | more_status, error, force_error, int(evaluations),
     )  # fmt: skip
 
 
 def as_series(answers: NDArray[np.float64]) -> np.recarray[Any, Any]:
     """Answers, shape (n, `ticks.ANSWER`), under the names of the message."""
     series = np.zeros(len(answers), dtype=SERIES_DTYPE)
-    column = 0
     for name in Contact._fields:
         if name == "contact_point":
-            series[name]["x"], series[name]["y"] = answers[:, column], answers[:, column + 1]
-            column += 2
+            for axis in ("x", "y"):
+                series[name][axis] = answers[:, COLUMN[f"{name}_{axis}"]]
         else:
-            series[name] = answers[:, column]
-            column += 1
+            series[name] = answers[:, COLUMN[name]]
     return series.view(np.recarray)

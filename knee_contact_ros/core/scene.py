@@ -35,6 +35,8 @@ class Scene(NamedTuple):
     """[kg]"""
     tolerance: float
     """Wanted error of the depth [m]"""
+    force_tolerance: float
+    """Wanted error of the contact force [N]; 0: none in particular"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
     level: Level
@@ -82,6 +84,8 @@ class Advance(NamedTuple):
     """[N]"""
     error_estimate: float
     """[m]"""
+    force_error_estimate: float
+    """[N]"""
     evaluations: int
     converged: bool
     """False if the tick was given up and the contact is the static one"""
@@ -112,4 +116,4 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
         depth,
     )  # fmt: skip
     exerted = force if scene.regions.allow_tension else max(force, 0.0)
-    return Advance(progress, depth, rate, exerted, 0.0, 1 if depth > 0.0 else 0, True)
+    return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, True)

@@ -10,20 +10,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.integrators.base import NO_ERROR, FemurState, StateError
 from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
 from knee_contact_ros.core.statics import START_HEIGHT, static_contact
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import NUMBERS, Status
 
 Floats = NDArray[np.float64]
 
 MEMORY = 17
 """Numbers that a run keeps from tick to tick: whether it has begun, the last angle and load, and its progress"""
-ANSWER = 19
+TOLD = len(NUMBERS)
+"""Numbers of an answer that its message tells"""
+ANSWER = TOLD + 3
 """Numbers of an answer, in the order of `write_answer`"""
-PLACING = slice(16, 19)
+PLACING = slice(TOLD, ANSWER)
 """Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
 
@@ -48,12 +51,14 @@ def tick(
     the contact at rest. `answer`, shape (`ANSWER`,), is filled.
     """
     if float(memory[0]) == 0.0:
+        angle_rate = 0.0
         advance = start(scene, angle, load, height)
     else:
         last_angle, last_load = float(memory[1]), float(memory[2])
+        angle_rate = (angle - last_angle) / duration
         interval = Interval(
-            scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
-            (load - last_load) / duration, height,
+            scene.pair, scene.mechanism, duration, last_angle, angle_rate, last_load, (load - last_load) / duration,
+            height,
         )  # fmt: skip
         progress = read_progress(memory)
         if math.isnan(progress.state.velocity):
@@ -61,7 +66,7 @@ def tick(
         advance = scene.level.advance(scene, interval, progress)
     memory[0], memory[1], memory[2] = 1.0, angle, load
     write_progress(memory, advance.progress)
-    write_answer(answer, scene, angle, load, advance)
+    write_answer(answer, scene, angle, angle_rate, load, advance)
 
 
 @aside
@@ -79,7 +84,7 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
         cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0,
         static.depth,
     )  # fmt: skip
-    return Advance(progress, static.depth, 0.0, static.force, 0.0, static.evaluations, True)
+    return Advance(progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, True)
 
 
 @aside
@@ -125,26 +130,47 @@ def write_progress(memory: Floats, progress: Progress) -> None:
 
 
 @in_kernel
-def write_answer(answer: Floats, scene: Scene, angle: float, load: float, advance: Advance) -> None:
-    """Put the answer to a tick into the terms of the message, in the order of `types.Contact` and then `PLACING`."""
+def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, load: float, advance: Advance) -> None:
+    """Put the answer to a tick into the terms of the message, in the order of `types.NUMBERS` and then `PLACING`.
+
+    `angle` [rad] is that at the tick, `angle_rate` [rad/s] that of the interval before it.
+    """
     depth, height = max(0.0, advance.depth), advance.progress.state.height
     layers = scene.regions.law.layers
     bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
-    x, _ = scene.mechanism.translation(angle)
+    x, x_slope = scene.mechanism.translation(angle)
     closest = scene.pair.closest(angle, x, height)
     point_x, point_y = closest.point(x, height)
-    missed = not advance.converged or advance.error_estimate > scene.tolerance
     answer[0], answer[1] = angle, load
     answer[2] = advance.force
     answer[3], answer[4] = depth, max(0.0, -advance.depth)
     answer[5] = advance.rate
-    answer[6], answer[7] = point_x, point_y
-    answer[8] = height
-    answer[9], answer[10] = depth - bone, bone
-    answer[11] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
-    answer[12] = advance.progress.fidelity
-    answer[13] = NOT_CONVERGED if missed else 0
-    answer[14] = advance.error_estimate
-    answer[15] = advance.evaluations
-    answer[16] = x
-    answer[17], answer[18] = closest.normal_x, closest.normal_y
+    answer[6] = sliding_velocity(closest, x_slope, angle_rate, advance.progress.state.velocity)
+    answer[7], answer[8] = point_x, point_y
+    answer[9] = height
+    answer[10], answer[11] = depth - bone, bone
+    answer[12] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
+    answer[13] = advance.progress.fidelity
+    answer[14] = 0 if is_exact_enough(scene, advance) else NOT_CONVERGED
+    answer[15], answer[16] = advance.error_estimate, advance.force_error_estimate
+    answer[17] = advance.evaluations
+    answer[18] = x
+    answer[19], answer[20] = closest.normal_x, closest.normal_y
+
+
+@in_kernel
+def sliding_velocity(closest: Closest, x_slope: float, angle_rate: float, velocity: float) -> float:
+    """Velocity [m/s] of the femur's deepest point along t = (n_y, -n_x), the anterior tangent; the tibia stands still.
+
+    The second of Eqs. 6, with the tangent turned round. The femoral reference point moves by `x_slope` [m/rad] of the
+    translation, the `angle_rate` [rad/s] and its `velocity` [m/s] along the height, which is not a number at rest.
+    """
+    along_height = 0.0 if math.isnan(velocity) else velocity
+    return angle_rate * (x_slope * closest.normal_y + closest.extent) - along_height * closest.normal_x
+
+
+@in_kernel
+def is_exact_enough(scene: Scene, advance: Advance) -> bool:
+    """Whether an answer keeps the tolerances; one whose error is not a number keeps none."""
+    force_kept = scene.force_tolerance == 0.0 or advance.force_error_estimate <= scene.force_tolerance
+    return advance.converged and advance.error_estimate <= scene.tolerance and force_kept

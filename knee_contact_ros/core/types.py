@@ -36,7 +36,7 @@ class Status(IntFlag):
     INPUT_HELD = 4
     """No flexion angle at or after this stamp came in time; the last one was held."""
     NOT_CONVERGED = 8
-    """The tolerance was not met; `error_estimate` says by how much."""
+    """A tolerance was not met; `error_estimate` and `force_error_estimate` say by how much."""
     INPUT_REJECTED = 16
     """A sample was refused since the last tick."""
 
@@ -64,8 +64,10 @@ class Contact(NamedTuple):
     """[m] >= 0; 0 in contact"""
     penetration_rate: float
     """[m/s] > 0 when approaching"""
+    sliding_velocity: float
+    """[m/s] of the femur's surface relative to the tibia's, at the contact and along it; > 0 anteriorly (Eq. 6)"""
     contact_point: Point
-    """[m] on the plateau, in the tibia frame (when apart: the point closest to the femur)"""
+    """[m] on the plateau, in the tibia frame (when apart: the point closest to the femur); z is 0, as all is planar"""
     femoral_height: float
     """[m] height of the femoral reference point above the plateau's origin"""
     cartilage_depth: float
@@ -80,5 +82,17 @@ class Contact(NamedTuple):
     """a set of `Status` bits"""
     error_estimate: float
     """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
+    force_error_estimate: float
+    """[N] the same of `contact_force`"""
     evaluations: int
     """contact law evaluations that this tick took"""
+
+
+NUMBERS = tuple(
+    number
+    for name in Contact._fields
+    for number in (("contact_point_x", "contact_point_y") if name == "contact_point" else (name,))
+)
+"""Names of an answer's numbers, in their order: the fields of `Contact` without the contact point's z, which is 0"""
+COLUMN = {name: column for column, name in enumerate(NUMBERS)}
+"""Where each of them stands"""

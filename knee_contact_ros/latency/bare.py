@@ -57,6 +57,7 @@ class Ordinary:
             penetration_depth=1e-6 * load,
             gap=0.0,
             penetration_rate=1e-3 * angle,
+            sliding_velocity=1e-2 * angle,
             contact_point=Point(x=1e-3 * angle, y=0.0, z=0.0),
             femoral_height=0.034 - 1e-6 * load,
             cartilage_depth=1e-6 * load,
@@ -65,6 +66,7 @@ class Ordinary:
             fidelity=KneeContact.DYNAMIC,
             status=KneeContact.OK,
             error_estimate=1e-9,
+            force_error_estimate=1e-3,
             evaluations=8,
         )
         self.contact.publish(contact)
@@ -98,7 +100,9 @@ def prepared() -> tuple[bytes, bytes]:
     from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
     from knee_contact_ros.core.types import Contact, Point
 
-    contact = Contact(0.2, 800.0, 800.0, 5e-4, 0.0, 0.0, Point(0.0, 0.0, 0.0), 0.0335, 5e-4, 0.0, 1, 2, 0, 1e-9, 8)
+    contact = Contact(
+        0.2, 800.0, 800.0, 5e-4, 0.0, 0.0, 0.01, Point(0.0, 0.0, 0.0), 0.0335, 5e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 8
+    )  # fmt: skip
     return encode_contact(0, "tibia_r", contact), encode_contact_wrench(0, "tibia_r", contact, (0.0, 1.0))
 
 

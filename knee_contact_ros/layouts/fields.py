@@ -112,8 +112,10 @@ PLOTS = (
             Curve(KNEE_CONTACT, "contact_point.y", "superior", GREEN),
         ),
     ),
+    Plot("Sliding velocity", "m/s", (Curve(KNEE_CONTACT, "sliding_velocity", "sliding velocity", GREEN),)),
     Plot("Evaluations per tick", "", (Curve(KNEE_CONTACT, "evaluations", "evaluations", VIOLET),)),
-    Plot("Error estimate", "m", (Curve(KNEE_CONTACT, "error_estimate", "error estimate", YELLOW),)),
+    Plot("Error of the depth", "m", (Curve(KNEE_CONTACT, "error_estimate", "error estimate", YELLOW),)),
+    Plot("Error of the force", "N", (Curve(KNEE_CONTACT, "force_error_estimate", "force error estimate", RED),)),
     Plot(
         "Joint reaction",
         "N",
@@ -132,6 +134,8 @@ PLOTS = (
         ),
     ),
 )
+ON_THE_KNEE = 5
+"""The first plots: what the knee does; the others tell how that came about"""
 JOINTS = "Joint positions [rad]"
 """Title of the plot of `joint_states`, whose curves have the names of the joints"""
 STATES = "Contact, level of the model, status"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from knee_contact_ros.layouts.fields import BLUE, JOINTS, LANES, PLOTS, STATES, Curve, Plot
+from knee_contact_ros.layouts.fields import BLUE, JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT
 
@@ -17,7 +17,7 @@ DIAGNOSTICS = "/diagnostics"
 """Only a running node has it; recordings do not"""
 STAMPS = "headerStamp"
 """Foxglove's name for the stamps in the messages' headers"""
-LOGARITHMIC = ("error_estimate",)
+LOGARITHMIC = ("error_estimate", "force_error_estimate")
 """Fields too small for axes that end at three decimals, as Lichtblick's do"""
 
 Panels = dict[str, dict[str, Any]]
@@ -37,7 +37,7 @@ def layout(namespace: str = "") -> dict[str, Any]:
         "DiagnosticSummary!node": {"topicToRender": DIAGNOSTICS, "minLevel": 0, "pinnedIds": []},
     }
     ids = list(plots)
-    knee = beside(above(*ids[:4]), above(*states, above(*ids[4:], *joints), share=34.0))
+    knee = beside(above(*ids[:ON_THE_KNEE]), above(*states, above(*ids[ON_THE_KNEE:], *joints), share=30.0))
     raw = beside(*messages)
     tabs = [{"title": "Knee", "layout": knee}, {"title": "Messages", "layout": raw}]
     tab: Panels = {"Tab!knee": {"activeTabIdx": 0, "tabs": tabs}}

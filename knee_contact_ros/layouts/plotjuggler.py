@@ -16,7 +16,7 @@ from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT
 
 JOINT = "knee"
 """Default of the parameter `knee.joint_name`"""
-SHOWN = {"rad": ("deg", 180.0 / math.pi), "m": ("mm", 1e3)}
+SHOWN = {"rad": ("deg", 180.0 / math.pi), "m": ("mm", 1e3), "m/s": ("mm/s", 1e3)}
 """Unit of a field to the unit shown, and the factor between them"""
 SMALL = {"error_estimate": ("um", 1e6)}
 """The same for single fields"""
@@ -27,9 +27,11 @@ def layout(namespace: str = "") -> str:
     """What is loaded as a layout file, XML."""
     root = ET.Element("root")
     window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
-    angle, force, depth, point, evaluations, error, reaction, wrench = (_plot(plot, namespace) for plot in PLOTS)
-    _tab(window, "Contact", [angle, force, depth], [_states(namespace), point, error])
-    _tab(window, "Load and cost", [_joint(namespace), reaction], [evaluations, wrench])
+    angle, force, depth, point, sliding, evaluations, error, force_error, reaction, wrench = (
+        _plot(plot, namespace) for plot in PLOTS
+    )
+    _tab(window, "Contact", [angle, force, depth], [_states(namespace), point, sliding])
+    _tab(window, "Load, error and cost", [_joint(namespace), reaction, wrench], [error, force_error, evaluations])
     ET.SubElement(window, "currentTabIndex", index="0")
     ET.SubElement(root, "use_relative_time_offset", enabled="1")
     ET.indent(root)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from knee_contact_ros.layouts.fields import JOINTS, LANES, PLOTS, STATES, Curve, Lane, Plot
+from knee_contact_ros.layouts.fields import JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Lane, Plot
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 
@@ -45,11 +45,13 @@ def blueprint(namespace: str = "") -> rrb.Blueprint:
     import rerun.blueprint as rrb
 
     plots = [_plot(plot, namespace) for plot in PLOTS]
-    states = _lanes(namespace)
+    states, joints = _lanes(namespace), _joints(namespace)
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*plots[:4]),
-            rrb.Vertical(states, *plots[4:], _joints(namespace), row_shares=[1.3, *[1.0] * len(plots[3:])]),
+            rrb.Vertical(*plots[:ON_THE_KNEE]),
+            rrb.Vertical(
+                states, *plots[ON_THE_KNEE:], joints, row_shares=[1.8, *[1.0] * len(plots[ON_THE_KNEE - 1 :])]
+            ),
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),

@@ -2,59 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import ContactState
-from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.strides import Span, at_stamps, cut, sliding_distance
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 PERCENT = np.arange(101.0)
 """Where curves are given"""
-COLUMNS = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
-           "contact_state")  # fmt: skip
-"""Fields of the answers that cycles are made of"""
-CURVES = COLUMNS[:-1]
-"""Those that become curves"""
-STATE = COLUMNS.index("contact_state")
+CURVES = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
+          "sliding_velocity")  # fmt: skip
+"""Fields of the answers that become curves"""
+HELD = ("error_estimate", "force_error_estimate", "contact_state")
+"""Those that are not interpolated"""
+COLUMNS = CURVES + HELD
+"""All that is kept of the answers for cycles and moments"""
+STATE, SLIDING = COLUMNS.index("contact_state"), COLUMNS.index("sliding_velocity")
 FORCE, DEPTH = COLUMNS.index("contact_force"), COLUMNS.index("penetration_depth")
-SHORTEST, LONGEST = 0.4, 2.5
-"""[s] of a gait cycle"""
 RISE_TIME = 0.02
 """[s] over which the loading rate is taken"""
 FEW = 12
 """Single cycles that are drawn"""
-
-
-class Span(NamedTuple):
-    """When a cycle was."""
-
-    start: int
-    """[ns] heel strike"""
-    toe_off: int
-    """[ns]"""
-    end: int
-    """[ns] the next heel strike"""
-
-    @property
-    def duration(self) -> float:
-        """[s]."""
-        return (self.end - self.start) / NANOSECONDS
-
-    @property
-    def stance(self) -> float:
-        """Share of the cycle from heel strike to toe-off [%]."""
-        return 100.0 * (self.toe_off - self.start) / (self.end - self.start)
-
-    def percent(self, stamp: int) -> float:
-        """Where a stamp [ns] lies [%]."""
-        return 100.0 * (stamp - self.start) / (self.end - self.start)
 
 
 class Cycle(NamedTuple):
@@ -79,52 +52,26 @@ class Cycle(NamedTuple):
     """[s] with contact in the second layer"""
     apart_time: float
     """[s] without contact"""
-
-
-def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
-    """The cycles between heel strikes [ns] in their order: of a plausible duration, with one toe-off."""
-    found = []
-    for start, end in pairwise(strikes):
-        between = [stamp for stamp in toe_offs if start < stamp < end]
-        if len(between) == 1 and SHORTEST <= (end - start) / NANOSECONDS <= LONGEST:
-            found.append(Span(start, between[0], end))
-    return found
-
-
-def cut(stamps: Stamps, values: Floats, start: int, end: int) -> tuple[Floats, Floats]:
-    """Samples between two stamps [ns], with interpolated ones at both.
-
-    Returns:
-        Time [s] since `start`, shape (n,), and values, shape (n, columns).
-    """
-    inner = slice(*np.searchsorted(stamps, (start + 1, end)))
-    at = np.concatenate(([start], stamps[inner], [end]))
-    edges = at_stamps(stamps, values, np.array([start, end]))
-    return (at - start) / NANOSECONDS, np.concatenate((edges[:1], values[inner], edges[1:]))
-
-
-def at_stamps(stamps: Stamps, values: Floats, at: Stamps) -> Floats:
-    """Values interpolated at stamps, shape (n, columns); the last column, the contact state, is held."""
-    since = (stamps - stamps[0]).astype(np.float64)
-    wanted = (at - stamps[0]).astype(np.float64)
-    columns = [np.interp(wanted, since, column) for column in values.T[:STATE]]
-    held = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None), STATE]
-    return np.column_stack((*columns, held))
+    sliding_distance: float
+    """[m] that the femur slides on the tibia, to and fro; not a number if the recording does not tell"""
+    largest_sliding_velocity: float
+    """[m/s] of either sign, in contact; likewise"""
 
 
 def curves(stamps: Stamps, values: Floats, span: Span) -> Floats:
     """A cycle at every percent, shape (101, `CURVES`)."""
     at = span.start + np.round((span.end - span.start) * PERCENT / 100.0).astype(np.int64)
-    return at_stamps(stamps, values, at)[:, :STATE]
+    return at_stamps(stamps, values, at, len(HELD))[:, : len(CURVES)]
 
 
 def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
     """What a cycle amounts to, by all its samples."""
-    time, cycle = cut(stamps, values, span.start, span.end)
-    stance_time, stance = cut(stamps, values, span.start, span.toe_off)
+    time, cycle = cut(stamps, values, span.start, span.end, len(HELD))
+    stance_time, stance = cut(stamps, values, span.start, span.toe_off, len(HELD))
     force, depth = cycle[:, FORCE], cycle[:, DEPTH]
     hardest, deepest = int(force.argmax()), int(depth.argmax())
     steps, state = np.diff(time), cycle[1:, STATE]
+    sliding = np.abs(cycle[cycle[:, STATE] != ContactState.SEPARATED, SLIDING])
     return Cycle(
         span,
         impulse=_integral(time, force),
@@ -136,6 +83,8 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
         largest_depth_at=100.0 * float(time[deepest]) / span.duration,
         bone_time=float(steps[state == ContactState.BONE].sum()),
         apart_time=float(steps[state == ContactState.SEPARATED].sum()),
+        sliding_distance=sliding_distance(time, cycle[:, SLIDING], cycle[:, STATE]),
+        largest_sliding_velocity=float(sliding.max(initial=0.0)),
     )
 
 

@@ -24,12 +24,18 @@ CURVE_COLUMNS = {
     "penetration_depth_mm": ("penetration_depth", MM),
     "bone_depth_mm": ("bone_depth", MM),
     "contact_point_x_mm": ("contact_point_x", MM),
+    "sliding_velocity_mm_per_s": ("sliding_velocity", MM),
 }
 """Name of a quantity, the column it comes from and its factor; None: per body weight"""
 EVENT_COLUMNS = ("run", "event", "stamp_s", "time_s", "load_N", "load_BW", "contact_force_N", "contact_force_BW",
                  "penetration_depth_mm", "text")  # fmt: skip
 PEAK_COLUMNS = ("run", "peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", "load_N", "load_BW",
-                "contact_force_N", "contact_force_BW", "penetration_depth_mm")  # fmt: skip
+                "contact_force_N", "contact_force_BW", "penetration_depth_mm", "contact_force_error_N",
+                "penetration_depth_error_mm")  # fmt: skip
+STRIDE_COLUMNS = ("run", "cycle", "heel_strike_s", "duration_s", "stance_percent", "sliding_distance_mm",
+                  "largest_sliding_velocity_mm_per_s", "largest_contact_force_N", "largest_penetration_depth_mm",
+                  "impulse_N_s", "stance_impulse_N_s", "loading_rate_N_per_s", "bone_contact_s",
+                  "lifted_off_s")  # fmt: skip
 Row = Sequence[str | float | int | None]
 
 
@@ -40,6 +46,7 @@ def tables(runs: Sequence[Run]) -> dict[str, str]:
         "cycles.csv": as_csv(("run", "gait_cycle_percent", "cycles", *statistics), curve_rows(runs)),
         "events.csv": as_csv(EVENT_COLUMNS, event_rows(runs)),
         "peaks.csv": as_csv(PEAK_COLUMNS, peak_rows(runs)),
+        "strides.csv": as_csv(STRIDE_COLUMNS, stride_rows(runs)),
     }
 
 
@@ -68,7 +75,7 @@ def curve_rows(runs: Sequence[Run]) -> Iterator[Row]:
             numbers = [
                 number
                 for column, factor in factors
-                for number in (float(factor * values[column]), _or_none(float(factor * spread[column])))
+                for number in (_or_none(factor * values[column]), _or_none(factor * spread[column]))
             ]
             yield (run.label, int(percent), mean.count, *numbers)
 
@@ -95,6 +102,19 @@ def peak_rows(runs: Sequence[Run]) -> Iterator[Row]:
                 run.label, peak.which, _seconds(moment.event.stamp), moment.elapsed,
                 None if peak.cycle is None else peak.cycle + 1, peak.percent, moment.load, moment.load / weight,
                 moment.contact_force, moment.contact_force / weight, MM * moment.penetration_depth,
+                _or_none(moment.force_error), _or_none(MM * moment.depth_error),
+            )  # fmt: skip
+
+
+def stride_rows(runs: Sequence[Run]) -> Iterator[Row]:
+    """Every whole gait cycle; its number counts from 1."""
+    for run in runs:
+        for number, cycle in enumerate(run.gathered.cycles, start=1):
+            yield (
+                run.label, number, _seconds(cycle.span.start), cycle.span.duration, cycle.span.stance,
+                _or_none(MM * cycle.sliding_distance), _or_none(MM * cycle.largest_sliding_velocity),
+                cycle.largest_force, MM * cycle.largest_depth, cycle.impulse, cycle.stance_impulse,
+                cycle.loading_rate, cycle.bone_time, cycle.apart_time,
             )  # fmt: skip
 
 
@@ -104,4 +124,4 @@ def _seconds(stamp: int) -> str:
 
 
 def _or_none(number: float) -> float | None:
-    return None if math.isnan(number) else number
+    return None if math.isnan(number) else float(number)

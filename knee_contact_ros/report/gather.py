@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS
-from knee_contact_ros.report.cycles import COLUMNS, LONGEST, Cycle, Mean, Span, curves, measured, spans
+from knee_contact_ros.report.cycles import COLUMNS, Cycle, Mean, curves, measured
 from knee_contact_ros.report.totals import Course, Totals
 from knee_contact_ros.stream_in.answers import Answers
+from knee_contact_ros.strides import LONGEST, Span, spans
 
 KEPT = round((LONGEST + 3.0) * NANOSECONDS)
 """[ns] of samples that are kept: a cycle, and as late as events become certain"""
@@ -31,6 +32,10 @@ class Moment(NamedTuple):
     """[N]"""
     penetration_depth: float
     """[m]"""
+    force_error: float
+    """[N] estimated error of the contact force; not a number if the recording does not tell"""
+    depth_error: float
+    """[m] that of the depth"""
 
 
 class Gathered:
@@ -79,9 +84,8 @@ class Gathered:
 
     def _take(self, events: list[GaitEvent], *, ended: bool) -> None:
         for event in events:
-            load, force, depth = self._contact_at(event.stamp)
             elapsed = (event.stamp - self._since) / NANOSECONDS
-            self.moments.append(Moment(event, elapsed, load, force, depth))
+            self.moments.append(Moment(event, elapsed, *self._contact_at(event.stamp)))
         self._pending += [event for event in events if event.kind != LOAD_PEAK]
         self._cycles(ended=ended)
         if ended:
@@ -90,11 +94,11 @@ class Gathered:
             kept = np.searchsorted(self._stamps, self._stamps[-1] - KEPT)
             self._stamps, self._values = self._stamps[kept:], self._values[kept:]
 
-    def _contact_at(self, stamp: int) -> tuple[float, float, float]:
-        """Load, contact force and depth of the tick at a stamp, or the last one before."""
+    def _contact_at(self, stamp: int) -> list[float]:
+        """Load, contact force, depth and the errors of these two, of the tick at a stamp, or the last one before."""
         row = self._values[max(int(np.searchsorted(self._stamps, stamp, "right")) - 1, 0)]
-        load, force, depth = (row[COLUMNS.index(n)] for n in ("load", "contact_force", "penetration_depth"))
-        return float(load), float(force), float(depth)
+        told = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate")
+        return [float(row[COLUMNS.index(name)]) for name in told]
 
     def _cycles(self, *, ended: bool) -> None:
         """Take the cycles whose events are all certain."""

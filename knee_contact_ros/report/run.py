@@ -15,7 +15,7 @@ from knee_contact_ros.work_folder import replace, work_folder
 NEEDED = ("matplotlib", "jinja2")
 EXTRA = "knee-contact-ros[report]"
 PAGE = "report.html"
-TABLES = ("cycles.csv", "events.csv", "peaks.csv")
+TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
 FIGURES = ("flexion", "contact_force", "depth", "contact_point", "contact_point_flexion", "over_time_[0-9]*")
 """Names of the pictures, without their suffix; those of an earlier report are taken away"""
 

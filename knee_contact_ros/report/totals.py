@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
 from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.stream_in.answers import Answers
+from knee_contact_ros.summary import bound
 
 Floats = NDArray[np.float64]
 
@@ -18,8 +19,32 @@ BUCKETS = 2000
 """Of time, at most: more than a picture has pixels"""
 FIRST_WIDTH = 5_000_000
 """[ns] of a bucket at first"""
-ERROR_BINS = np.logspace(-18, 0, 18 * 100 + 1)
-"""Edges [m] of the bins that the median error comes from: each 2.3 % wide"""
+ERROR_BINS = np.logspace(-18, 6, 24 * 100 + 1)
+"""Edges of the bins that the median error comes from, [m] or [N]: each 2.3 % wide"""
+
+
+class Errors:
+    """Estimated errors; one that is not a number bounds nothing."""
+
+    def __init__(self) -> None:
+        self.largest = 0.0
+        self.told = False
+        """Whether one is a number: in recordings from before the estimate was added none is"""
+        self._counts = np.zeros(len(ERROR_BINS) + 1, dtype=np.int64)
+
+    def add(self, errors: Floats) -> None:
+        """Take errors, at least one."""
+        self.largest = max(self.largest, bound(errors))
+        self.told |= not np.isnan(errors).all()
+        self._counts += np.bincount(np.searchsorted(ERROR_BINS, errors), minlength=len(self._counts))
+
+    @property
+    def median(self) -> float:
+        """To 2.3 %: the upper edge of the bin that holds it; infinite beyond the last one."""
+        place = int(np.searchsorted(np.cumsum(self._counts), 0.5 * self._counts.sum()))
+        if not place:
+            return 0.0
+        return float(ERROR_BINS[place]) if place < len(ERROR_BINS) else math.inf
 
 
 class Totals:
@@ -34,8 +59,8 @@ class Totals:
         self.levels: Counter[str] = Counter()
         """Ticks by the level that computed them"""
         self.evaluations = 0
-        self.largest_error = 0.0
-        """[m]"""
+        self.depth_errors, self.force_errors = Errors(), Errors()
+        """[m] of the depth, [N] of the contact force"""
         self.largest_force = self.largest_load = self.largest_depth = -math.inf
         """[N], [N], [m]"""
         self.bone_time = self.apart_time = self.time = 0.0
@@ -43,7 +68,6 @@ class Totals:
         self.longest_apart = 0.0
         """[s] without contact at one go"""
         self._apart_for = 0.0
-        self._errors = np.zeros(len(ERROR_BINS) + 1, dtype=np.int64)
 
     def add(self, answers: Answers, steps: Floats) -> None:
         """Take answers, at least one; `steps` [s], shape (n,), is the time since the one before; after a gap 0."""
@@ -51,7 +75,8 @@ class Totals:
         self.last_stamp = int(answers.stamps[-1])
         self.ticks += len(answers.stamps)
         self.evaluations += int(answers.evaluations.sum())
-        self.largest_error = max(self.largest_error, float(answers.error_estimate.max()))
+        self.depth_errors.add(answers.error_estimate)
+        self.force_errors.add(answers.force_error_estimate)
         self.largest_force = max(self.largest_force, float(answers.contact_force.max()))
         self.largest_load = max(self.largest_load, float(answers.load.max()))
         self.largest_depth = max(self.largest_depth, float(answers.penetration_depth.max()))
@@ -61,7 +86,6 @@ class Totals:
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
-        self._errors += np.bincount(np.searchsorted(ERROR_BINS, answers.error_estimate), minlength=len(self._errors))
         self._times(answers.contact_state, steps)
 
     def _times(self, state: Floats, steps: Floats) -> None:
@@ -75,12 +99,6 @@ class Totals:
                 self.longest_apart = max(self.longest_apart, self._apart_for)
             else:
                 self._apart_for = 0.0
-
-    @property
-    def median_error(self) -> float:
-        """[m], to 2.3 %: the upper edge of the bin that holds it."""
-        place = int(np.searchsorted(np.cumsum(self._errors), 0.5 * self._errors.sum()))
-        return float(ERROR_BINS[min(place, len(ERROR_BINS) - 1)]) if place else 0.0
 
 
 class Course:

@@ -77,6 +77,8 @@ def cycle_table(cyclic: Sequence[Run]) -> Table:
         ("bone contact [s]", lambda c, _: c.bone_time, ".3f"),
         ("bone contact [% of the cycle]", lambda c, _: 100.0 * c.bone_time / c.span.duration, ".1f"),
         ("lifted off [s]", lambda c, _: c.apart_time, ".3f"),
+        ("sliding distance [mm]", lambda c, _: MM * c.sliding_distance, ".1f"),
+        ("largest sliding velocity [mm/s]", lambda c, _: MM * c.largest_sliding_velocity, ".0f"),
     )
     rows = [("cycles", *(str(run.gathered.mean.count) for run in cyclic))]
     rows += [
@@ -99,7 +101,8 @@ def run_table(runs: Sequence[Run]) -> Table:
         "largest depth": lambda run: f"{MM * run.gathered.totals.largest_depth:.3f} mm",
         "in bone contact": lambda run: _time(run.gathered.totals.bone_time, run) if has_bone(run) else ONE_LAYER,
         "lifted off": _lifted,
-        "error bound of the depth": _error,
+        "error bound of the depth": _depth_error,
+        "error bound of the contact force": _force_error,
         "ticks not converged": lambda run: str(run.gathered.totals.flagged["NOT_CONVERGED"]),
         "ticks flagged otherwise": lambda run: _counts({
             name: count for name, count in run.gathered.totals.flagged.items() if name != "NOT_CONVERGED"
@@ -144,7 +147,7 @@ def _forces(peak: StancePeak, weight: float) -> tuple[str, str, str, str]:
 
 
 def _spread(values: Sequence[float], digits: str) -> str:
-    if not values:
+    if not values or not np.isfinite(values).all():
         return NONE
     mean = f"{np.mean(values):{digits}}"
     return mean if len(values) == 1 else f"{mean} ± {np.std(values, ddof=1):{digits}}"
@@ -181,9 +184,16 @@ def _lifted(run: Run) -> str:
     return _time(totals.apart_time, run) + longest
 
 
-def _error(run: Run) -> str:
-    totals = run.gathered.totals
-    return f"{_length(totals.largest_error)} at most, {_length(totals.median_error)} median"
+def _depth_error(run: Run) -> str:
+    errors = run.gathered.totals.depth_errors
+    return f"{_length(errors.largest)} at most, {_length(errors.median)} median"
+
+
+def _force_error(run: Run) -> str:
+    errors = run.gathered.totals.force_errors
+    if not errors.told:
+        return "not in this recording"
+    return f"{_newtons(errors.largest)} at most, {_newtons(errors.median)} median"
 
 
 def _length(error: float) -> str:
@@ -191,6 +201,10 @@ def _length(error: float) -> str:
     if error >= 1.0:
         return "no bound"
     return f"{MICROMETRE * error:.2g} µm" if error < 1e-3 else f"{MM * error:.2g} mm"
+
+
+def _newtons(error: float) -> str:
+    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
 
 
 def _cost(totals: Totals) -> str:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import islice
+from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby, islice
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.cdr_blocks import TOLD, decode_contacts
+from knee_contact_ros.answer_layout import decode_answers
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.messages import deserialize, stamp_to_ns
 from knee_contact_ros.salvage.source import in_a_line, open_bag
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.stream_in.names import absolute
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 class Answers(NamedTuple):
-    """Answers in their order, one per element; named as the fields of `KneeContact`, all of shape (n,)."""
+    """Answers in their order, one per element; stamps, and behind them the numbers of `NUMBERS`, all of shape (n,)."""
 
     stamps: NDArray[np.int64]
     """[ns]"""
@@ -40,6 +41,8 @@ class Answers(NamedTuple):
     """[m]"""
     penetration_rate: Floats
     """[m/s]"""
+    sliding_velocity: Floats
+    """[m/s]; not a number in recordings that were made before it was added"""
     contact_point_x: Floats
     """[m] tibia frame"""
     contact_point_y: Floats
@@ -58,6 +61,8 @@ class Answers(NamedTuple):
     """Set of `Status` bits"""
     error_estimate: Floats
     """[m]"""
+    force_error_estimate: Floats
+    """[N]; not a number in recordings that were made before it was added"""
     evaluations: Floats
     """Contact law evaluations"""
 
@@ -95,8 +100,11 @@ def answer_blocks(
         if reader.damage:
             raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): make it whole with knee-contact recover")
         done = 0
-        for block in _blocks(reader.raw_messages()):
-            stamps, numbers = decode_contacts(block) or _one_by_one(path, block)
+        for block, described in _blocks(reader.described_messages()):
+            try:
+                stamps, numbers = decode_answers(block, described)
+            except Exception as error:  # whatever broken bytes and definitions provoke
+                raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
             yield Answers(stamps, *numbers.T)
             done += len(block)
             if advance:
@@ -108,22 +116,10 @@ def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Answers:
     return Answers(*(np.concatenate(columns) for columns in zip(*answer_blocks(path, topic), strict=True)))
 
 
-def _blocks(messages: Iterable[RawMessage]) -> Iterator[list[bytes]]:
-    coming = iter(messages)
-    while block := [message.data for message in islice(coming, BLOCK)]:
-        yield block
-
-
-def _one_by_one(path: Path, messages: Sequence[bytes]) -> tuple[NDArray[np.int64], Floats]:
-    """The same where the layout changes from message to message."""
-    try:
-        decoded = [deserialize(data, KNEE_CONTACT) for data in messages]
-    except Exception as error:  # whatever broken bytes provoke in a deserializer
-        raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
-    stamps = np.array([stamp_to_ns(message.header.stamp) for message in decoded], dtype=np.int64)
-    return stamps, np.array([_numbers(message) for message in decoded], dtype=np.float64).reshape(-1, TOLD)
-
-
-def _numbers(message: Any) -> list[float]:
-    special = {"contact_point_x": message.contact_point.x, "contact_point_y": message.contact_point.y}
-    return [special[name] if name in special else getattr(message, name) for name in Answers._fields[1:]]
+def _blocks(
+    messages: Iterable[tuple[RawMessage, MessageDefinition]],
+) -> Iterator[tuple[list[bytes], MessageDefinition]]:
+    """Bytes of messages that share their definition."""
+    for described, alike in groupby(messages, key=itemgetter(1)):
+        while block := [message.data for message, _ in islice(alike, BLOCK)]:
+            yield block, described

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, MessageDefinition
 
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import deserialize
@@ -92,15 +92,22 @@ class BagReader:
         Raises:
             UsageError: the bag breaks off.
         """
+        for message, _ in self.described_messages(topics, start, stop):
+            yield message
+
+    def described_messages(
+        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
+        """The same, each with the definition of its message that the bag holds."""
         asked = self._stored(topics or self._connections)
         try:
             for connection, log_time, data in self._reader.messages(asked, start, stop):
-                yield RawMessage(self._topics[absolute(connection.topic)], log_time, bytes(data))
+                yield RawMessage(self._topics[absolute(connection.topic)], log_time, bytes(data)), connection.msgdef
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
 
     def messages(self) -> Iterator[BagMessage]:
-        """Decoded messages in the order of log time.
+        """Messages in the order of log time, decoded by the definitions that this package knows.
 
         Raises:
             UsageError: the bag breaks off or a message cannot be decoded.

@@ -12,10 +12,13 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Schema
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
+FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+"""By the encoding of a schema"""
 
 
 class McapFile:
@@ -44,7 +47,7 @@ class McapFile:
                 id=channel.id,
                 topic=channel.topic,
                 msgtype=summary.schemas[channel.schema_id].name if channel.schema_id else "",
-                msgdef=NO_DEFINITION,
+                msgdef=_definition(summary.schemas.get(channel.schema_id)),
                 digest="",
                 msgcount=counts.get(channel.id, 0),
                 ext=ConnectionExtRosbag2(channel.message_encoding, []),
@@ -67,6 +70,12 @@ class McapFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _definition(schema: Schema | None) -> MessageDefinition:
+    if schema is None or schema.encoding not in FORMATS:
+        return NO_DEFINITION
+    return MessageDefinition(FORMATS[schema.encoding], schema.data.decode("utf-8", "replace"))
 
 
 def open_reader(path: Path) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 
 from knee_contact_ros.build import load_model
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.types import COLUMN
 from knee_contact_ros.trade.problems import EXPONENT, Problem
 from knee_contact_ros.trade.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
 
@@ -15,7 +16,7 @@ NAME = "knee-contact"
 LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
 """Values of `fidelity.level` to measure"""
 LAW = "exact; `KneeModel.run`, or `Stream.advance` for every sample; compiled"
-DEPTH, GAP, EVALUATIONS = 3, 4, 15
+DEPTH, GAP, EVALUATIONS = (COLUMN[name] for name in ("penetration_depth", "gap", "evaluations"))
 """Where they stand in `Stream.answer`"""
 
 

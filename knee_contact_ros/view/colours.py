@@ -21,6 +21,7 @@ ERROR: Colour = (165, 120, 225)
 COST: Colour = (190, 155, 45)
 CARTILAGE: Colour = (80, 155, 235)
 BONE: Colour = (240, 80, 165)
+SLIP: Colour = (205, 130, 95)
 WAY: Colour = (250, 205, 80)
 APART: Colour = (150, 155, 165)
 

@@ -8,7 +8,17 @@ import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
 from knee_contact_ros.drawing import Drawing
-from knee_contact_ros.view.plots import BODY_WEIGHTS, CONTACT_POINT, DEPTHS, FLEXION, LAYER, NEWTONS, PLOTS, Plot
+from knee_contact_ros.view.plots import (
+    BODY_WEIGHTS,
+    CONTACT_POINT,
+    DEPTHS,
+    FLEXION,
+    LAYER,
+    NEWTONS,
+    PLOTS,
+    SLIDING,
+    Plot,
+)
 from knee_contact_ros.view.sagittal import ARROW, LEGEND, MM, NEWTONS_PER_MM, PATH, SAGITTAL, extent_of
 from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
@@ -45,15 +55,12 @@ def blueprint(drawings: Sequence[Drawing], latency: bool = False, follow: bool =
 
 def _one(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
     """A knee that has the screen for itself: nine cells beside the planes, none of them empty."""
-    cells = [*plots.values(), states]
-    left: list[rrb.View] = [_plane(drawing), _close(drawing)]
-    shares = [5.0, 4.0]
-    if len(cells) < CELLS:
-        cells.append(_events(drawing.knee))
-    else:
-        left, shares = [*left, _events(drawing.knee)], [5.0, 3.0, 4.0]
+    cells: dict[str, rrb.View | rrb.Container] = {**plots, "states": states}
+    if len(cells) > CELLS:
+        cells[CONTACT_POINT] = rrb.Tabs(plots[CONTACT_POINT], cells.pop(SLIDING))
+    left = [_plane(drawing), _close(drawing), _events(drawing.knee)]
     return rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=shares), rrb.Grid(*cells, grid_columns=3), column_shares=[4, 9]
+        rrb.Vertical(*left, row_shares=[5, 3, 4]), rrb.Grid(*cells.values(), grid_columns=3), column_shares=[4, 9]
     )
 
 
@@ -61,10 +68,16 @@ def _beside(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -
     """A knee in a column of its own: what is looked at less lies behind."""
     in_front = [plots[path] for path in (FLEXION, CONTACT_POINT, BODY_WEIGHTS, DEPTHS)]
     flexion, point, force, depth = in_front
-    behind = [plot for path, plot in plots.items() if plot not in in_front and path != NEWTONS]
+    behind = [plot for path, plot in plots.items() if plot not in in_front and path not in (NEWTONS, SLIDING)]
     return rrb.Vertical(
         rrb.Horizontal(_plane(drawing), rrb.Vertical(_close(drawing), _events(drawing.knee))),
-        rrb.Grid(flexion, point, rrb.Tabs(force, plots[NEWTONS]), rrb.Tabs(depth, states, *behind), grid_columns=2),
+        rrb.Grid(
+            flexion,
+            rrb.Tabs(point, plots[SLIDING]),
+            rrb.Tabs(force, plots[NEWTONS]),
+            rrb.Tabs(depth, states, *behind),
+            grid_columns=2,
+        ),
         row_shares=[4, 5],
         name=drawing.knee,
     )

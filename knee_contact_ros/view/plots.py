@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.drawing import Shown
-from knee_contact_ros.view.colours import ANGLE, BAND, BONE, CARTILAGE, COST, DEPTH, ERROR, FORCE, LOAD, Colour
+from knee_contact_ros.view.colours import ANGLE, BAND, BONE, CARTILAGE, COST, DEPTH, ERROR, FORCE, LOAD, SLIP, Colour
 
 Floats = NDArray[np.float64]
 MM = 1e3
@@ -44,8 +44,8 @@ LAYER = "layer"
 """Entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = BONE
-FLEXION, CONTACT_POINT, NEWTONS, BODY_WEIGHTS, DEPTHS = (
-    "flexion", "contact_point", "force_newton", "force_body_weights", "depth"
+FLEXION, CONTACT_POINT, SLIDING, NEWTONS, BODY_WEIGHTS, DEPTHS = (
+    "flexion", "contact_point", "sliding", "force_newton", "force_body_weights", "depth"
 )  # fmt: skip
 PLOTS = (
     Plot(FLEXION, "Flexion angle [deg]", (
@@ -54,7 +54,12 @@ PLOTS = (
     Plot(CONTACT_POINT, "Contact point, anterior > 0 [mm]", (
         Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown.point_x),
     )),
-    Plot(NEWTONS, "Force [N]; load grey", (
+    Plot(SLIDING, "Sliding velocity, anterior > 0 [mm/s]", (
+        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown.sliding_velocity),
+    )),
+    Plot(NEWTONS, "Force ± error [N]; load grey", (
+        Series("force - error [N]", BAND, 1.0, lambda shown, _: shown.contact_force - shown.force_error_estimate),
+        Series("force + error [N]", BAND, 1.0, lambda shown, _: shown.contact_force + shown.force_error_estimate),
         Series("contact force [N]", FORCE, 3.0, lambda shown, _: shown.contact_force),
         Series("load [N]", LOAD, 1.0, lambda shown, _: shown.load),
     )),
@@ -68,8 +73,9 @@ PLOTS = (
         Series("penetration depth [mm]", DEPTH, 2.0, lambda shown, _: MM * shown.penetration_depth),
         Series("gap [mm]", LOAD, 1.0, lambda shown, _: MM * shown.gap),
     )),
-    Plot("error", "Estimated error of the depth [µm]", (
-        Series("error estimate [µm]", ERROR, 1.5, lambda shown, _: MICRO * shown.error_estimate),
+    Plot("error", "Estimated error: depth [µm], force orange [N]", (
+        Series("error of the force [N]", FORCE, 1.5, lambda shown, _: shown.force_error_estimate),
+        Series("error of the depth [µm]", ERROR, 1.5, lambda shown, _: MICRO * shown.error_estimate),
     )),
     Plot("evaluations", "Contact law evaluations per tick", (
         Series("evaluations per tick", COST, 1.5, lambda shown, _: shown.evaluations),

@@ -78,9 +78,9 @@ def placed(model: KneeModel, answers: Answers, pictures: Pictures) -> Shown:
         normal_x[i], normal_y[i] = closest.normal_x, closest.normal_y
     return Shown(
         answers.stamps, answers.flexion_angle, answers.load, answers.contact_force, answers.penetration_depth,
-        answers.gap, answers.contact_point_x, answers.contact_point_y, x, answers.femoral_height, normal_x, normal_y,
-        answers.contact_state, answers.fidelity, answers.status, answers.error_estimate, answers.evaluations,
-        np.full(len(x), np.nan),
+        answers.gap, answers.sliding_velocity, answers.contact_point_x, answers.contact_point_y, x,
+        answers.femoral_height, normal_x, normal_y, answers.contact_state, answers.fidelity, answers.status,
+        answers.error_estimate, answers.force_error_estimate, answers.evaluations, np.full(len(x), np.nan),
     )  # fmt: skip
 
 

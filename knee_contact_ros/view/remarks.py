@@ -36,7 +36,7 @@ STATUS = {
     Status.STALE_INPUT: "stale input: a long gap between stamps",
     Status.TIME_RESET: "time reset: started anew",
     Status.INPUT_HELD: "input held: no angle came in time",
-    Status.NOT_CONVERGED: "not converged: the tolerance is not met",
+    Status.NOT_CONVERGED: "not converged: a tolerance is not met",
     Status.INPUT_REJECTED: "a sample was refused",
 }
 

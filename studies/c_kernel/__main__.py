@@ -26,6 +26,7 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.core.types import COLUMN
 from studies.accuracy import CIRCLE, DAMPING, EXPONENT, K1, K2, LAYER, MASS, TOLERANCES, A
 from studies.report import Section, machine, save
 
@@ -36,6 +37,7 @@ ROUNDS = 200
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)
 SPRING = {"stiffness": K1, "exponent": EXPONENT}
 MEBIBYTE = 2**20
+FIELDS = ("penetration_depth", "gap", "error_estimate", "evaluations")
 
 Floats = NDArray[np.float64]
 
@@ -106,7 +108,8 @@ def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], N
         run(scene, np.zeros(ticks.MEMORY), durations, angles, loads, heights, answers)
 
     def found() -> Found:
-        return Found(answers[:, 3] - answers[:, 4], answers[:, 14], answers[:, 15].astype(np.int32))
+        depth, gap, error, evaluations = (answers[:, COLUMN[name]] for name in FIELDS)
+        return Found(depth - gap, error, evaluations.astype(np.int32))
 
     return call, found
 

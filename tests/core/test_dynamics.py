@@ -125,7 +125,7 @@ def test_behind_a_settled_tick_the_femur_follows_its_turning_surface(slope: floa
     geometry, angle, angle_rate, duration, load = ellipse(320), 0.2, 20.0, 0.02, 800.0
     pair, regions = OnPlane(geometry, slope), Regions(law("kelvin_voigt"), False)
     interval = Interval(pair, Hinge(), duration, angle, angle_rate, load, 0.0, math.nan)
-    scene = Scene(pair, Hinge(), regions, 10.0, TOLERANCE, 1, LEVELS["dynamic"])  # no tick keeps this budget
+    scene = Scene(pair, Hinge(), regions, 10.0, TOLERANCE, 0.0, 1, LEVELS["dynamic"])  # no tick keeps this budget
     result = dynamic_tick(scene, interval, moving(FemurState(geometry.support(angle)[0], 0.0)), 0)
     assert not result.converged
     assert result.progress.fidelity == Fidelity.QUASI_STATIC

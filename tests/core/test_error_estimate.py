@@ -115,7 +115,7 @@ def advanced(contact_law: ContactLaw, start: Progress, duration: float, load: fl
     """One tick of a circle of 2 kg under a constant load."""
     pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
-    scene = Scene(pair, hinge, Regions(contact_law, False), MASS, 1e-10, 0, LEVELS["dynamic"])
+    scene = Scene(pair, hinge, Regions(contact_law, False), MASS, 1e-10, 0.0, 0, LEVELS["dynamic"])
     return dynamic_tick(scene, interval, start, 0)
 
 

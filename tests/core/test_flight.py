@@ -83,7 +83,7 @@ def test_the_short_cut_gives_what_the_steps_give() -> None:
         interval = Interval(pair, mechanism, 2e-3, rng.uniform(0.0, 1.0), rng.uniform(-5.0, 5.0), -50.0, 9e3, math.nan)
         start = moving(FemurState(0.08, rng.uniform(-0.2, 0.2)))._replace(depth=-0.03, error=StateError(1e-9, -1e-7))
         assert flies_freely(interval, start, mass)
-        scene = Scene(pair, mechanism, REGIONS, mass, 1e-6, 0, LEVELS["dynamic"])
+        scene = Scene(pair, mechanism, REGIONS, mass, 1e-6, 0.0, 0, LEVELS["dynamic"])
         steps, short = stepwise(scene, interval, start, 0), flying_tick(interval, start, mass, 0)
         assert short.depth == pytest.approx(steps.depth, abs=1e-16)
         assert short.rate == pytest.approx(steps.rate, abs=1e-14)

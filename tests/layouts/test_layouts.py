@@ -135,7 +135,7 @@ def test_plotjuggler_every_curve_is_a_number_of_the_recording(
 
 def test_plotjuggler_every_split_has_its_parts(config: Path) -> None:
     root = ET.parse(config / "plotjuggler" / "knee_contact.xml").getroot()  # noqa: S314  (our own file)
-    assert [tab.attrib["tab_name"] for tab in root.iter("Tab")] == ["Contact", "Load and cost"]
+    assert [tab.attrib["tab_name"] for tab in root.iter("Tab")] == ["Contact", "Load, error and cost"]
     splitters = list(root.iter("DockSplitter"))
     assert len(splitters) == 6
     for splitter in splitters:

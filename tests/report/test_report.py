@@ -19,7 +19,7 @@ from knee_contact_ros.cli import main
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.record import BagWriter
 from knee_contact_ros.report.cycles import PERCENT
-from knee_contact_ros.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS
+from knee_contact_ros.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
 from knee_contact_ros.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import read_answers
@@ -30,7 +30,7 @@ from tests.test_solve import make_bag, silent
 BODY_WEIGHT = 737.068
 CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
 MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
-TABLES = {"cycles.csv", "events.csv", "peaks.csv"}
+TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -98,7 +98,7 @@ def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> Non
     answers = read_answers(recording)
     time = answers.stamps / 1e9
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
-    units = {"deg": np.degrees(1.0), "mm": 1e3, "N": 1.0, "BW": 1.0 / BODY_WEIGHT}
+    units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "BW": 1.0 / BODY_WEIGHT}
     for name, (field, _) in CURVE_COLUMNS.items():
         expected = np.interp(at, time, getattr(answers, field)) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
@@ -125,6 +125,43 @@ def test_the_peaks_are_those_of_the_demo(both: Path) -> None:
     assert percent == pytest.approx([13.2, 47.3], abs=0.05)
     assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
                                             "left, osteoarthritis"}  # fmt: skip
+
+
+def test_the_strides_are_in_their_file(both: Path, recording: Path) -> None:
+    rows = read(both / "strides.csv")
+    assert tuple(rows[0]) == STRIDE_COLUMNS
+    assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
+                                            "left, osteoarthritis"}  # fmt: skip
+    (row,) = (row for row in rows if row["run"] == "right, osteoarthritis")
+    answers = read_answers(recording)
+    start, duration = float(row["heel_strike_s"]), float(row["duration_s"])
+    inside = (answers.stamps >= start * 1e9) & (answers.stamps <= (start + duration) * 1e9)
+    assert row["cycle"] == "1"
+    speed = np.abs(answers.sliding_velocity[inside])
+    assert float(row["largest_sliding_velocity_mm_per_s"]) == pytest.approx(1e3 * speed.max(), rel=1e-8)
+    # A sum of 5 ms each; the heel strikes lie between ticks
+    assert float(row["sliding_distance_mm"]) == pytest.approx(1e3 * 0.005 * speed.sum(), rel=0.02)
+    text = text_of(page_of(both))
+    assert f"sliding distance [mm] {float(row['sliding_distance_mm']):.1f}" in text
+
+
+def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
+    assert (
+        main(["report", str(old_recording), "--compare", "osteoarthritis.yaml", "--output", str(tmp_path / "out")]) == 0
+    )
+    text = text_of(page_of(tmp_path / "out"))
+    assert "error bound of the contact force not in this recording" in text
+    assert "sliding distance [mm] –" in text
+    old, compared = read(tmp_path / "out" / "strides.csv")
+    assert old["sliding_distance_mm"] == old["largest_sliding_velocity_mm_per_s"] == ""
+    assert float(compared["sliding_distance_mm"]) > 30.0  # computed now
+    assert float(old["largest_penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
+    for row in read(tmp_path / "out" / "peaks.csv")[:4]:
+        assert row["contact_force_error_N"] == ""
+        assert 0.0 < float(row["penetration_depth_error_mm"]) < 1e-3
+    curves = read(tmp_path / "out" / "cycles.csv")[0]
+    assert curves["sliding_velocity_mm_per_s_mean"] == ""
+    assert curves["contact_force_N_mean"]
 
 
 def test_the_events_are_in_their_file(both: Path) -> None:

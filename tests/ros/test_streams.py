@@ -63,7 +63,13 @@ def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None
     """The motion goes on; from the next interval on with the new constants, bit for bit as in the Python calls."""
     start_node()
     peer.wait_for_node()
-    changes = {"contact.damping": 900.0, "fidelity.tolerance": 1e-8, "femur.mass": 4.0, "load.share": 0.7}
+    changes = {
+        "contact.damping": 900.0,
+        "fidelity.tolerance": 1e-8,
+        "fidelity.force_tolerance": 0.1,
+        "femur.mass": 4.0,
+        "load.share": 0.7,
+    }
     model = load_model({})
     stream, shares = model.stream(), [0.5, 0.7]
     expected = []

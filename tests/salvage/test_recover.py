@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -17,6 +18,7 @@ from knee_contact_ros.cli import main
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.salvage.mcap_file import McapFile
 from knee_contact_ros.salvage.recover import RECOVERED, recover
+from knee_contact_ros.stream_in.answers import read_answers
 from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.messages import raw_inputs
 from tests.salvage.test_mcap_file import chunks
@@ -152,3 +154,13 @@ def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, wo
     with pytest.raises(UsageError, match="is a folder"):
         recover(tmp_path, tmp_path / "o" / "out.mcap")
     assert not (tmp_path / "o").exists()
+
+
+def test_a_recording_from_before_later_fields_keeps_its_definition(old_recording: Path, tmp_path: Path) -> None:
+    cut, output = tmp_path / "old.mcap.partial", tmp_path / "old.mcap"
+    cut.write_bytes(old_recording.read_bytes()[:60_000])
+    recover(cut, output)
+    whole, part = read_answers(old_recording), read_answers(output)
+    assert 200 < len(part.stamps) < 387
+    for one, other in zip(whole, part, strict=True):
+        assert np.array_equal(one[: len(other)], other, equal_nan=True)

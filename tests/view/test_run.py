@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from rerun.experimental import ViewerClient
@@ -62,6 +63,18 @@ def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic: Path, ri
                 rows = column(path, f"/{knee}/curves/{plot.path}", "Scalars:scalars")
                 assert rows.shape == (387, len(plot.series))
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
+
+
+def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "out.rrd"
+    assert main(["view", str(old_recording), "--save", str(path)]) == 0
+    curves = {
+        plot.path: column(path, f"/knee/curves/{plot.path}", "Scalars:scalars") for plot in PLOTS if not plot.live
+    }
+    assert {values.shape[0] for values in curves.values()} == {387}
+    later = {"sliding": [0], "force_newton": [0, 1], "error": [0]}
+    for name, values in curves.items():
+        assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(name, []), name
 
 
 def foreign(path: Path, osteoarthritic: Path, topics: list[str]) -> Path:

@@ -71,11 +71,16 @@ def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_pa
     assert curves["depth"][:, 1] == near(1e3 * (depth + error), rel=1e-12)
     assert curves["depth"][:, 2] == near(1e3 * depth, rel=1e-12)
     assert curves["depth"][:, 3] == near([1e3 * contact.gap for contact in contacts], rel=1e-12)
-    assert curves["force_newton"] == near(np.stack([force, load], 1), rel=1e-12)
+    uncertain = np.array([contact.force_error_estimate for contact in contacts])
+    bands = np.stack([force - uncertain, force + uncertain, force, load], 1)
+    assert curves["force_newton"] == near(bands, rel=1e-12, nan_ok=True)
     assert curves["force_body_weights"] == near(np.stack([force, load], 1) / WEIGHT, rel=1e-12)
     assert curves["flexion"][:, 0] == near([math.degrees(contact.flexion_angle) for contact in contacts], rel=1e-12)
     assert curves["contact_point"][:, 0] == near([1e3 * contact.contact_point.x for contact in contacts], rel=1e-12)
-    assert curves["error"][:, 0] == near(1e6 * error, rel=1e-12)
+    sliding = [1e3 * contact.sliding_velocity for contact in contacts]
+    assert curves["sliding"][:, 0] == near(sliding, rel=1e-12)
+    assert np.ptp(sliding) > 100.0
+    assert curves["error"] == near(np.stack([uncertain, 1e6 * error], 1), rel=1e-12, nan_ok=True)
     assert curves["evaluations"][:, 0] == near([contact.evaluations for contact in contacts])
     assert column(path, "/knee/curves/layer", "Scalars:scalars").ravel() == near([0.5, 0.5])
     assert "/knee/curves/latency" not in entities(path)

@@ -228,6 +228,7 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region) -> Ad
         force if scene.regions.allow_tension else max(force, 0.0),
         # A bounce turns the height's error round: where that is underway, its signed estimate says little.
         SAFETY * max(error, going.error_at_events),
+        math.nan,
         evaluations,
         True,
     )  # fmt: skip
@@ -254,6 +255,7 @@ def settled(scene: Scene, interval: Interval, going: Going) -> Advance:
         0.0,
         static.force,
         doubt.height,
+        math.nan,
         going.evaluations + static.evaluations,
         False,
     )  # fmt: skip

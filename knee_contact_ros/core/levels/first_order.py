@@ -78,7 +78,9 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
 def without_mass(scene: Scene) -> Scene:
     """The same scene with a mass of 0, where the contact always exerts what the load asks for."""
     regions = Regions(scene.regions.law, True)
-    return Scene(scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.budget, scene.level)
+    return Scene(
+        scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level
+    )
 
 
 @in_kernel
@@ -281,6 +283,7 @@ def result(
         rate,
         max(force, 0.0),
         SAFETY * error,
+        math.nan,
         going.evaluations + 1,
         True,
     )  # fmt: skip

@@ -45,6 +45,7 @@ def flying_tick(interval: Interval, start: Progress, mass: float, spent: int) ->
         rate,
         0.0,
         SAFETY * abs(error.height),
+        math.nan,
         spent,
         True,
     )  # fmt: skip

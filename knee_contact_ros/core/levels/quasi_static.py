@@ -68,6 +68,7 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         cosine * sinking,
         static.force,
         SAFETY * error,
+        math.nan,
         spent + static.evaluations,
         True,
     )  # fmt: skip

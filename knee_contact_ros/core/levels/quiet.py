@@ -76,6 +76,7 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         end.rate,
         end.force if scene.regions.allow_tension else max(end.force, 0.0),
         SAFETY * doubt,
+        math.nan,
         spent,
         True,
     )  # fmt: skip
@@ -84,4 +85,4 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
 @in_kernel
 def not_quiet(start: Progress, spent: int) -> Advance:
     """Word that a tick is none of this kind, with what it has cost."""
-    return Advance(start, 0.0, 0.0, 0.0, 0.0, spent, False)
+    return Advance(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, False)
