@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
 from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.contact_pairs.base import ContactPair
@@ -73,12 +73,21 @@ def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
 
 
 def contact_law(contact: ContactParameters) -> Regions:
-    """The contact law by its name, with the parameters that its signature asks for."""
+    """The contact law by its name, with the parameters that its signature asks for.
+
+    Raises:
+        UsageError: the law breaks the contract of `ContactLaw`.
+    """
     factory = CONTACT_LAWS[contact.law]
     constants = {name: getattr(contact, name) for name in inspect.signature(factory).parameters}
     if contact.stiffness_from == "material":
         constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
-    return Regions(factory(**constants), contact.allow_tension)
+    law = factory(**constants)
+    try:
+        contract.check(law)
+    except ValueError as error:
+        raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
+    return Regions(law, contact.allow_tension)
 
 
 def material_stiffness(contact: ContactParameters) -> dict[str, float]:

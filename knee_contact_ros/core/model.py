@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.core import ticks
+from knee_contact_ros.core.contact_laws import contract
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
 from knee_contact_ros.core.levels import PrescribedHeight
 from knee_contact_ros.core.levels.auto import Auto
@@ -82,6 +83,14 @@ class KneeModel:
     """The equations that a tick solves; of no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
     """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
+
+    def __post_init__(self) -> None:
+        """Try the contact law out.
+
+        Raises:
+            ValueError: it breaks the contract of `ContactLaw`.
+        """
+        contract.check(self.regions.law)
 
     @property
     def cartilage_thickness(self) -> float:

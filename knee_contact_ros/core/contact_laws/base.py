@@ -1,8 +1,8 @@
-"""What a contact law is: one smooth formula per layer.
+"""What a contact law is: one smooth formula per layer. `ContactLaw` states all that is asked of it.
 
-To add a law, write its formula (a named tuple of constants with the method `force`) and a factory that returns a
-`ContactLaw` in a file of its own, and name the factory in `CONTACT_LAWS` (`__init__.py`). The factory's keyword
-arguments are the `contact.*` parameters that the law uses.
+To add a law, write its formula (a named tuple of constants with the methods of `LayerFormula`) and a factory that
+returns a `ContactLaw` in a file of its own, and name the factory in `CONTACT_LAWS` (`__init__.py`). The factory's
+keyword arguments are the `contact.*` parameters that the law uses.
 """
 
 from __future__ import annotations
@@ -18,11 +18,7 @@ DEEPEST = 1e30
 
 @kernel_interface
 class LayerFormula(Protocol):
-    """The force of one layer.
-
-    It must go on smoothly a little beyond the layer's ends, for the integrator looks there to find the crossing. Both
-    slopes must be >= 0: this makes every implicit step solvable (`integrators/esdirk4.py`).
-    """
+    """The force of one layer. What is asked of it stands in `ContactLaw`."""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
         """Force [N] and its slopes over depth [N/m] and over rate [N s/m].
@@ -46,10 +42,39 @@ class Layer(NamedTuple):
 
 
 class ContactLaw(NamedTuple):
-    """Normal contact force [N] as a function of penetration depth [m] and rate [m/s], layer by layer."""
+    """Normal contact force [N] as a function of penetration depth δ [m] and rate δ̇ [m/s], layer by layer.
+
+    The contract of a law, whole. `contract.py` tries every law that a model is made with, and refuses one that breaks a
+    clause; each name is that of its message.
+
+    layers: The first layer begins at 0 m, each other one deeper than the one before. All formulas are of one type (the
+        kernel is compiled for it), and all or none of them remember the impact.
+    finite: Force and slopes are finite numbers at every depth from -10 m to 1e9 m, rate up to ±1e4 m/s and impact speed
+        from -1 m/s (rounding) to 1e4 m/s: integrators, and the search for the depth at rest, try out far more than a
+        knee does.
+    pure: The same arguments give the same numbers, always.
+    impact: A formula whose `remembers_impact` is false gives the same at every impact speed; and at rest every formula
+        does, for the static contact is solved at an impact speed of 0.
+    touch: At depth 0 and at rest the first layer's force is 0. (At a rate it may jump there, as a dashpot does.)
+    joint: At rest the force is the same on both sides of a layer's beginning. (At a rate it may jump.)
+    smooth: From its layer's beginning on, and beyond its end, a formula has neither jump nor kink, whatever the rate:
+        steps do not end there, and their errors are estimated for what is smooth. Where a law has one, another layer
+        begins. At its layer's beginning it may be as rough as δⁿ, n >= 1. Just before that it goes on without a jump:
+        steps look there to find the crossing.
+    affine: F(δ, δ̇) = F₀(δ) + c(δ) δ̇ at every rate: quasi-static answers weigh what they leave out by c, and a contact
+        without mass is solved for its rate. So a formula does not clamp itself at 0 either, where it would pull: the
+        region does (`regions.py`), with an event.
+    rising: At rest the force does not fall with the depth, and within a layer neither does its slope (it is convex):
+        there is one static depth, and Newton's method finds an implicit stage from anywhere (`esdirk4.py`).
+    slopes: Both slopes are >= 0, everywhere: every implicit stage has one solution. The slope over the rate is c(δ).
+        The slope over the depth is the true one wherever the formula presses (F >= 0): errors are carried by it. Where
+        it pulls the true slope may be negative (a damping that grows with the depth), and the formula gives one >= 0 in
+        its place: the contact is released there. With `allow_tension` it is not, and errors are carried by the wrong
+        slope (docs/decisions/0026-law-contract.md).
+    """
 
     layers: tuple[Layer, ...]
-    """In the order of depth; all formulas of one type."""
+    """In the order of depth"""
 
     def static_force(self, depth: float) -> float:
         """Force [N] at rest at a depth [m]; 0 when apart."""
