@@ -143,7 +143,9 @@ def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: f
         scene, step.state, step.error, step.begin.force, step.end.force, step.stiffness, step.damping, step.leapt, h
     )
     lost = StateError(0.0, lost_in(scene, interval, going, step, h))
-    ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (LOCAL_SHARE * scene.tolerance)
+    ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
+        LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
+    )
     return ratio if ratio < math.inf else math.inf
 
 
@@ -166,7 +168,17 @@ def local_ratio(
     if not scene.regions.allow_tension and force < RELEASE * (begin_force - force):
         # The contact is about to let go: what errs in the velocity then is carried into the flight.
         whole = max(whole, depth_error(above_rounding, 0.0, 0.0, mass))
-    return whole / (LOCAL_SHARE * scene.tolerance)
+    return whole / (LOCAL_SHARE * wanted(scene, stiffness, damping))
+
+
+@in_kernel
+def wanted(scene: Scene, stiffness: float, damping: float) -> float:
+    """Error of the depth [m] that a tick may have: the tolerance, and what the force's tolerance makes of it."""
+    if scene.force_tolerance <= 0.0 or scene.mass <= 0.0:
+        return scene.tolerance
+    # A creeping contact turns a depth into a rate by k/c, one that swings by the root of k/m.
+    slope = stiffness + damping * stiffness / (scene.mass * holding(stiffness, damping, scene.mass))
+    return min(scene.tolerance, scene.force_tolerance / max(slope, TINY))
 
 
 @in_kernel

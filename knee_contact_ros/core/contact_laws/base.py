@@ -66,11 +66,10 @@ class ContactLaw(NamedTuple):
         region does (`regions.py`), with an event.
     rising: At rest the force does not fall with the depth, and within a layer neither does its slope (it is convex):
         there is one static depth, and Newton's method finds an implicit stage from anywhere (`esdirk4.py`).
-    slopes: Both slopes are >= 0, everywhere: every implicit stage has one solution. The slope over the rate is c(δ).
-        The slope over the depth is the true one wherever the formula presses (F >= 0): errors are carried by it. Where
-        it pulls the true slope may be negative (a damping that grows with the depth), and the formula gives one >= 0 in
-        its place: the contact is released there. With `allow_tension` it is not, and errors are carried by the wrong
-        slope (docs/decisions/0026-law-contract.md).
+    slopes: Both are the true ones: errors are carried by them. That over the rate, c(δ), is >= 0; that over the depth
+        is >= 0 wherever the formula presses (F >= 0): every implicit stage has one solution there. Where it pulls, the
+        slope over the depth may be negative (a damping that grows with the depth): the contact is released there,
+        unless `allow_tension` keeps it (docs/decisions/0028-law-contract.md).
     """
 
     layers: tuple[Layer, ...]

@@ -30,6 +30,7 @@ FAR_DEPTHS = (-10.0, -0.01, 0.0, 1.0, 1e3, 1e9)
 FAR_RATES = (-1e4, 0.0, 1e4)
 FAR_IMPACTS = (-1.0, 0.0, 1e4)
 SLOPE_RATES = (-0.1, 0.0, 10.0)
+PULLED = -100.0
 """Rates [m/s] at which the slope over the depth is held against the force,"""
 LETTING_GO = 0.9
 """and as a part of the rate at which the force ends: there a damping that grows with the depth has most to say"""
@@ -288,8 +289,8 @@ def _rising(trial: Trial) -> str:
 
 def _slopes(trial: Trial) -> str:
     for offset, rate, impact_speed in trial.states():
-        _, stiffness, damping = trial.at(offset, rate, impact_speed)
-        if not (stiffness >= 0.0 and damping >= 0.0):
+        force, stiffness, damping = trial.at(offset, rate, impact_speed)
+        if not ((stiffness >= 0.0 or force < 0.0) and damping >= 0.0):
             where = trial.where(offset, rate, impact_speed)
             return f"{where} they are {stiffness:g} N/m and {damping:g} N s/m; allowed is >= 0"
         at_rest, _, _ = trial.at(offset, 0.0, impact_speed)
@@ -301,7 +302,7 @@ def _slopes(trial: Trial) -> str:
     for offset, impact_speed in itertools.product(trial.offsets, trial.impacts):
         at_rest, _, damping = trial.at(offset, 0.0, impact_speed)
         last = -LETTING_GO * at_rest / damping if damping > 0.0 else 0.0
-        for rate in (*SLOPE_RATES, max(last, FAR_RATES[0])):
+        for rate in (*SLOPE_RATES, PULLED, max(last, FAR_RATES[0])):
             wrong = _over_depth(trial, offset, rate, impact_speed)
             if wrong:
                 return f"{trial.where(offset, rate, impact_speed)} that over the depth is {wrong}"
@@ -309,15 +310,13 @@ def _slopes(trial: Trial) -> str:
 
 
 def _over_depth(trial: Trial, offset: float, rate: float, impact_speed: float) -> str:
-    """The slope over the depth and what it should be, if they are not the same; where the formula presses."""
+    """The slope over the depth and what it should be, if they are not the same."""
     ahead, behind = (1.0 + STEP) * offset, (1.0 - STEP) * offset
     width = (trial.begin + ahead) - (trial.begin + behind)
     if width < RESOLVED * math.ulp(trial.begin + offset):
         return ""
     there, slope, damping = trial.at(offset, rate, impact_speed)
     before, after = (trial.ask(at, rate, impact_speed)[0] for at in (behind, ahead))
-    if min(before, there, after) < 0.0:
-        return ""
     true = (after - before) / width
     rounding = 8.0 * EPSILON * (abs(there) + 2.0 * abs(damping * rate)) / width
     if abs(slope - true) <= TRUE * abs(true) + rounding:

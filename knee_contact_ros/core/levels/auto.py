@@ -19,6 +19,9 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import Advance, Progress, Scene
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT
 
+DESCEND = 0.5
+"""Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
+
 
 class Auto(NamedTuple):
     """The level as a part of a scene."""
@@ -37,23 +40,24 @@ def auto_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> 
         return dynamic_tick(scene, interval, start, spent)
     if quasi_static_leaves_out(scene, interval, start) <= scene.tolerance:
         advance = quasi_static_tick(scene, interval, start, spent)
-        if meets(scene, advance):
+        if meets(scene, start, advance):
             return advance
         spent = advance.evaluations
     if dynamic_is_stiff(scene, interval, start) and first_order_leaves_out(scene, start) <= scene.tolerance:
         advance = first_order_tick(scene, interval, start, spent)
-        if advance.converged and meets(scene, advance):
+        if advance.converged and meets(scene, start, advance):
             return advance
         spent = advance.evaluations
     return dynamic_tick(scene, interval, start, spent)
 
 
 @in_kernel
-def meets(scene: Scene, advance: Advance) -> bool:
-    """Whether an answer keeps the tolerances."""
-    if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= scene.force_tolerance:
+def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
+    """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's."""
+    share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
+    if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
         return False
-    return advance.error_estimate <= scene.tolerance
+    return advance.error_estimate <= share * scene.tolerance
 
 
 @in_kernel
