@@ -28,7 +28,7 @@ ANSWER = TOLD + 3
 """Numbers of an answer, in the order of `write_answer`"""
 PLACING = slice(TOLD, ANSWER)
 """Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
-NOT_CONVERGED = int(Status.NOT_CONVERGED)
+NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 
 
 @in_kernel
@@ -151,7 +151,8 @@ def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, 
     answer[10], answer[11] = depth - bone, bone
     answer[12] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     answer[13] = advance.progress.fidelity
-    answer[14] = 0 if is_exact_enough(scene, advance) else NOT_CONVERGED
+    missed, absurd = not is_exact_enough(scene, advance), depth > scene.plausible_depth
+    answer[14] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if absurd else 0)
     answer[15], answer[16] = advance.error_estimate, advance.force_error_estimate
     answer[17] = advance.evaluations
     answer[18] = x
