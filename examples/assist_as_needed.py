@@ -41,6 +41,7 @@ UNTRUSTED = {
     KneeContact.TIME_RESET: "the stamps went back",
     KneeContact.INPUT_HELD: "the flexion angle was held",
     KneeContact.NOT_CONVERGED: "the model did not meet its tolerance",
+    KneeContact.IMPLAUSIBLE: "the depth makes no sense",
 }
 """Status bits of an answer that must not drive a torque. One refused sample (INPUT_REJECTED) is no reason: if all are
 refused, no answers come, and the time-out sees that."""

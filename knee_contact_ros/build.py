@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.curves import read_profile, read_translation
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, Tibia, Translation, load_parameters
+from knee_contact_ros.plausibility import doubts_about
 
 NO_CURVES: Mapping[str, str] = {}
 
@@ -35,12 +37,21 @@ def load_model(
 
     With `compiled`, runs and streams use the compiled kernel: the same bits some hundred times quicker, after seconds
     of compiling or, if this machine has compiled this kind of scene before, a second of loading. `curves` gives the
-    contents of files that parameters name, by parameter, in place of the files.
+    contents of files that parameters name, by parameter, in place of the files. What makes no sense in the parameters
+    (a stiffness or a body weight that must be meant in other units) is warned of.
 
     Raises:
         UsageError: see `load_parameters`; also a profile or a table that cannot be used.
     """
     parameters = load_parameters(source)
+    model = build_model(parameters, compiled=compiled, curves=curves)
+    for doubt in doubts_about(parameters, model).about_parameters:
+        warnings.warn(doubt, stacklevel=2)
+    return model
+
+
+def build_model(parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] = NO_CURVES) -> KneeModel:
+    """The same without a warning."""
     law = contact_law(parameters.contact)
     model = KneeModel(
         pair=contact_pair(femoral_geometry(parameters.femur, curves), parameters.tibia, curves),

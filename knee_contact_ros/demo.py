@@ -32,6 +32,7 @@ from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.plausibility import Doubts
 from knee_contact_ros.processes import PATIENCE, Child, child_process
 from knee_contact_ros.resources import share_folder
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
@@ -40,7 +41,7 @@ from knee_contact_ros.stream_in.player import Player
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
-from knee_contact_ros.terminal import progress, show_summary
+from knee_contact_ros.terminal import progress, show_summary, warn
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.work_folder import replace, work_folder
 
@@ -104,7 +105,7 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
             companion has failed.
     """
     parameters = load_parameters(parameter_files)
-    check_before(bag, parameters)
+    doubts = check_before(bag, parameters)
     with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         listener = Listener()
@@ -118,14 +119,17 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
                     process.check()
 
             play(reader, rate, listener, all_are_alive, companion)
-        summary = read_summary(work / RECORDING.parent, parameters.body_weight)
+        summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
         for result in (RECORDING.parent, RERUN_FILE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
     show_summary(summary, live_rows(listener, summary), result_files(output, companion))
+    warn(summary.doubts.sentences)
 
 
-def check_before(bag: Path, parameters: Parameters) -> None:
+def check_before(bag: Path, parameters: Parameters) -> Doubts:
     """Tell what the node could only refuse: a bad profile, a bag without topics, a joint that is not there.
+
+    Returns what makes no sense in the parameters.
 
     Raises:
         UsageError: one of these.
@@ -137,6 +141,7 @@ def check_before(bag: Path, parameters: Parameters) -> None:
         angle_sample(pipeline.decoder.joint_state(angle), pipeline.parameters.knee, pipeline.model.height_prescribed)
     except RefusedSampleError as refused:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
+    return pipeline.doubts
 
 
 def play(

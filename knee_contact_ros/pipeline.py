@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from knee_contact_ros.answer import Answer, Ending, Input
-from knee_contact_ros.build import NO_CURVES, load_model, retuned
+from knee_contact_ros.build import NO_CURVES, build_model, retuned
 from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
 from knee_contact_ros.compartments import BY_MOMENT, Split
 from knee_contact_ros.core.model import as_contact
 from knee_contact_ros.core.ticks import PLACING
 from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.plausibility import doubts_about
 from knee_contact_ros.stream_in.decode import Decoder, Deserialize
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.synchronise import TIME_RESET, PairedSample, Synchroniser
@@ -32,7 +33,9 @@ class Pipeline:
     ) -> None:
         """Build the model; see `load_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
         self.parameters = parameters
-        self.model = load_model(parameters, compiled=compiled, curves=curves)
+        self.model = build_model(parameters, compiled=compiled, curves=curves)
+        self.doubts = doubts_about(parameters, self.model)
+        """What makes no sense: in the parameters, and in the answers that are told to it"""
         self.decoder = Decoder(deserialize)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()
@@ -117,6 +120,7 @@ class Pipeline:
         self.parameters = parameters
         self.model = retuned(self.model, parameters)
         self.stream.go_on_with(self.model)
+        self.doubts.go_on_with(doubts_about(parameters, self.model))
 
     def reset(self) -> None:
         """Start anew from rest at the next tick, which says so (`TIME_RESET`)."""

@@ -71,6 +71,9 @@ class Session:
             )
         }
         self.ticks = TickMeter()
+        self._too_deep_before = 0
+        for doubt in self.pipeline.doubts.about_parameters:
+            node.get_logger().warning(doubt)
         self.lag = LagMeter(0.0)
         self._missed_before = 0
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
@@ -125,7 +128,11 @@ class Session:
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Go on with parameters of which some have changed."""
         self.parameters = parameters
+        known = self.pipeline.doubts.about_parameters
         self.pipeline.retune(parameters)
+        for doubt in self.pipeline.doubts.about_parameters:
+            if doubt not in known:
+                self.node.get_logger().warning(doubt)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
 
     def close(self) -> None:
@@ -197,6 +204,8 @@ class Session:
             self.outputs.put(answer)
             late = latency + self.lag.now > self.parameters.deadline
             self.ticks.count(answer.contact, end - begin, late)
+            contact = answer.contact
+            pipeline.doubts.add(answer.stamp, contact.load, contact.penetration_depth, contact.status)
         if not pipeline.synchroniser.waiting:
             self._waiting_since = None
         elif self._waiting_since is None:
@@ -219,7 +228,7 @@ class Session:
         entries += [
             diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
             self._tick_status(),
-            *self._split_status(),
+            self._load_status(),
         ]
         entries += [
             diagnostic_status(f"{self._name}: {name}", values, failure) for name, values, failure in self.outputs.said()
@@ -239,21 +248,29 @@ class Session:
         }
         return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
 
-    def _split_status(self) -> list[Any]:
-        """What there is to say of the load's split, where the frontal moment decides; an unusable one is logged too."""
-        if self.parameters.load.compartment not in BY_MOMENT:
-            return []
-        split = self.pipeline.split
-        if split.problem:
-            self.node.get_logger().warning(split.problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
-        values = {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
-        return [diagnostic_status(f"{self._name}: load", values, split.problem)]
+    def _load_status(self) -> Any:
+        """What there is to say of the load, and of its split where the frontal moment decides; problems are logged."""
+        doubts, values = self.pipeline.doubts, {}
+        problem = doubts.about_load
+        if doubts.ticks:
+            values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
+        if self.parameters.load.compartment in BY_MOMENT:
+            split = self.pipeline.split
+            values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
+            problem = problem or split.problem
+        if problem:
+            self.node.get_logger().warning(problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
+        return diagnostic_status(f"{self._name}: load", values, problem)
 
     def _tick_status(self) -> Any:
         """What there is to say of the ticks; a node that falls behind is logged too."""
         missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
         self._missed_before = self.ticks.missed
         problem = f"{missed} answers came later than the deadline" if missed else ""
+        doubts = self.pipeline.doubts
+        if doubts.too_deep > self._too_deep_before:
+            self._too_deep_before, problem = doubts.too_deep, doubts.about_depth
+            self.node.get_logger().warning(problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
         if lag > self.parameters.deadline:
             problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
             self.node.get_logger().warning(problem, throttle_duration_sec=REFUSAL_LOG_PERIOD)

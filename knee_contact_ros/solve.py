@@ -61,7 +61,7 @@ def solve(
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
-        summary = Summary(parameters.body_weight)
+        summary = Summary(parameters.body_weight, pipeline.doubts)
         run, done = Run(pipeline, recorder, summary, changes), 0
         for block in blocks(reader.raw_messages()):
             run.take(block)

@@ -16,6 +16,7 @@ from knee_contact_ros.compartments import Split
 from knee_contact_ros.core.types import COLUMN, Contact, Fidelity, Status
 from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.plausibility import Doubts
 from knee_contact_ros.record import REFUSED_SAMPLES
 from knee_contact_ros.stream_in.answers import answer_blocks
 
@@ -51,6 +52,8 @@ class Summary:
 
     body_weight: float
     """[N]"""
+    doubts: Doubts = field(default_factory=Doubts)
+    """What makes no sense"""
     ticks: int = 0
     flagged: Counter[str] = field(default_factory=Counter)
     """Ticks per status bit"""
@@ -80,6 +83,7 @@ class Summary:
             self.first_stamp = stamp
         self.last_stamp = stamp
         self.ticks += 1
+        self.doubts.add(stamp, contact.load, contact.penetration_depth, contact.status)
         self.evaluations += contact.evaluations
         self.levels[Fidelity(contact.fidelity).name.lower()] += 1
         self.largest_error = max(self.largest_error, bound(contact.error_estimate))
@@ -109,6 +113,7 @@ class Summary:
             if name not in self.peaks or value > self.peaks[name].value:
                 self.peaks[name] = Peak(value, int(stamps[index]))
         flags = numbers[:, COLUMN["status"]].astype(np.int64) | status
+        self.doubts.add_all(stamps, numbers[:, COLUMN["load"]], numbers[:, COLUMN["penetration_depth"]], flags)
         for bit in Status:
             if count := int(np.count_nonzero(flags & bit)):
                 self.flagged[bit.name or ""] += count
@@ -124,9 +129,12 @@ def bound(errors: float | NDArray[np.float64]) -> float:
     return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
 
 
-def read_summary(recording: Path, body_weight: float) -> Summary:
-    """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N."""
-    summary = Summary(body_weight)
+def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = None) -> Summary:
+    """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N.
+
+    `doubts` are those about its parameters, if they are known.
+    """
+    summary = Summary(body_weight, doubts or Doubts())
     rows: list[LoadPeak] = []
     for answers in answer_blocks(recording):
         summary.add_all(answers.stamps, np.column_stack(answers[1:]), np.zeros_like(answers.stamps))

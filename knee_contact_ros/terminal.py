@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
+import click
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -78,10 +79,18 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_row("error estimate", f"{error_of_depth(summary)} of depth at most, {error_of_force(summary)} of force")
     figures.add_row("levels", _shares(summary.levels))
     figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
+    for sentence in summary.doubts.sentences:
+        figures.add_row("warning", escape(sentence))
     console.print(figures)
     console.print()
     for name, path in files.items():
         console.print(f"{name}: {path}", soft_wrap=True, highlight=False, markup=False)
+
+
+def warn(sentences: Iterable[str]) -> None:
+    """Say what makes no sense, a line each, beside what is printed."""
+    for sentence in sentences:
+        click.echo(f"knee-contact: warning: {sentence}", err=True)
 
 
 def error_of_depth(summary: Summary) -> str:

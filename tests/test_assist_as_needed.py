@@ -117,7 +117,9 @@ def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
     assert torques(law, 9.0, LOW, LOW) == pytest.approx([2.0, 2.1], abs=ROUNDING)  # 7 s late: a rise of 0.1 s at most
 
 
-@pytest.mark.parametrize("bit", [Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_HELD, Status.NOT_CONVERGED])
+@pytest.mark.parametrize(
+    "bit", [Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_HELD, Status.NOT_CONVERGED, Status.IMPLAUSIBLE]
+)
 def test_flagged_answers_are_no_base_for_a_torque(bit: Status) -> None:
     law = law_at_nominal()
     law.hear(1.005, LOW, bit | Status.INPUT_REJECTED, 0.0)

@@ -56,7 +56,7 @@ def solve(
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.stream_in.names import names_in_bag
     from knee_contact_ros.subject import Subject
-    from knee_contact_ros.terminal import progress, show_summary
+    from knee_contact_ros.terminal import progress, show_summary, warn
 
     person = Subject(subject) if subject else None
     bag = bag or (person.bag if person else None)
@@ -74,8 +74,7 @@ def solve(
     source = f"those in {bag.name}, made with {stored.package}" if stored else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
-    if summary.split and summary.split.problem:
-        click.echo(f"knee-contact: warning: {summary.split.problem}", err=True)
+    warn([*summary.doubts.sentences, *([summary.split.problem] if summary.split and summary.split.problem else [])])
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
 

@@ -16,6 +16,7 @@ from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
 from knee_contact_ros.core.levels import PrescribedHeight
 from knee_contact_ros.core.levels.auto import Auto
 from knee_contact_ros.core.mechanisms.base import Mechanism
+from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Level, Scene
 from knee_contact_ros.core.types import COLUMN, Contact, Point
@@ -84,13 +85,22 @@ class KneeModel:
     kernel: Kernel = PLAIN
     """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
 
+    femoral_radius: float = field(init=False)
+    """Of the circle that fits the femoral surface [m]"""
+
     def __post_init__(self) -> None:
-        """Try the contact law out.
+        """Try the contact law out, and measure the femur.
 
         Raises:
             ValueError: it breaks the contract of `ContactLaw`.
         """
         contract.check(self.regions.law)
+        object.__setattr__(self, "femoral_radius", radius_of(self.pair.femur))
+
+    @property
+    def plausible_depth(self) -> float:
+        """Depth [m] beyond which an answer is `IMPLAUSIBLE`."""
+        return plausible_depth(self.regions.law, self.femoral_radius)
 
     @property
     def cartilage_thickness(self) -> float:
@@ -104,7 +114,7 @@ class KneeModel:
         level = PrescribedHeight() if self.height_prescribed else self.level
         return Scene(
             self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.force_tolerance, self.budget,
-            level,
+            level, self.plausible_depth,
         )  # fmt: skip
 
     def stream(self) -> Stream:

@@ -43,6 +43,8 @@ class Scene(NamedTuple):
     """Contact law evaluations a tick may cost; 0: no limit"""
     level: Level
     """The equations that a tick solves"""
+    plausible_depth: float = math.inf
+    """[m] beyond which a depth makes no sense"""
 
 
 class Progress(NamedTuple):

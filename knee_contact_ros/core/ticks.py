@@ -41,7 +41,7 @@ ANSWER = TOLD + 3
 """Numbers of an answer, in the order of `write_answer`"""
 PLACING = slice(TOLD, ANSWER)
 """Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
-NOT_CONVERGED = int(Status.NOT_CONVERGED)
+NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 LARGEST_FORCE_ERROR = 1e12
 """[N]"""
 NEARLY_STRAIGHT = 0.05
@@ -188,7 +188,8 @@ def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, 
     answer[10], answer[11] = depth - bone, bone
     answer[12] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     answer[13] = advance.fidelity
-    answer[14] = 0 if advance.converged and is_exact_enough(scene, error, force_error) else NOT_CONVERGED
+    missed = not (advance.converged and is_exact_enough(scene, error, force_error))
+    answer[14] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if depth > scene.plausible_depth else 0)
     # Not a number is no estimate: it is published as the largest error.
     answer[15] = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
     answer[16] = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR

@@ -39,6 +39,8 @@ class Status(IntFlag):
     """A tolerance was not met; `error_estimate` and `force_error_estimate` say by how much."""
     INPUT_REJECTED = 16
     """A sample was refused since the last tick."""
+    IMPLAUSIBLE = 32
+    """The depth makes no sense: see `plausible_depth.py`."""
 
 
 class Point(NamedTuple):

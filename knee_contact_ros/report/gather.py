@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.plausibility import Doubts
 from knee_contact_ros.report.cycles import COLUMNS, Cycle, Mean, curves, measured
 from knee_contact_ros.report.totals import Course, Totals
 from knee_contact_ros.stream_in.answers import Answers
@@ -41,10 +42,10 @@ class Moment(NamedTuple):
 class Gathered:
     """All that a report says of a run."""
 
-    def __init__(self, body_weight: float) -> None:
-        """`body_weight` is in N."""
+    def __init__(self, body_weight: float, doubts: Doubts | None = None) -> None:
+        """`body_weight` is in N; `doubts` are those about the run's parameters."""
         self.body_weight = body_weight
-        self.totals, self.course, self.mean = Totals(), Course(len(COLUMNS)), Mean()
+        self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
         self.moments: list[Moment] = []
         self.cycles: list[Cycle] = []
         self.strikes = 0

@@ -31,6 +31,7 @@ def page(runs: Sequence[Run], cycle_figures: Sequence[Figure], time_figures: Seq
         lead=lead(runs),
         loads="; ".join(dict.fromkeys(which_load(run.parameters) for run in runs)),
         version=__version__,
+        doubts=[(run.label, sentence) for run in runs for sentence in run.gathered.totals.doubts.sentences],
         overview=words.run_table(runs),
         cycles=words.cycle_table(cyclic),
         cycle_figures=cycle_figures,

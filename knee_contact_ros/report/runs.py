@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 import struct
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 
 from knee_contact_ros import __version__
+from knee_contact_ros.build import NO_CURVES, build_model
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.plausibility import Doubts, doubts_about
 from knee_contact_ros.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
 from knee_contact_ros.report.gather import Gathered
 from knee_contact_ros.solve import solve
@@ -117,7 +119,8 @@ def _recorded(path: Path, topic: str, label: str, asked: Asked, say: Callable[[s
     else:
         parameters = load_parameters(list(asked.parameters))
         origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
-    gathered = _gathered(path, topic, parameters, say(f"Reading {path.name}"))
+    doubts = _doubts(parameters, provenance.curves if provenance else NO_CURVES)
+    gathered = _gathered(path, topic, parameters, doubts, say(f"Reading {path.name}"))
     return Run(label, label, path, topic, parameters, origin, _refused(path), (), None, gathered)
 
 
@@ -174,13 +177,23 @@ def _refused(path: Path) -> Counter[str]:
 def _computed(path: Path, how: Parameters | Provenance, names: Names, work: Path, say: Callable[[str], Advance]) -> Run:
     recording, parameters = work / "solved.mcap", how.parameters if isinstance(how, Provenance) else how
     summary = solve(path, how, recording, say(f"Solving {path.name}"), overwrite=True, names=names)
-    gathered = _gathered(recording, OWN_TOPIC, parameters, say(f"Reading what {path.name} gave"))
+    doubts = Doubts()
+    doubts.go_on_with(summary.doubts)
+    gathered = _gathered(recording, OWN_TOPIC, parameters, doubts, say(f"Reading what {path.name} gave"))
     recording.unlink()
     return Run("", "", path, OWN_TOPIC, parameters, "", summary.refused, tuple(summary.damage), None, gathered)
 
 
-def _gathered(path: Path, topic: str, parameters: Parameters, advance: Advance) -> Gathered:
-    gathered = Gathered(parameters.body_weight)
+def _doubts(parameters: Parameters, curves: Mapping[str, str]) -> Doubts:
+    """What makes no sense in a recording's parameters, as far as the files that they name are at hand."""
+    try:
+        return doubts_about(parameters, build_model(parameters, curves=curves))
+    except UsageError:
+        return Doubts()
+
+
+def _gathered(path: Path, topic: str, parameters: Parameters, doubts: Doubts, advance: Advance) -> Gathered:
+    gathered = Gathered(parameters.body_weight, doubts)
     for block in answer_blocks(path, topic, advance):
         gathered.add(block)
     return gathered.finish()

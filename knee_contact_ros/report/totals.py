@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.plausibility import Doubts
 from knee_contact_ros.stream_in.answers import Answers
 from knee_contact_ros.summary import bound
 
@@ -50,7 +51,9 @@ class Errors:
 class Totals:
     """Counts and extremes of answers."""
 
-    def __init__(self) -> None:
+    def __init__(self, doubts: Doubts) -> None:
+        """`doubts` are those about the run's parameters; what makes no sense in the answers is added."""
+        self.doubts = doubts
         self.ticks = 0
         self.first_stamp = self.last_stamp = 0
         """[ns]"""
@@ -83,6 +86,7 @@ class Totals:
         for level, count in zip(*np.unique(answers.fidelity, return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
         status = answers.status.astype(np.int64)
+        self.doubts.add_all(answers.stamps, answers.load, answers.penetration_depth, status)
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.build import load_model
+from knee_contact_ros.build import build_model
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.drawing import Drawing, Shown, drawing_of
@@ -98,7 +98,7 @@ def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> Recorded
     provenance = read_provenance(path)
     if provenance:
         parameters = provenance.parameters
-    model = load_model(parameters, curves=curve_texts(parameters, provenance.curves if provenance else {}))
+    model = build_model(parameters, curves=curve_texts(parameters, provenance.curves if provenance else {}))
     changes = provenance.changes if provenance else ()
     return RecordedKnee(
         path, topic, model, drawing_of(model, name, parameters.body_weight), changes, provenance is not None

@@ -245,6 +245,7 @@ twice = SpringAndDashpot(0.0, 0.0, K, 1.5, 0.0)
          "layers: one begins at 0.0001 m, and the one before at 0.0005 m"),
         (ContactLaw((Layer(0.0, hertz_formula), Layer(0.0, hertz_formula))), "layers: one begins at 0 m"),
         (ContactLaw((Layer(0.0, hertz_formula), Layer(math.inf, hertz_formula))), "layers: one begins at inf m"),
+        (ContactLaw((Layer(0.0, hertz_formula),), 0.0), "layers: the thickness is 0 m; allowed is > 0"),
         (ContactLaw((Layer(0.0, hertz_formula), Layer(H, twice))),
          "layers: their formulas are of several types, HertzFormula and SpringAndDashpot; allowed is one"),
         (ContactLaw((Layer(0.0, Own(good)), Layer(H, Own(good, True)))), "layers: remembers_impact is true in some"),

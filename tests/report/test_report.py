@@ -367,6 +367,23 @@ def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, numbe
     assert not output.exists()
 
 
+def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], both: Path, tmp_path: Path) -> None:
+    """Solved for the report, and as a recording says it itself."""
+    assert "What makes no sense" not in page_of(both)
+    recording = tmp_path / "knee.mcap"
+    solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording, silent)
+    pulled = make_bag(tmp_path / "pulled.mcap", [(i * 10_000_000, 0.1, -800.0) for i in range(121)])
+    assert main(["report", str(recording), str(pulled), "--output", str(tmp_path / "out")]) == 0
+    check_html(page_of(tmp_path / "out"))
+    told = text_of(page_of(tmp_path / "out")).partition("What makes no sense.")[2].partition("Overview")[0]
+    for words in (
+        "knee: contact.stiffness 2500 N/m^1.5 gives 279 mm of depth under 368.5 N",
+        "knee: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of the femoral radius",
+        "pulled: the load was negative throughout (-400 to -400 N)",
+    ):
+        assert told.count(words) == 1
+
+
 @pytest.mark.parametrize("ticks", [1, 2, 3])
 def test_a_few_ticks_are_a_report(tmp_path: Path, ticks: int) -> None:
     bag = make_bag(tmp_path / "few.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(ticks)])

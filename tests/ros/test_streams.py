@@ -192,6 +192,34 @@ def test_a_node_that_cannot_be_activated_ends(start_node: Start, tmp_path: Path)
     assert "could not be activated" in output.splitlines()[-1]
 
 
+def test_what_makes_no_sense_is_told(peer: Peer, start_node: Start) -> None:
+    """A stiffness in N/mm^1.5: in the log, in /diagnostics and in the ticks' status."""
+    node = start_node("-p", "contact.stiffness:=2500")
+    peer.wait_for_node()
+    for i in range(10):
+        peer.send(i * 10 * MILLISECOND, 0.2, 800.0)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    assert all(contact.status & Status.IMPLAUSIBLE for contact in peer.contacts)
+    peer.wait_until(lambda: "10 of 10 ticks are up to 295 mm deep" in peer.problems.get("knee_contact: ticks", ""))
+    assert set_parameters(peer, {"contact.stiffness": 2400.0}) == (True, "")
+    peer.wait_until(lambda: peer.problems["knee_contact: ticks"] == "ok")  # in a second without ticks
+    _, said = node.stop()
+    for words in ("contact.stiffness 2500 N/m^1.5 gives", "contact.stiffness 2400 N/m^1.5 gives", "(IMPLAUSIBLE)"):
+        assert ["WARN" in line for line in said.splitlines() if words in line] == [True], words
+
+
+def test_a_load_of_the_other_sign_is_told(peer: Peer, start_node: Start) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    for i in range(121):
+        peer.send(i * 10 * MILLISECOND, 0.2, -800.0)
+    words = "the load was negative throughout (-400 to -400 N): compression is force.y < 0 in joint_reaction_force"
+    peer.wait_until(lambda: peer.problems.get("knee_contact: load", "").startswith(words))
+    assert peer.diagnostics["knee_contact: load"] == {"from [N]": "-400.0", "to [N]": "-400.0"}
+    peer.spin(2.5)  # two reports more
+    assert node.stop()[1].count(words) == 1
+
+
 def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
     """By the frontal moment: 25 N m between compartments 40 mm apart move 625 N from one to the other."""
     node = start_node("-p", "load.compartment:=moment_balance")
@@ -206,6 +234,7 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
     assert [contact.load for contact in peer.contacts] == [450.0, 450.0 + 625.0, 450.0 - 625.0]
     peer.wait_until(lambda: peer.problems.get("knee_contact: load"))
     assert peer.diagnostics["knee_contact: load"] == {
-        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1"
+        "from [N]": "-175.0", "to [N]": "1075.0",
+        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1",
     }  # fmt: skip
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()[1]

@@ -48,7 +48,7 @@ class ContactLaw(NamedTuple):
     clause; each name is that of its message.
 
     layers: The first layer begins at 0 m, each other one deeper than the one before. All formulas are of one type (the
-        kernel is compiled for it), and all or none of them remember the impact.
+        kernel is compiled for it), and all or none of them remember the impact. The thickness is > 0.
     finite: Force and slopes are finite numbers at every depth from -10 m to 1e9 m, rate up to ±1e4 m/s and impact speed
         from -1 m/s (rounding) to 1e4 m/s: integrators, and the search for the depth at rest, try out far more than a
         knee does.
@@ -74,6 +74,8 @@ class ContactLaw(NamedTuple):
 
     layers: tuple[Layer, ...]
     """In the order of depth"""
+    thickness: float = math.inf
+    """[m] of what the law models: no depth beyond it makes sense; infinite if the law does not say"""
 
     def static_force(self, depth: float) -> float:
         """Force [N] at rest at a depth [m]; 0 when apart."""

@@ -169,6 +169,8 @@ def _layers(law: ContactLaw) -> str:
     for before, begin in itertools.pairwise(begins):
         if not before < begin < math.inf:
             return f"one begins at {begin:g} m, and the one before at {before:g} m; they must go deeper one by one"
+    if not law.thickness > 0.0:
+        return f"the thickness is {law.thickness:g} m; allowed is > 0"
     types = {type(layer.formula).__name__ for layer in law.layers}
     if len({type(layer.formula) for layer in law.layers}) > 1:
         return f"their formulas are of several types, {' and '.join(sorted(types))}; allowed is one"

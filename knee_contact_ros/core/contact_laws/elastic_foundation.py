@@ -41,4 +41,5 @@ def elastic_foundation(
     """
     modulus = youngs_modulus * (1.0 - poissons_ratio) / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
     radius = relative_radius(femoral_radius, tibial_radius)
-    return hertz(stiffness=math.pi * modulus / foundation_thickness * radius, exponent=2.0)
+    bed = hertz(stiffness=math.pi * modulus / foundation_thickness * radius, exponent=2.0)
+    return ContactLaw(bed.layers, foundation_thickness)

@@ -93,11 +93,10 @@ class Profile(_Profile):
     def outline(self, points_per_segment: int = 4) -> Floats:
         """Points along the curve, shape (n, 2) [m], for drawing."""
         part = np.linspace(0.0, 1.0, points_per_segment, endpoint=False)
-        strips = [
-            np.stack([np.polyval(axis[::-1], part * segment.length) for axis in (segment.x, segment.y)], axis=1)
-            for segment in self.segments
-        ]
-        return np.concatenate(strips)
+        length, _, *coefficients = self.curve.cubics.T[:, :, None]
+        u = part * length
+        axes = [c0 + u * (c1 + u * (c2 + u * c3)) for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])]
+        return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
 def _reach(cubics: Floats) -> float:

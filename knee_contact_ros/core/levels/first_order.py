@@ -100,8 +100,9 @@ def without_mass(scene: Scene) -> Scene:
     """The same scene with a mass of 0, where the contact always exerts what the load asks for."""
     regions = Regions(scene.regions.law, True)
     return Scene(
-        scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level
-    )
+        scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level,
+        scene.plausible_depth,
+    )  # fmt: skip
 
 
 @in_kernel
