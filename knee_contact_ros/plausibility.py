@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.statics import static_depth
+from knee_contact_ros.core.statics import NO_LIMIT, static_depth
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.parameters import ContactParameters, Parameters
 

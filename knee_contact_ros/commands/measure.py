@@ -24,7 +24,13 @@ import click
     metavar="NAME",
     help="Name or its beginning, as SciPy; can be given several times. [default: all that are installed]",
 )
-@click.option("--repeat", type=click.IntRange(1, 100), default=3, show_default=True, help="Repetitions of short runs.")
+@click.option(
+    "--repeat",
+    type=click.IntRange(1, 100),
+    default=5,
+    show_default=True,
+    help="In how many turns runs are timed; those that take long in fewer, but two.",
+)
 def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], repeat: int) -> None:
     """Measure what precision costs.
 

@@ -22,6 +22,13 @@ def describe(distributions: Iterable[str]) -> str:
     return ", ".join(parts)
 
 
+def business() -> str:
+    """How busy the machine has been in the last minute, where the system tells."""
+    if not hasattr(os, "getloadavg"):
+        return "load average unknown"
+    return f"load average before the start {os.getloadavg()[0]:.2f}"
+
+
 def installed_version(distribution: str) -> str:
     """The version of a distribution; empty if it is not installed."""
     try:

@@ -16,12 +16,16 @@ COLOURS = {
 """Okabe and Ito's: told apart by colour-blind readers"""
 MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
 OUR_STYLES = ("-", "--", ":", "-.")
+OUR_MARKERS = ("o", "s", "X", "*")
 ASKED = 1e-8
 """Error [m] that the tables go by"""
 MODES = {WHOLE: "whole run", STREAM: "every tick when its sample arrives"}
-KEY = "Lines: cheapest runs of\n(dots: all runs; dashed: 1e-8 m;\nbetter: lower left)"
-ERRORS = (3e-13, 1e-3)
-"""Ends of the error axis [m]"""
+KEY = (
+    "Lines: cheapest runs of\n(dots: all runs; dashed: 1e-8 m;\nbetter: lower left; triangle\nat an edge: the error "
+    "lies beyond)"
+)
+ERRORS = (3e-13, 0.1)
+"""Ends of the error axis [m]: rounding, and more than any knee that lands again is wrong by"""
 COLUMNS = 4
 
 
@@ -53,14 +57,13 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 def panel(axis: Any, rows: Sequence[Row], names: Sequence[str]) -> None:
     """One problem: every run a dot, and for each name the line of those that nothing of the same name beats."""
     for name in names:
-        mine = [row for row in rows if line_name(row) == name and row.error <= 10.0 * ERRORS[1]]
+        mine = [row for row in rows if line_name(row) == name]
         if not mine:
             continue
         style = style_of(name, names)
-        errors, costs = zip(*envelope(mine), strict=True)
-        dots = [(row.error, row.microseconds_per_tick) for row in mine]
-        axis.plot(*zip(*dots, strict=True), ".", markersize=3, alpha=0.4, color=style["color"], zorder=1)
+        errors, costs = zip(*[(within(error), cost) for error, cost in envelope(mine)], strict=True)
         axis.plot(errors, costs, label=name, **style)
+        scatter(axis, mine, style["color"])
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_xlim(*ERRORS)
@@ -69,6 +72,26 @@ def panel(axis: Any, rows: Sequence[Row], names: Sequence[str]) -> None:
     axis.set_axisbelow(True)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+
+
+def scatter(axis: Any, rows: Sequence[Row], colour: str) -> None:
+    """All runs: dots, and triangles at the edges for errors beyond them."""
+    for marker in (".", "<", ">"):
+        dots = [(within(row.error), row.microseconds_per_tick) for row in rows if marker_of(row.error) == marker]
+        if dots:
+            size, alpha = (3, 0.4) if marker == "." else (7, 0.8)
+            axis.plot(*zip(*dots, strict=True), marker, markersize=size, alpha=alpha, color=colour, zorder=1,
+                      clip_on=marker == ".")  # fmt: skip
+
+
+def marker_of(error: float) -> str:
+    """A dot, or a triangle that points to where an error [m] beyond the axis lies."""
+    return "<" if error < ERRORS[0] else ">" if error > ERRORS[1] else "."
+
+
+def within(error: float) -> float:
+    """An error [m] moved to the edge of the axis if it lies beyond."""
+    return min(max(error, ERRORS[0]), ERRORS[1])
 
 
 def key(place: Any, axes: Any, names: Sequence[str]) -> None:
@@ -83,8 +106,9 @@ def key(place: Any, axes: Any, names: Sequence[str]) -> None:
 def style_of(name: str, names: Sequence[str]) -> dict[str, Any]:
     """Ours black and bold."""
     if is_ours(name):
-        style = OUR_STYLES[[each for each in names if is_ours(each)].index(name) % len(OUR_STYLES)]
-        return {"color": "black", "linewidth": 3.0, "linestyle": style, "marker": "o", "markersize": 7, "zorder": 5}
+        number = [each for each in names if is_ours(each)].index(name) % len(OUR_STYLES)
+        return {"color": "black", "linewidth": 2.5, "linestyle": OUR_STYLES[number], "marker": OUR_MARKERS[number],
+                "markersize": 8, "zorder": 5}  # fmt: skip
     return {"color": COLOURS.get(name, "0.5"), "linewidth": 1.5, "marker": MARKERS.get(name, "x"), "markersize": 5,
             "zorder": 3}  # fmt: skip
 

@@ -37,6 +37,18 @@ class Scene(NamedTuple):
     mass: float
     femur: Femur
     stiff: bool = False
+    relative_tolerance: float = RTOL
+
+
+class Answers(NamedTuple):
+    """What the reference says at every tick, shape (n,) each."""
+
+    depth: NDArray[np.float64]
+    """Signed: penetration > 0, gap < 0 [m]"""
+    force: NDArray[np.float64]
+    """Of the contact, along its normal [N]"""
+    state: NDArray[np.float64]
+    """The first of the femur's two numbers: depth or height [m]"""
 
 
 class _Mode(NamedTuple):
@@ -65,10 +77,15 @@ class _Point(NamedTuple):
 
 def solve(scene: Scene) -> NDArray[np.float64]:
     """Signed depth [m] at every tick, shape (n,), from the static start under the first load."""
+    return answers(scene).depth
+
+
+def answers(scene: Scene) -> Answers:
+    """All that is known at every tick, from the static start under the first load."""
     depth = static_depth(scene)
     layer = sum(begin < depth for begin, _ in scene.layers) - 1
     point = _Point(0.0, scene.femur.start(depth, scene.angle[0]), _mode_in(scene.layers, layer, depth, 0.0, 0.0), 0.0)
-    depths = [depth]
+    found = [(depth, _force(scene.layers, point, depth, 0.0), point.state[0])]
     turn = 0.0
     for i in range(1, len(scene.time)):
         duration = scene.time[i] - scene.time[i - 1]
@@ -85,8 +102,14 @@ def solve(scene: Scene) -> NDArray[np.float64]:
             events += 1
             if events > MAX_EVENTS:
                 raise RuntimeError(f"more than {MAX_EVENTS} events in tick {i}")
-        depths.append(scene.femur.contact(point.state, scene.angle[i], turn)[0])
-    return np.array(depths)
+        depth, rate = scene.femur.contact(point.state, scene.angle[i], turn)
+        found.append((depth, _force(scene.layers, point, depth, rate), point.state[0]))
+    return Answers(*np.array(found).T)
+
+
+def _force(layers: Layers, point: _Point, depth: float, rate: float) -> float:
+    """Force of the contact [N] at a point with this depth [m] and rate [m/s]."""
+    return max(0.0, layers[point.mode.layer][1](depth, rate, point.impact)) if point.mode.pressing else 0.0
 
 
 def _turned(scene: Scene, point: _Point, tick: _Tick, before: float, first: bool) -> State:
@@ -115,7 +138,9 @@ def _piece(scene: Scene, tick: _Tick, end: float, start: _Point) -> _Point:
     events = _events(layers, mode, impact, contact)
     method = "Radau" if scene.stiff else "DOP853"
     span = (start.s, end)
-    solution = solve_ivp(motion, span, start.state, method=method, rtol=RTOL, atol=ATOL, events=list(events.values()))
+    solution = solve_ivp(
+        motion, span, start.state, method=method, rtol=scene.relative_tolerance, atol=ATOL, events=list(events.values())
+    )
     if not solution.success:
         raise RuntimeError(solution.message)
     s, z = float(solution.t[-1]), solution.y[:, -1]

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from knee_contact_ros.trade import frontier, targets
 from knee_contact_ros.trade.problems import Problem
 from knee_contact_ros.trade.solver import Solver
 from knee_contact_ros.trade.steadiness import Moment
 from knee_contact_ros.trade.study import STREAM, WHOLE, Row
+from knee_contact_ros.trade.timing import summed_up
 
 ASKED = 1e-8
 """Error [m] that the tables go by"""
@@ -20,13 +23,16 @@ LEVELS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Errors [m] of the frontiers"""
 TITLES = {WHOLE: "Whole run", STREAM: "Every tick when its sample arrives"}
 INTRODUCTION = """
-What precision costs, here and with what a user would take instead, in one run of the study. Times are of the run alone,
-without set-up, compilation and the building of models; the fastest of {repeat} repetitions where a run takes less than
-0.3 s. Read the ratios: times are of this machine and this run. The error is the largest difference of the signed depth
-(penetration, or gap) from the reference at any tick; the reference is DOP853 at 1e-12, split at every event of the law
-and at every tick (at 3e-14 it differs by 2e-12 m in the problem "impact", and by less than 2e-15 m elsewhere). Every
-solver starts at rest at the same static depth and goes from its coarsest setting to the first one with an error below
-1e-11 m or a run beyond 1 s.
+What precision costs, here and with what a user would take instead, in one run of the study. The error is the largest
+difference of the signed depth (penetration, or gap) from the reference at any tick; the reference is DOP853 at 1e-12,
+split at every event of the law and at every tick (at 3e-14 it differs by 2e-12 m in the problem "impact", and by less
+than 2e-15 m elsewhere). Every solver starts at rest at the same static depth and goes from its coarsest setting to the
+first one with an error below 1e-11 m or a run beyond 1 s.
+
+Times are processor time of the run alone, without set-up, compilation and the building of models, in a process that
+stays on one processor. All runs are timed in {repeat} turns, minutes apart, and a short run up to five times in each
+(runs of 0.25 s and more in fewer turns, but two); the fastest counts. Read the ratios: times are of this machine and
+this run. {noise}
 
 Functions that a tool takes from Python are in plain Python, as users write them. Where a tool's own contact is another
 law (linear in the depth in MuJoCo and Drake, not clamped in Exudyn, Hunt and Crossley's in OpenSim), it is not used:
@@ -60,6 +66,8 @@ class Study(NamedTuple):
     absent: Sequence[str]
     """A sentence for every peer that is not installed"""
     rows: Sequence[Row]
+    yardsticks: Sequence[float]
+    """Times of the same piece of work in every turn"""
     moments: Sequence[Moment]
     repeat: int
     command: str
@@ -70,7 +78,7 @@ def write_page(path: Path, study: Study) -> None:
     """The page."""
     problems, rows = [problem.name for problem in study.problems], study.rows
     parts = ["# Work and precision", f"Made by `{study.command}` on {study.machine}."]
-    parts += [INTRODUCTION.format(repeat=study.repeat).strip(), SEE]
+    parts += [INTRODUCTION.format(repeat=study.repeat, noise=noise(study)).strip(), SEE]
     parts += ["## Problems", table(("problem", "what happens"), [[each.name, each.about] for each in study.problems])]
     parts += ["## Solvers", table(("solvers", "the contact law"), laws(study.solvers)), *study.absent]
     if judgement := targets.judged(rows, problems):
@@ -96,6 +104,23 @@ def write_page(path: Path, study: Study) -> None:
     if failures:
         parts += ["## Failed runs", table(("problem", "solver", "run", "setting", "what happened"), failures)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def noise(study: Study) -> str:
+    """What the machine did to the times: the yardstick's turns, and how far those of the runs lie apart."""
+    yardsticks = summed_up(study.yardsticks)
+    said = (
+        f"The machine's noise: a fixed loop of plain Python, timed {yardsticks.turns} times in between, took up to "
+        f"{max(study.yardsticks) / yardsticks.least:.2f} times its least"
+    )
+    spreads = [row.spread_percent for row in study.rows if row.turns > 1]
+    if not spreads:
+        return f"{said}."
+    middle, most = np.percentile(spreads, [50, 90])
+    return (
+        f"{said}; from its fastest to its slowest turn, a run's time differs by {middle:.0f} % in the median, and by "
+        f"{most:.0f} % or less in nine of ten runs (`trade.csv`: `median_microseconds`, `spread_percent`, `turns`)."
+    )
 
 
 def power_of_ten(error: float) -> str:

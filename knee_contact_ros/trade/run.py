@@ -34,7 +34,7 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
         output: Folder for the files.
         problem_names: Problems to solve; none: all.
         solver_names: Solvers to run, by their names' beginnings, whatever the case; none: all that are installed.
-        repeat: Repetitions of short runs.
+        repeat: In how many turns runs are timed.
 
     Raises:
         UsageError: an unknown name, or something that the report needs is not installed.
@@ -46,8 +46,9 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
     candidates, absent = available()
     solvers = matching(candidates, solver_names)
     output.mkdir(parents=True, exist_ok=True)
+    measured_on = f"{machine.describe(('numpy', *(peer.distribution for peer in PEERS)))}; {machine.business()}"
     with progress("Measuring") as advance:
-        rows = study.measure(chosen, solvers, repeat, advance)
+        rows, yardsticks = study.measure(chosen, solvers, repeat, advance)
         levels = [
             level for level in ours.LEVELS if any(each.solver.name == ours.solver_name(level) for each in solvers)
         ]
@@ -56,9 +57,8 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
     plot.draw(rows, output / FILES[2])
     command = " ".join(["knee-contact trade", *(f'--problem "{name}"' for name in problem_names),
                         *(f'--solver "{name}"' for name in solver_names), f"--repeat {repeat}"])  # fmt: skip
-    measured_on = machine.describe(("numpy", *(peer.distribution for peer in PEERS)))
     solved_by = [each.solver for each in solvers]
-    page = report.Study(chosen, solved_by, absent, rows, moments, repeat, command, measured_on)
+    page = report.Study(chosen, solved_by, absent, rows, yardsticks, moments, repeat, command, measured_on)
     report.write_page(output / FILES[0], page)
     show(rows, chosen, absent, [output / name for name in FILES])
 

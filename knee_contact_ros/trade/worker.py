@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 from importlib import import_module
@@ -10,13 +11,12 @@ from typing import NamedTuple
 
 from knee_contact_ros.trade.problems import Problem
 from knee_contact_ros.trade.solver import Outcome, Setting, Solver
+from knee_contact_ros.trade.timing import runs_for
 
-QUICK = 0.3
-"""Seconds below which a run is repeated"""
 GRACE = 30.0
 """Seconds beyond the limit for the tool to be imported"""
-START = 120.0
-"""Seconds for the process to start"""
+START = 600.0
+"""Seconds for the process to start: on a busy machine imports take minutes"""
 READY = "ready"
 
 
@@ -29,7 +29,6 @@ class Task(NamedTuple):
     streamed: bool
     problem: Problem
     setting: Setting
-    repeat: int
 
 
 class FailedRunError(Exception):
@@ -102,6 +101,7 @@ def serve(connection: Connection) -> None:
     """Answer tasks with an outcome, or with what went wrong, until the other end is closed."""
     for stream in (1, 2):  # tools print as they like
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    pin()
     connection.send(READY)
     while True:
         try:
@@ -117,11 +117,22 @@ def serve(connection: Connection) -> None:
 
 
 def best(task: Task) -> Outcome:
-    """The fastest of some repetitions; a long run is not repeated."""
+    """The fastest of some runs, one after another; a long run is not repeated."""
     solver: Solver = next(each for each in import_module(task.driver).solvers() if each.name == task.solver)
     run = solver.stream if task.streamed else solver.whole
     assert run is not None  # noqa: S101 - for the type checker
-    outcome = run(task.problem, task.setting)
-    for _ in range(task.repeat - 1 if outcome.seconds < QUICK else 0):
-        outcome = min(outcome, run(task.problem, task.setting), key=lambda each: each.seconds)
+    gc.collect()
+    gc.disable()  # as `timeit` does: one run in many would pay for all
+    try:
+        outcome = run(task.problem, task.setting)
+        for _ in range(runs_for(outcome.seconds) - 1):
+            outcome = min(outcome, run(task.problem, task.setting), key=lambda each: each.seconds)
+    finally:
+        gc.enable()
     return outcome
+
+
+def pin() -> None:
+    """Stay on one processor, where the system lets a process choose."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

@@ -62,7 +62,7 @@ def test_the_reference_is_met(workers: dict[str, Worker], entry: Entry, streamed
     if run is None:
         pytest.skip("not this way")
     for problem, exact in zip(PARTS, EXACT, strict=True):
-        task = Task(entry.driver, solver.name, streamed, problem, fine_setting(solver), 1)
+        task = Task(entry.driver, solver.name, streamed, problem, fine_setting(solver))
         outcome = workers[solver.peer].run(task, 20.0)
         assert outcome.seconds > 0.0
         assert not outcome.note
@@ -98,13 +98,13 @@ def test_a_worker_says_what_a_tool_raised_or_ended_and_goes_on(monkeypatch: pyte
     problem = PARTS[0]
     try:
         with pytest.raises(FailedRunError, match="ZeroDivisionError"):
-            worker.run(Task("tests.trade.faulty", "raises", True, problem, TOLERANCE, 1), 20.0)
+            worker.run(Task("tests.trade.faulty", "raises", True, problem, TOLERANCE), 20.0)
         with pytest.raises(LostProcessError):
-            worker.run(Task("tests.trade.faulty", "ends", True, problem, TOLERANCE, 1), 20.0)
-        outcome = worker.run(Task("tests.trade.faulty", "answers", True, problem, TOLERANCE, 1), 20.0)
+            worker.run(Task("tests.trade.faulty", "ends", True, problem, TOLERANCE), 20.0)
+        outcome = worker.run(Task("tests.trade.faulty", "answers", True, problem, TOLERANCE), 20.0)
         assert outcome.depth.shape == problem.time.shape
         monkeypatch.setattr(worker_module, "GRACE", 0.0)
         with pytest.raises(GivenUpError, match=r"0\.5 s"):
-            worker.run(Task("tests.trade.faulty", "hangs", True, problem, TOLERANCE, 1), 0.5)
+            worker.run(Task("tests.trade.faulty", "hangs", True, problem, TOLERANCE), 0.5)
     finally:
         worker.stop()

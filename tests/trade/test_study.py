@@ -59,7 +59,7 @@ def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) 
     problem = small_problem()
     monkeypatch.setattr(study, "LIMIT", 2.0)
     monkeypatch.setattr(worker, "GRACE", 0.0)
-    rows = study.measure([problem], entries("tests.trade.faulty"), 1)
+    rows = study.measure([problem], entries("tests.trade.faulty"), 1).rows
     failures = {(each.solver, each.failure) for each in rows}
     assert ("raises", "ZeroDivisionError: ") in failures
     assert ("ends", "ended the process") in failures

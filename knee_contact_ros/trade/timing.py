@@ -1,0 +1,47 @@
+"""How often a run is timed, and what its times come to.
+
+A machine has phases of seconds to minutes in which everything takes half as long again: its other processors are busy,
+or the host of a virtual machine is. One look measures the phase, so all runs are timed in turns, minutes apart.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from typing import NamedTuple
+
+ENOUGH = 1.0
+"""Seconds of one run in all turns together, about, after which it is not timed again"""
+LEAST_TURNS = 2
+"""Of a run that takes longer than that, where more than one was asked for"""
+RUNS = 5
+"""Of a short run in one turn, one after another; the quickest counts"""
+SLICE = 0.05
+"""Seconds of such runs after which a turn ends"""
+
+
+class Times(NamedTuple):
+    """What the turns of a run come to."""
+
+    least: float
+    """In the units of the turns"""
+    median: float
+    spread_percent: float
+    """From the quickest to the slowest turn, as a part of the median"""
+    turns: int
+
+
+def turns_for(seconds: float, most: int) -> int:
+    """In how many turns a run of `seconds` is timed, `most` being asked for."""
+    return min(most, max(LEAST_TURNS, int(ENOUGH / seconds) if seconds > 0.0 else most))
+
+
+def runs_for(seconds: float) -> int:
+    """How many runs of `seconds` a turn has."""
+    return min(RUNS, max(1, int(SLICE / seconds))) if seconds > 0.0 else RUNS
+
+
+def summed_up(turns: Sequence[float]) -> Times:
+    """The times of all turns, at least one, in any unit."""
+    median = statistics.median(turns)
+    return Times(min(turns), median, 100.0 * (max(turns) - min(turns)) / median, len(turns))

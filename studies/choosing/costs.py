@@ -1,0 +1,54 @@
+"""What a tick costs: all combinations in turns, in one process on one processor."""
+
+from __future__ import annotations
+
+import gc
+import random
+from collections.abc import Callable, Hashable, Mapping
+from typing import TypeVar
+
+from knee_contact_ros.trade.solver import stopwatch
+from knee_contact_ros.trade.timing import Times, runs_for, summed_up
+
+Key = TypeVar("Key", bound=Hashable)
+SEED = 16
+"""Of the order within the turns"""
+
+
+def costs(
+    runs: Mapping[Key, Callable[[], object]], turns: int, advance: Callable[[int], None] = lambda _turn: None
+) -> dict[Key, Times]:
+    """Seconds of processor time of every run: in a turn, all runs in random order, the fastest of a few of each counts.
+
+    `advance` is told the number of every turn that is over.
+    """
+    for run in runs.values():
+        run()  # compiles
+    found: dict[Key, list[float]] = {key: [] for key in runs}
+    keys, order = list(runs), random.Random(SEED)  # noqa: S311 - no secret
+    for turn in range(turns):
+        order.shuffle(keys)
+        for key in keys:
+            found[key].append(fastest(runs[key]))
+        advance(turn + 1)
+    return {key: summed_up(times) for key, times in found.items()}
+
+
+def fastest(run: Callable[[], object]) -> float:
+    """Seconds of the fastest of some runs, one after another."""
+    gc.collect()
+    gc.disable()
+    try:
+        seconds = timed(run)
+        for _ in range(runs_for(seconds) - 1):
+            seconds = min(seconds, timed(run))
+    finally:
+        gc.enable()
+    return seconds
+
+
+def timed(run: Callable[[], object]) -> float:
+    """Seconds of one run."""
+    with stopwatch() as watch:
+        run()
+    return watch.seconds

@@ -1,0 +1,80 @@
+"""What the reference says, what the model says, and how far they lie apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.build import load_model
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.trade import reference
+from knee_contact_ros.trade.reference_laws import Layers, kelvin_voigt
+from studies.choosing.geometries import BASE, Geometry
+from studies.choosing.scenes import Floats, Scene
+
+COARSER = 100.0
+"""Times the reference's tolerance is that of a second solution, which tells the error of the first"""
+
+
+class Answer(NamedTuple):
+    """What a user reads of every tick, shape (n,) each."""
+
+    depth: Floats
+    """Signed: penetration > 0, gap < 0 [m]"""
+    force: Floats
+    """[N]"""
+    x: Floats
+    """Of the contact point on the plateau [m]"""
+
+
+class Apart(NamedTuple):
+    """How far two answers lie apart, at the worst tick."""
+
+    depth: float
+    """[m]"""
+    force: float
+    """[N]"""
+    x: float
+    """[m]"""
+
+
+def apart(one: Answer, other: Answer) -> Apart:
+    """The largest differences of any tick."""
+    return Apart(*(float(np.abs(a - b).max()) for a, b in zip(one, other, strict=True)))
+
+
+def exact(geometry: Geometry, scene: Scene, coarser: float = 1.0) -> Answer:
+    """The reference's answer: Eq. 13 with the surfaces of a geometry, by code that is not the model's."""
+    layers, mass = law_and_mass(BASE)
+    asked = reference.Scene(scene.time, scene.angle, scene.load, layers, mass, geometry.femur,
+                            relative_tolerance=coarser * geometry.relative_tolerance)  # fmt: skip
+    found = reference.answers(asked)
+    places = [geometry.contact_x(*each) for each in zip(scene.angle.tolist(), found.state.tolist(), strict=True)]
+    return Answer(found.depth, found.force, np.array(places))
+
+
+def law_and_mass(path: Path) -> tuple[Layers, float]:
+    """The reference's law with the numbers of a parameter file, and the mass [kg]."""
+    parameters = load_parameters(path)
+    contact = parameters.contact
+    return kelvin_voigt(contact.stiffness, contact.exponent, contact.damping), parameters.femur.mass
+
+
+def model_of(geometry: Geometry, level: str, tolerance: float, compiled: bool = True) -> KneeModel:
+    """The model with the surfaces of a geometry."""
+    parameters = load_parameters(list(geometry.files))
+    fidelity = parameters.fidelity.model_copy(update={"level": level, "tolerance": tolerance})
+    return load_model(parameters.model_copy(update={"fidelity": fidelity}), compiled=compiled)
+
+
+def run(model: KneeModel, scene: Scene) -> np.recarray[Any, Any]:
+    """The model's records."""
+    return model.run(scene.time, scene.angle, scene.load)
+
+
+def answer_of(series: np.recarray[Any, Any]) -> Answer:
+    """What a user reads of them."""
+    return Answer(series.penetration_depth - series.gap, series.contact_force, series.contact_point["x"])

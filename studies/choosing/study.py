@@ -1,0 +1,133 @@
+"""All of it: references, errors, costs and effects of the inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.trade.timing import Times
+from knee_contact_ros.trade.worker import pin
+from studies.choosing.costs import costs
+from studies.choosing.errors import COARSER, Answer, Apart, answer_of, apart, exact, model_of, run
+from studies.choosing.geometries import MRI_KNEE, Geometry, geometries
+from studies.choosing.inputs import Effect, effects
+from studies.choosing.scenes import Scene, scenes
+
+TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8)
+Say = Callable[[str], None]
+Key = tuple[str, str, float, str]
+"""Geometry, level, tolerance and scene"""
+
+
+class Row(NamedTuple):
+    """One geometry at one level and tolerance on one scene."""
+
+    geometry: str
+    level: str
+    tolerance: float
+    """[m]"""
+    scene: str
+    error: Apart
+    """Against the same geometry solved exactly"""
+    flagged: float
+    """Share of the ticks that say NOT_CONVERGED"""
+    wrong: int
+    """Ticks that do not say so, and whose depth is off by more than the tolerance"""
+    ticks: int
+    microseconds: float = math.nan
+    """Per tick: the median of all turns"""
+    spread_percent: float = math.nan
+    """From the fastest to the slowest turn, as a part of the median"""
+
+
+class Left(NamedTuple):
+    """What a geometry leaves out of a scene, and how well that is known."""
+
+    geometry: str
+    scene: str
+    error: Apart
+    """Of the exact solution, against that of the measured knee"""
+    own: Apart
+    """The reference's own error, at the most"""
+
+
+class Study(NamedTuple):
+    """What the page is about."""
+
+    scenes: list[Scene]
+    geometries: list[Geometry]
+    rows: list[Row]
+    left: list[Left]
+    effects: list[Effect]
+    turns: int
+
+
+def measure(turns: int, say: Say) -> Study:
+    """Everything; `say` is told what is done."""
+    pin()
+    all_scenes, all_geometries = scenes(), geometries()
+    answers: dict[tuple[str, str], Answer] = {}
+    own: dict[tuple[str, str], Apart] = {}
+    for geometry in all_geometries:
+        for scene in all_scenes:
+            key = geometry.name, scene.name
+            answers[key] = exact(geometry, scene)
+            own[key] = apart(answers[key], exact(geometry, scene, COARSER))
+            say(f"reference, {geometry.name}, {scene.name}: good to {own[key].depth:.0e} m")
+    rows = level_rows(all_scenes, all_geometries, answers, turns, say)
+    left = [Left(geometry, scene, apart(answer, answers[MRI_KNEE, scene]), own[geometry, scene])
+            for (geometry, scene), answer in answers.items()]  # fmt: skip
+    found = []
+    for scene in all_scenes:
+        found += effects(scene)
+        say(f"inputs, {scene.name}")
+    return Study(all_scenes, all_geometries, rows, left, found, turns)
+
+
+def level_rows(
+    all_scenes: list[Scene],
+    all_geometries: list[Geometry],
+    answers: dict[tuple[str, str], Answer],
+    turns: int,
+    say: Say,
+) -> list[Row]:
+    """Errors and costs of every geometry, level, tolerance and scene."""
+    runs: dict[Key, Callable[[], object]] = {}
+    rows = []
+    for geometry in all_geometries:
+        for level in LEVELS:
+            for tolerance in TOLERANCES:
+                model = model_of(geometry, level, tolerance)
+                for scene in all_scenes:
+                    row = error_row(geometry, level, tolerance, scene, model, answers[geometry.name, scene.name])
+                    runs[key_of(row)] = partial(run, model, scene)
+                    rows.append(row)
+            say(f"errors, {geometry.name}, {level}")
+    times = costs(runs, turns, lambda turn: say(f"costs, turn {turn} of {turns}"))
+    return [with_cost(row, times[key_of(row)]) for row in rows]
+
+
+def error_row(geometry: Geometry, level: str, tolerance: float, scene: Scene, model: KneeModel, right: Answer) -> Row:
+    """Errors of a model on a scene; its cost is not known yet."""
+    series = run(model, scene)
+    found, said = answer_of(series), series.status & Status.NOT_CONVERGED != 0
+    wrong = ~said & (np.abs(found.depth - right.depth) > tolerance)
+    return Row(geometry.name, level, tolerance, scene.name, apart(found, right), float(said.mean()),
+               int(wrong.sum()), len(wrong))  # fmt: skip
+
+
+def key_of(row: Row) -> Key:
+    """What names a row."""
+    return row.geometry, row.level, row.tolerance, row.scene
+
+
+def with_cost(row: Row, times: Times) -> Row:
+    """The row with its cost."""
+    return row._replace(microseconds=1e6 * times.median / row.ticks, spread_percent=times.spread_percent)
