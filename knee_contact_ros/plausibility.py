@@ -57,7 +57,7 @@ def _stiffness(parameters: Parameters, law: ContactLaw, plausible_depth: float) 
     """A depth under the body weight that no knee has."""
     contact, share = parameters.contact, SHARES.get(parameters.load.compartment, parameters.load.share)
     load = share * parameters.body_weight
-    depth = static_depth(law, load, 0.0, 0.0).depth
+    depth = static_depth(law, load, 0.0, 0.0, NO_LIMIT).depth
     if depth <= plausible_depth:
         return ""
     under = f"{load:.1f} N ({share:g} body weights)"
