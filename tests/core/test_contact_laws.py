@@ -58,15 +58,11 @@ def test_slopes_are_those_of_the_force(name: str, depth: float, rate: float) -> 
         value, over_depth, over_rate = force_at(depth_in_layer, rate, impact_speed)
         step = 1e-4 * depth
         ahead, behind = (force_at(depth_in_layer + side * step, rate, impact_speed)[0] for side in (-1, 1))
-        if name in LOSSES and value <= 0.0:  # the formula pulls, and its slope would be negative
-            assert behind <= ahead
-            assert over_depth == 0.0
-        else:
-            # Central difference: relative error (step/depth)^2/24 x O(1) < 1e-8, and rounding of forces up to 1e6 N.
-            assert over_depth == pytest.approx((behind - ahead) / (2 * step), rel=1e-6, abs=1e-9 * 1e6 / step * 1e-6)
+        # Central difference: relative error (step/depth)^2/24 x O(1) < 1e-8, and rounding of forces up to 1e6 N.
+        assert over_depth == pytest.approx((behind - ahead) / (2 * step), rel=1e-6, abs=1e-9 * 1e6 / step * 1e-6)
         ahead, behind = (force_at(depth_in_layer, rate + side * 1e-3, impact_speed)[0] for side in (-1, 1))
         assert over_rate == pytest.approx((behind - ahead) / 2e-3, rel=1e-6, abs=1e-3)
-        assert over_depth >= 0.0
+        assert over_depth >= 0.0 or (name in LOSSES and value < 0.0)  # the formula pulls
         assert over_rate >= 0.0
 
 
@@ -116,7 +112,7 @@ def test_the_formula_pulls_when_it_parts_faster_than_it_can(name: str) -> None:
     assert force_at(1e-4, -0.999 * fastest, speed)[0] > 0.0
     force, over_depth, over_rate = force_at(1e-4, -2.0 * fastest, speed)
     assert force == pytest.approx(-STIFFNESS * 1e-6, rel=1e-13)
-    assert over_depth == 0.0
+    assert over_depth == pytest.approx(1.5 * force / 1e-4, rel=1e-13)  # rounding
     assert over_rate > 0.0
     assert force_at(0.0, speed, speed) == (0.0, 0.0, 0.0)
     assert force_at(-1e-4, speed, speed) == (0.0, 0.0, 0.0)
