@@ -131,8 +131,8 @@ class Doubts:
     """Load [N]"""
     highest: float = float("-inf")
     """Load [N]"""
-    _sum: float = 0.0
-    """Of all loads [N]"""
+    _sum: float = field(default=0.0, compare=False)
+    """Of all loads [N]; its rounding depends on the blocks they came in"""
     _first: int = 0
     """Stamp [ns]"""
     _last: int = 0

@@ -1,7 +1,8 @@
 """A stream's tick, called by address.
 
 A call with a scene as its argument spends microseconds on taking the scene apart. So a stream lays its scene down once,
-as compiled code sees it, and ticks with the addresses of scene, memory and answer.
+as compiled code sees it, and ticks with the addresses of scene, memory and answer: as runs of one tick, so that runs
+and streams share what is compiled.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import ANSWER, MEMORY, Floats
 
 TICK = "void (*)(uintptr_t, double, double, double, double)"
-"""C type of the tick: address of the addresses of memory, answer and scene; duration, angle, load and height"""
+"""C type of the tick: address of the addresses of memory, sample, answer and scene; duration, angle, load and height"""
 _KEPT: list[Any] = []
 """Compiled code that is called by address"""
 
@@ -33,9 +34,11 @@ def bind(scene: Scene, memory: Floats, answer: Floats) -> Callable[[float, float
     size, put, call = _by_address(numba.typeof(scene))
     block = np.zeros(size, dtype=np.uint8)
     put(scene, block.ctypes.data)
-    addresses = np.array([memory.ctypes.data, answer.ctypes.data, block.ctypes.data], dtype=np.uintp)
+    sample = np.zeros(4)
+    places = memory, sample, answer, block
+    addresses = np.array([place.ctypes.data for place in places], dtype=np.uintp)
     tick = functools.partial(call, addresses.ctypes.data)
-    tick.keeps = scene, addresses, block, memory, answer  # type: ignore[attr-defined]
+    tick.keeps = scene, addresses, places  # type: ignore[attr-defined]
     return tick
 
 
@@ -43,7 +46,7 @@ def bind(scene: Scene, memory: Floats, answer: Floats) -> Callable[[float, float
 def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..., None]]:
     """For a kind of scene: its size in bytes, a function that lays one down, and one that ticks with it."""
     context = cpu_target.target_context
-    compiled_tick = compiled_function(ticks.tick)
+    compiled_run = compiled_function(ticks.run)
 
     @intrinsic
     def laid_down(_typing: Any, scene: Any, address: Any) -> Any:
@@ -64,8 +67,10 @@ def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..
         laid_down(scene, address)
 
     def tick(addresses: Any, duration: float, angle: float, load: float, height: float) -> None:
-        memory, answer = carray(addresses[0], MEMORY), carray(addresses[1], ANSWER)
-        compiled_tick(taken_up(addresses[2]), memory, duration, angle, load, height, answer)
+        memory, sample = carray(addresses[0], MEMORY), carray(addresses[1], 4)
+        sample[0], sample[1], sample[2], sample[3] = duration, angle, load, height
+        answers = carray(addresses[2], (1, ANSWER))
+        compiled_run(taken_up(addresses[3]), memory, sample[:1], sample[1:2], sample[2:3], sample[3:], answers)
 
     numbers = types.CPointer(types.float64)
     signature = types.void(types.CPointer(numbers), *[types.float64] * 4)
