@@ -123,7 +123,7 @@ def test_a_budget_runs_out_at_the_same_evaluation(config: Path, index: int) -> N
     plain = knee(config, COMBINATIONS[index], "kelvin_voigt", **{"fidelity.budget": 100, "fidelity.tolerance": 1e-12})
     series = assert_same_bits(plain, TIME, ANGLE, HOPPING)
     assert (series.status & Status.NOT_CONVERGED != 0).any()
-    assert series.evaluations.max() > 100
+    assert 0.5 * 100 < series.evaluations.max() <= 100
 
 
 def test_a_law_that_may_pull_pulls_in_both(config: Path) -> None:

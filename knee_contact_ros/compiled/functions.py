@@ -14,10 +14,10 @@ from knee_contact_ros.compiled.apart import CompilerApart
 from knee_contact_ros.compiled.cache import cache_folder
 from knee_contact_ros.core.kernel_source import ASIDE, FUNCTIONS, INLINED, METHODS
 
-OPTIONS = {"error_model": "numpy", "forceinline": False, "_nrt": True}
+OPTIONS = {"error_model": "numpy", "forceinline": False, "_nrt": True, "no_cfunc_wrapper": True}
 """Divisions are not checked: the functions are written so that none by zero happens. Callers' options are inherited,
 so both are said"""
-ENTRY = OPTIONS | {"_nrt": False}
+ENTRY = OPTIONS | {"_nrt": False, "no_cfunc_wrapper": False}
 """What Python calls borrows the arrays of its arguments: counting references to them took longer than the contact"""
 INLINE = OPTIONS | {"forceinline": True}
 APART = OPTIONS | {"pipeline_class": CompilerApart}

@@ -16,7 +16,7 @@ from knee_contact_ros.core.kernel_source import in_kernel
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
-EXPECTED, SPREAD = 1.5, 3.0
+EXPECTED, SPREAD = 2.0, 3.0
 """Published estimate: so many times the expected error and so many standard deviations"""
 UNKNOWN, UNKNOWN_IMPLICIT = 1.5, 6.0
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""

@@ -39,13 +39,13 @@ class Kernel(NamedTuple):
     run: Callable[..., None]
     """See `ticks.run`"""
     bind: Callable[[Scene, NDArray[np.float64], NDArray[np.float64]], Callable[[float, float, float, float], None]]
-    """From a scene, its memory and its answer to `ticks.tick` with these given: of duration [s], angle [rad], load [N],
-    height [m]"""
+    """From a scene, its memory and its answer to a run of one tick with these given: of duration [s], angle [rad],
+    load [N], height [m]"""
 
 
 def _bind(scene: Scene, memory: NDArray[np.float64], answer: NDArray[np.float64]) -> Callable[..., None]:
-    def tick(duration: float, angle: float, load: float, height: float) -> None:
-        ticks.tick(scene, memory, duration, angle, load, height, answer)
+    def tick(*sample: float) -> None:
+        ticks.run(scene, memory, *np.array(sample).reshape(4, 1), answer[np.newaxis])
 
     return tick
 

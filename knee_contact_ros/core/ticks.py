@@ -21,7 +21,7 @@ from knee_contact_ros.core.error_estimate import (
     velocity_reach,
 )
 from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
+from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
@@ -52,53 +52,55 @@ NEARLY_STRAIGHT = 0.05
 def run(
     scene: Scene, memory: Floats, durations: Floats, angles: Floats, loads: Floats, heights: Floats, answers: Floats
 ) -> None:
-    """Take ticks one after another; see `tick`. All arrays have shape (n,), `answers` (n, `ANSWER`)."""
-    for i in range(len(durations)):
-        duration, angle, load, height = float(durations[i]), float(angles[i]), float(loads[i]), float(heights[i])
-        tick(scene, memory, duration, angle, load, height, answers[i])
+    """Take ticks one after another: advance by durations [s] to angles [rad], loads [N] and prescribed heights [m].
 
-
-@inlined
-def tick(
-    scene: Scene, memory: Floats, duration: float, angle: float, load: float, height: float, answer: Floats
-) -> None:
-    """Advance by `duration` [s] to an angle [rad], a load [N] and, if it is prescribed, a femoral height [m].
-
-    `memory`, shape (`MEMORY`,), is all zeros before the first tick, whose duration does not count: it is answered with
-    the contact at rest. `answer`, shape (`ANSWER`,), is filled.
+    All arrays have shape (n,), `answers` (n, `ANSWER`), which is filled; a height that is not prescribed is not a
+    number. `memory`, shape (`MEMORY`,), is all zeros before the first tick, whose duration does not count: it is
+    answered with the contact at rest.
     """
-    if float(memory[0]) == 0.0:
-        angle_rate = 0.0
-        advance = start(scene, angle, load, height)
-    else:
-        last_angle, last_load = float(memory[1]), float(memory[2])
-        angle_rate = (angle - last_angle) / duration
-        interval = Interval(
-            scene.pair, scene.mechanism, duration, last_angle, angle_rate, last_load, (load - last_load) / duration,
-            height,
-        )  # fmt: skip
-        progress = read_progress(memory)
-        if math.isnan(progress.state.velocity):
-            progress = following_surface(interval, progress)
-        calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.energy == 0.0 and not lost(interval, progress)
-        spent, again = 0, True
-        if not calm:
-            interval, progress, spent = take_on(scene, memory[BACKLOG:], progress, interval)
-        while again:
-            advance = scene.level.advance(scene, interval, progress, spent)
-            if calm and advance.converged:
-                break
-            calm = False
-            advance, again = work_off(scene, memory[BACKLOG:], interval, progress, advance)
-            if again:
-                interval, progress, spent = (
-                    interval_of(scene, memory[BACKLOG:], 0),
-                    advance.progress,
-                    advance.evaluations,
-                )
-    memory[0], memory[1], memory[2] = 1.0, angle, load
-    write_progress(memory, advance.progress)
-    write_answer(answer, scene, angle, angle_rate, load, advance)
+    for i in range(len(durations)):
+        angle, load, height, angle_rate = float(angles[i]), float(loads[i]), float(heights[i]), 0.0
+        if float(memory[0]) == 0.0:
+            advance = start(scene, angle, load, height)
+        else:
+            interval = interval_behind(scene, memory, float(durations[i]), angle, load, height)
+            progress = progress_behind(interval, memory)
+            angle_rate = interval.angle_rate
+            calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.energy == 0.0 and not lost(interval, progress)
+            spent, again = 0, True
+            if not calm:
+                interval, progress, spent = take_on(scene, memory[BACKLOG:], progress, interval)
+            while again:
+                advance = scene.level.advance(scene, interval, progress, spent)
+                if calm and advance.converged:
+                    break
+                calm = False
+                advance, again = work_off(scene, memory[BACKLOG:], interval, progress, advance)
+                if again:
+                    interval, progress = interval_of(scene, memory[BACKLOG:], 0), advance.progress
+                    spent = advance.evaluations
+        memory[0], memory[1], memory[2] = 1.0, angle, load
+        write_progress(memory, advance.progress)
+        write_answer(answers[i], scene, angle, angle_rate, load, advance)
+
+
+@in_kernel
+def interval_behind(
+    scene: Scene, memory: Floats, duration: float, angle: float, load: float, height: float
+) -> Interval:
+    """The interval from the last tick to one with this angle [rad], load [N] and, if it is prescribed, height [m]."""
+    last_angle, last_load = float(memory[1]), float(memory[2])
+    return Interval(
+        scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
+        (load - last_load) / duration, height,
+    )  # fmt: skip
+
+
+@in_kernel
+def progress_behind(interval: Interval, memory: Floats) -> Progress:
+    """The progress that the last tick has left in a run's memory."""
+    progress = read_progress(memory)
+    return following_surface(interval, progress) if math.isnan(progress.state.velocity) else progress
 
 
 @aside

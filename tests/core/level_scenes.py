@@ -80,7 +80,7 @@ def scenes() -> tuple[LevelScene, ...]:
         LevelScene("walking, C 1e6", law("kelvin_voigt", damping=1e6), walking(), smooth=True),
         LevelScene("walking, C 30, 10 g", law("kelvin_voigt", damping=30.0), walking(), mass=1e-2, smooth=True),
         LevelScene("walking, Hertz", law("hertz"), walking(), smooth=True),
-        LevelScene("walking, Hertz, 10 g", law("hertz"), walking(), mass=1e-2, smooth=True),
+        LevelScene("walking, Hertz, 10 g", law("hertz"), walking(161, 1e-3), mass=1e-2, smooth=True),
         LevelScene("walking, elastic foundation", law("elastic_foundation"), walking(), smooth=True),
         LevelScene("walking, two layers", law("two_layer_viscoelastic", layer_depth=3e-4), walking()),
         LevelScene(

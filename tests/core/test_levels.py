@@ -14,6 +14,8 @@ from knee_contact_ros.core.types import Fidelity, Status
 from tests.core.level_scenes import LevelScene, answers, exact, hopping, scenes, stepping, walking
 from tests.scenes import DAMPING, STIFFNESS, law
 
+pytestmark = pytest.mark.xdist_group("levels")
+"""One process: its tests share what they compare with"""
 SCENES = [pytest.param(i, id=scene.name) for i, scene in enumerate(scenes())]
 SMOOTH = [pytest.param(i, id=scene.name) for i, scene in enumerate(scenes()) if scene.smooth]
 TOLERANCES = (1e-5, 1e-6, 1e-8)

@@ -30,25 +30,19 @@ class Auto(NamedTuple):
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
-        return auto_tick(scene, interval, start, spent)
-
-
-@in_kernel
-def auto_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
-    """Carry the femur over the interval by the cheapest level that meets the tolerance."""
-    if bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0:
+        if bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0:
+            return dynamic_tick(scene, interval, start, spent)
+        if quasi_static_leaves_out(scene, interval, start) <= scene.tolerance:
+            advance = quasi_static_tick(scene, interval, start, spent)
+            if meets(scene, start, advance):
+                return advance
+            spent = advance.evaluations
+        if dynamic_is_stiff(scene, interval, start) and first_order_leaves_out(scene, start) <= scene.tolerance:
+            advance = first_order_tick(scene, interval, start, spent)
+            if advance.converged and meets(scene, start, advance):
+                return advance
+            spent = advance.evaluations
         return dynamic_tick(scene, interval, start, spent)
-    if quasi_static_leaves_out(scene, interval, start) <= scene.tolerance:
-        advance = quasi_static_tick(scene, interval, start, spent)
-        if meets(scene, start, advance):
-            return advance
-        spent = advance.evaluations
-    if dynamic_is_stiff(scene, interval, start) and first_order_leaves_out(scene, start) <= scene.tolerance:
-        advance = first_order_tick(scene, interval, start, spent)
-        if advance.converged and meets(scene, start, advance):
-            return advance
-        spent = advance.evaluations
-    return dynamic_tick(scene, interval, start, spent)
 
 
 @in_kernel
