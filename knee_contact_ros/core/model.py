@@ -44,8 +44,9 @@ class Kernel(NamedTuple):
 
 
 def _bind(scene: Scene, memory: NDArray[np.float64], answer: NDArray[np.float64]) -> Callable[..., None]:
-    def tick(*sample: float) -> None:
-        ticks.run(scene, memory, *np.array(sample).reshape(4, 1), answer[np.newaxis])
+    def tick(duration: float, angle: float, load: float, height: float) -> None:
+        sample = np.array([[duration], [angle], [load], [height]])
+        ticks.run(scene, memory, sample[0], sample[1], sample[2], sample[3], answer[np.newaxis])
 
     return tick
 

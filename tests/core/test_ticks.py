@@ -16,7 +16,7 @@ from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.mechanisms.table import Table
-from knee_contact_ros.core.ticks import is_exact_enough, start
+from knee_contact_ros.core.ticks import is_exact_enough
 from knee_contact_ros.core.types import COLUMN, NUMBERS, Contact, Status
 from tests.core.test_geometries import ellipse
 from tests.scenes import RADIUS, law
