@@ -18,7 +18,7 @@ HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
 EXPECTED, SPREAD = 2.0, 3.0
 """Published estimate: so many times the expected error and so many standard deviations"""
-UNKNOWN, UNKNOWN_IMPLICIT = 1.5, 6.0
+UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 6.0
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
 TURNED = 0.5
 """The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""

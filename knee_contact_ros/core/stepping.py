@@ -35,6 +35,8 @@ NEWTON_SHARE = 0.01
 """Share of the tolerance at which Newton's method has arrived."""
 RELEASE = 8.0
 """Steps more after which a falling force counts as about to end"""
+REBOUND = 2.0
+"""Loads from which on a contact force counts as that of a femur that will rebound into the air"""
 MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
 WATCHED = PARTS + 2 * MAX_PEAK
@@ -102,7 +104,7 @@ def controlled_step(
             try_step = h * factor if h < remaining else max(going.try_step, h * factor)
             return trying(going, try_step), step, h
         h *= max(0.1, factor)
-        if not going.s + h > going.s:
+        if not until + h > until:
             return giving_up(going), step, h
 
 
@@ -140,8 +142,9 @@ def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: f
     if not step.solved:
         return math.inf
     ratio = local_ratio(
-        scene, step.state, step.error, step.begin.force, step.end.force, step.stiffness, step.damping, step.leapt, h
-    )
+        scene, load_at(interval, going.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
+        step.damping, step.leapt, h,
+    )  # fmt: skip
     lost = StateError(0.0, lost_in(scene, interval, going, step, h))
     ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
         LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
@@ -151,10 +154,13 @@ def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: f
 
 @in_kernel
 def local_ratio(
-    scene: Scene, state: FemurState, error: StateError, begin_force: float, force: float, stiffness: float,
-    damping: float, leapt: float, h: float,
+    scene: Scene, load: float, state: FemurState, error: StateError, begin_force: float, force: float,
+    stiffness: float, damping: float, leapt: float, h: float,
 ) -> float:  # fmt: skip
-    """The same without what a step has damped away: its end, local error, and the forces [N] at both ends are given."""
+    """The same without what a step has damped away.
+
+    Its end, its local error, the load [N] and the forces [N] at both ends are given.
+    """
     mass = scene.mass
     speed = abs(state.velocity) + h * abs(force) / mass
     above_rounding = StateError(
@@ -165,8 +171,9 @@ def local_ratio(
     memory = max(decay_rate(stiffness, damping, mass), 1.0 / MEMORY)
     forgotten = 1.0 if leapt > 0.0 else min(1.0, h * memory)
     whole = depth_error(above_rounding, stiffness, damping, mass) / forgotten + h * leapt
-    if not scene.regions.allow_tension and force < RELEASE * (begin_force - force):
-        # The contact is about to let go: what errs in the velocity then is carried into the flight.
+    lets_go = force < RELEASE * (begin_force - force) or force > REBOUND * load
+    if lets_go and not scene.regions.allow_tension:
+        # What errs in the velocity then is carried into the flight.
         whole = max(whole, depth_error(above_rounding, 0.0, 0.0, mass))
     return whole / (LOCAL_SHARE * wanted(scene, stiffness, damping))
 

@@ -111,8 +111,11 @@ def test_the_private_graph_stays_on_the_loopback_interface(peer: Peer, start_nod
     assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
 
 
-def test_replay_feeds_the_node_a_bag(start_node: Start, right_bag: Path, config: Path, tmp_path: Path) -> None:
+def test_replay_feeds_the_node_a_bag(
+    peer: Peer, start_node: Start, right_bag: Path, config: Path, tmp_path: Path
+) -> None:
     node = start_node("--params-file", config / "healthy.yaml", "-p", f"record.path:={tmp_path / 'live.mcap'}")
+    peer.wait_for_node()  # which compiles first on a new machine, for longer than a replay waits
     command = [sys.executable, "-m", "knee_contact_ros.cli", "replay", str(right_bag), "--rate", "5", "--clock"]
     replay = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (replay.returncode, replay.stderr) == (0, "")

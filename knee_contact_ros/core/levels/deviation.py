@@ -27,7 +27,7 @@ ROUGH = 0.2
 LOOSE = 0.03
 """The same of x itself: K and C are taken as constant"""
 LAUNCHED = 0.2
-"""The same of a flight's acceleration"""
+"""The same of a flight's beginning or end, and of what a load does to it"""
 
 
 class LeftOut(NamedTuple):
@@ -41,8 +41,10 @@ class LeftOut(NamedTuple):
     """p/K [m] at the tick's beginning"""
     end_rest: float
     """The same at its end"""
-    acceleration: float
-    """Of the level [m/s²]"""
+    way: float
+    """Of the level [m] in the tick, beyond that of its velocity at the beginning"""
+    gain: float
+    """Of its velocity [m/s]"""
     begin_load: float
     """[N] at the tick's beginning"""
     end_load: float
@@ -55,10 +57,7 @@ class LeftOut(NamedTuple):
 def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
     """The deviation after a tick of `h` [s]."""
     if left_out.begin_load <= 0.0 or left_out.end_load <= 0.0:
-        push = left_out.acceleration + lifting(left_out) / mass
-        flown = carry_in_flight(error, h)
-        flown = CarriedError(flown.height + 0.5 * push * h * h, flown.velocity + push * h, flown.hh, flown.hv, flown.vv)
-        return with_bound(flown, LAUNCHED * abs(push) * h * h, LAUNCHED * abs(push) * h)
+        return fly(error, left_out, mass, h)
     spring = max(left_out.stiffness, SOFTEST * mass / (h * h))
     drift = (left_out.end_rest - left_out.begin_rest) / h
     lag = left_out.damping / spring * drift
@@ -76,6 +75,28 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
 
 
 @in_kernel
+def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
+    """The deviation after a tick of `h` [s] in which nothing presses, or not throughout."""
+    lift, launch = lifted(left_out.begin_load, left_out.end_load, mass, h)
+    way, gain = left_out.way, left_out.gain
+    unknown_way = 2.0 * LAUNCHED * (abs(way) + abs(lift))
+    unknown_gain = LAUNCHED * (abs(gain) + abs(launch))
+    if left_out.begin_load > 0.0:
+        # The contact that lets go throws the femur after the level that it carries.
+        thrown = abs(way) / h
+        unknown_way, unknown_gain = unknown_way + abs(way), unknown_gain + thrown
+        way, gain = 0.0, gain - thrown
+    flown = carry_in_flight(error, h)
+    height, velocity = flown.height + way + lift, flown.velocity + gain + launch
+    if height > 0.0 and left_out.end_load <= 0.0:
+        # No femur is below a level that nothing presses: it is carried, or thrown up by the tibia.
+        unknown_way, height = unknown_way + height, 0.0
+        if velocity > 0.0:
+            unknown_gain, velocity = unknown_gain + 0.5 * velocity, -0.5 * velocity
+    return with_bound(CarriedError(height, velocity, flown.hh, flown.hv, flown.vv), unknown_way, unknown_gain)
+
+
+@in_kernel
 def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
     """By how much [m] the femur falls behind a level that sinks away from it, at most in `h` [s]; `velocity` is theirs.
 
@@ -90,9 +111,9 @@ def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
 
 
 @in_kernel
-def lifting(left_out: LeftOut) -> float:
-    """Mean load [N] of a tick on a femur that leaves the tibia when the load changes its sign, if it does."""
-    begin, end = left_out.begin_load, left_out.end_load
-    if begin < 0.0 or end >= 0.0:
-        return 0.5 * (begin + end)
-    return 0.5 * end * end / (end - begin)
+def lifted(begin: float, end: float, mass: float, h: float) -> tuple[float, float]:
+    """How far [m] below, and how much slower [m/s], loads of a tick [N] leave a level than a femur that is let go."""
+    if begin <= 0.0:
+        return (2.0 * begin + end) * h * h / (6.0 * mass), 0.5 * (begin + end) * h / mass
+    flying = h * end / (end - begin) if end < 0.0 else 0.0
+    return end * flying * flying / (6.0 * mass), 0.5 * end * flying / mass

@@ -211,7 +211,7 @@ def behind_boundary(
     landing = going.landing
     if region.layer < 0:
         impact_speed, impact_error = end.rate, velocity_reach(going.error)
-        late = reach(going.error, math.inf) / max(abs(end.rate), TINY)
+        late = lateness(interval, going, end.rate, scene.mass)
         landing = Landing(going.s + late, end.rate)
     if boundary == FORCE:
         entry = cross_force(scene.regions, region, end.depth, end.rate, impact_speed)
@@ -238,6 +238,19 @@ def behind_boundary(
         landing,
     )
     return going, following
+
+
+@in_kernel
+def lateness(interval: Interval, going: Going, rate: float, mass: float) -> float:
+    """How long [s] a femur that is farther away than the one that touches now, at a `rate` [m/s], may need yet."""
+    gap = reach(going.error, math.inf)
+    load = min(load_at(interval, going.s), load_at(interval, interval.duration))
+    late = gap / max(abs(rate), TINY)
+    if load > 0.0:
+        late = min(late, math.sqrt(2.0 * gap * mass / load))
+    if load >= 0.0 and interval.load_rate > 0.0:
+        late = min(late, (6.0 * gap * mass / interval.load_rate) ** (1.0 / 3.0))
+    return late
 
 
 @in_kernel

@@ -33,6 +33,7 @@ from knee_contact_ros.core.stepping import (
     EXPLICIT,
     LOCAL_SHARE,
     MOST_EXPLICIT,
+    NEWTON_SHARE,
     NO_LANDING,
     Going,
     attempt,
@@ -87,6 +88,8 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
         going, region = begin_part(massless, part, going, begin)
         if math.isnan(first.height):
             first = going.state
+        if rests(massless, part, going):
+            going = on_surface(part, going, until)
         while going.s < until and not going.given_up:
             going, region = step_on(massless, part, going, region, until)
         begin = following
@@ -134,6 +137,25 @@ def begin_part(scene: Scene, part: Interval, going: Going, s: float) -> tuple[Go
         height = height_at(touch, 0.0, height)
     going = at_height(going, s, FemurState(height, going.state.velocity), 0)
     return enter_layer(scene, part, going, max(0, layer_at(scene.regions.law, max(0.0, depth))))
+
+
+@in_kernel
+def rests(scene: Scene, part: Interval, going: Going) -> bool:
+    """Whether nothing presses a contact that has been let go but for what does not count."""
+    if part.start_load != 0.0 or part.load_rate != 0.0:
+        return False
+    depth, _, _ = touch_at(part, going.s).touch(going.state.height)
+    return depth <= NEWTON_SHARE * scene.tolerance
+
+
+@in_kernel
+def on_surface(part: Interval, going: Going, s: float) -> Going:
+    """The contact at s [s] where the femur just touches the tibia."""
+    left, _, _ = touch_at(part, going.s).touch(going.state.height)
+    touch = touch_at(part, s)
+    height = height_at(touch, 0.0, going.state.height)
+    _, surface_rate, cosine = touch.touch(height)
+    return at_height(jumped(going, left), s, FemurState(height, surface_rate / cosine), 0)
 
 
 @aside
@@ -259,7 +281,7 @@ def controlled_step(
         if ratio <= 1.0:
             return going, step, h
         h *= max(0.1, factor)
-        if not going.s + h > going.s:
+        if not until + h > until:
             return giving_up(going), step, h
         going, step = attempt(scene, part, going, region, h, NOWHERE)
     return going, step, h
@@ -292,7 +314,8 @@ def result(
         0.5 * (start.damping + damping),
         rest,
         rest,
-        (change - blow) / h,
+        going.state.height - first.height - (first.velocity + blow) * h,
+        change - blow,
         load_at(interval, 0.0),
         load_at(interval, h),
         max(0.0, depth - layers[region.layer].begin) / cosine,

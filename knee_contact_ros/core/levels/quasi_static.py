@@ -37,7 +37,6 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
     begin_depth, surface_rate, cosine = touch_at(interval, 0.0).touch(start.state.height)
     begin_sinking = load_rate / start.stiffness if start.stiffness > 0.0 else 0.0
     begin_velocity = surface_rate / cosine - begin_sinking
-
     law, touch, load = scene.regions.law, touch_at(interval, h), load_at(interval, h)
     near = max(0.0, begin_depth + cosine * begin_sinking * h)
     most = scene.budget - RESERVE - spent if scene.budget > 0 else NO_LIMIT
@@ -57,7 +56,8 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         0.5 * (start.damping + damping),
         rest(inertia - start.damping * begin_sinking, start.stiffness, stiffness),
         rest(inertia - damping * sinking, stiffness, start.stiffness),
-        inertia / scene.mass,
+        static.height - start.state.height - lag_of(start) - begin_velocity * h,
+        velocity - begin_velocity,
         load_at(interval, 0.0),
         load,
         static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
@@ -105,13 +105,15 @@ def way_across(law: ContactLaw, begin: float, end: float) -> float:
 
 
 @in_kernel
-def deviation_at_start(start: Progress, velocity: float) -> CarriedError:
-    """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s].
+def lag_of(start: Progress) -> float:
+    """How far [m] above a tick's beginning the static contact is, by its elastic force: it may be another level's."""
+    return (start.excess - start.damping * start.sinking) / start.stiffness if start.stiffness > 0.0 else 0.0
 
-    The state there may be another level's: its elastic force tells how far it is from the static one.
-    """
-    lag = (start.excess - start.damping * start.sinking) / start.stiffness if start.stiffness > 0.0 else 0.0
+
+@in_kernel
+def deviation_at_start(start: Progress, velocity: float) -> CarriedError:
+    """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s]."""
     error = start.error
     return CarriedError(
-        lag + error.height, velocity - start.state.velocity + error.velocity, error.hh, error.hv, error.vv
+        lag_of(start) + error.height, velocity - start.state.velocity + error.velocity, error.hh, error.hv, error.vv
     )

@@ -65,7 +65,7 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         spent += EVALUATIONS
         middle = stride.middle
         ratio = local_ratio(
-            scene, stride.state, stride.error, slope.stage.force, stride.end.stage.force, middle.stiffness,
+            scene, load, stride.state, stride.error, slope.stage.force, stride.end.stage.force, middle.stiffness,
             middle.damping, stride.leapt, part,
         )  # fmt: skip
         if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
