@@ -65,6 +65,8 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
+RELEASED = 0.75
+"""Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
 
 
 class Dynamic(NamedTuple):
@@ -223,10 +225,13 @@ def behind_boundary(
     off = 0.0 if boundary == FORCE else margin(scene.regions, region, boundary, end.depth, end.force)
     evaluated = following.pressing or (boundary != FORCE and following.layer >= 0)
     _, _, cosine = touch_at(interval, going.s).touch(going.state.height)
+    error = behind_jump(going.error, end.rate, jump, off, scene.mass, interval.duration)
+    if following.layer < 0:
+        error = with_bound(error, 0.0, RELEASED * velocity_reach(error))
     going = Going(
         going.s,
         going.state,
-        bounded(behind_jump(going.error, end.rate, jump, off, scene.mass, interval.duration)),
+        bounded(error),
         going.try_step,
         swiftness_in(scene, entry, cosine),
         math.nan if following.layer < 0 else impact_speed,
