@@ -16,8 +16,10 @@ from knee_contact_ros.core.kernel_source import in_kernel
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
-EXPECTED, SPREAD = 2.0, 3.0
+EXPECTED, SPREAD = 1.25, 3.0
 """Published estimate: so many times the expected error and so many standard deviations"""
+STEPWISE = 1.6
+"""Expected error of a step over its estimate: steps of one kind err alike, and estimates of them are small alike"""
 UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 6.0
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
 TURNED = 0.5
@@ -121,8 +123,8 @@ def with_step(
     square = max(stiffness / mass, (damping / mass) * (damping / mass), 1.0 / (HORIZON * HORIZON))
     aside = TURNED * TURNED * (h * h + v * v / square)
     return CarriedError(
-        error.height + h,
-        error.velocity + v,
+        error.height + STEPWISE * h,
+        error.velocity + STEPWISE * v,
         error.hh + unknown * unknown * h * h + aside,
         error.hv + unknown * unknown * h * v,
         error.vv + unknown * unknown * v * v + aside * square,

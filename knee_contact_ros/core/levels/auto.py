@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.error_estimate import EXPECTED, decay_rate, swiftness
+from knee_contact_ros.core.error_estimate import EXPECTED, HORIZON, decay_rate, swiftness
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.levels.dynamic import DYNAMIC, dynamic_tick
 from knee_contact_ros.core.levels.first_order import first_order_tick
@@ -19,8 +19,11 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import Advance, Progress, Scene
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT
 
-DESCEND = 0.5
+DESCEND = 0.7
 """Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
+
+LASTING = 0.1
+"""The same where nothing is ever forgotten"""
 
 
 class Auto(NamedTuple):
@@ -47,8 +50,15 @@ class Auto(NamedTuple):
 
 @in_kernel
 def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
-    """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's."""
+    """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's.
+
+    What a simpler level leaves out of a contact that hardly forgets is there for all later ticks, too; and the next
+    layer may not damp.
+    """
     share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
+    layered = len(scene.regions.law.layers) > 1
+    forgotten = 0.0 if layered else HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)
+    share *= min(1.0, max(LASTING, forgotten))
     if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
         return False
     return advance.error_estimate <= share * scene.tolerance
