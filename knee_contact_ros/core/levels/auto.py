@@ -19,7 +19,7 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import Advance, Progress, Scene
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT
 
-DESCEND = 0.7
+DESCEND = 0.4
 """Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
 
 LASTING = 0.1
