@@ -65,7 +65,7 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
-RELEASED = 0.75
+RELEASED = 0.5
 """Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
 
 

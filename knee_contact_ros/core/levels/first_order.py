@@ -43,7 +43,7 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 FIRST_ORDER = int(Fidelity.FIRST_ORDER)
-UNKNOWN_INERTIA = 0.3
+UNKNOWN_INERTIA = 0.6
 """Part of the inertia that is left out that is not known: it is a tick's mean"""
 SUDDEN = 3.0
 """Ticks that are longer than this many times C/K see the level's velocity jump"""
