@@ -20,7 +20,7 @@ EXPECTED, SPREAD = 1.25, 3.0
 """Published estimate: so many times the expected error and so many standard deviations"""
 STEPWISE = 1.6
 """Expected error of a step over its estimate: steps of one kind err alike, and estimates of them are small alike"""
-UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 6.0
+UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
 TURNED = 0.5
 """The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""

@@ -24,6 +24,8 @@ DESCEND = 0.4
 
 LASTING = 0.1
 """The same where nothing is ever forgotten"""
+LAYERED = 0.3
+"""The same where the next layer may not forget"""
 
 
 class Auto(NamedTuple):
@@ -56,9 +58,8 @@ def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
     layer may not damp.
     """
     share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
-    layered = len(scene.regions.law.layers) > 1
-    forgotten = 0.0 if layered else HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)
-    share *= min(1.0, max(LASTING, forgotten))
+    most = LAYERED if len(scene.regions.law.layers) > 1 else 1.0
+    share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))
     if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
         return False
     return advance.error_estimate <= share * scene.tolerance
