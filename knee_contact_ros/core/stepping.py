@@ -7,6 +7,7 @@ import sys
 from typing import NamedTuple
 
 from knee_contact_ros.core.error_estimate import (
+    HORIZON,
     TINY,
     CarriedError,
     decay_rate,
@@ -37,6 +38,10 @@ RELEASE = 8.0
 """Steps more after which a falling force counts as about to end"""
 REBOUND = 2.0
 """Loads from which on a contact force counts as that of a femur that will rebound into the air"""
+THROWN = 64.0
+"""How much stricter steps are whose errors go into a flight, which lets them grow"""
+FOLLOWED = 0.02
+"""Part of a lasting swing that its error may become"""
 MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
 WATCHED = PARTS + 2 * MAX_PEAK
@@ -174,8 +179,13 @@ def local_ratio(
     lets_go = force < RELEASE * (begin_force - force) or force > REBOUND * load
     if lets_go and not scene.regions.allow_tension:
         # What errs in the velocity then is carried into the flight.
-        whole = max(whole, depth_error(above_rounding, 0.0, 0.0, mass))
-    return whole / (LOCAL_SHARE * wanted(scene, stiffness, damping))
+        whole = max(whole, THROWN * depth_error(above_rounding, 0.0, 0.0, mass))
+    allowed = wanted(scene, stiffness, damping)
+    if memory * HORIZON < 1.0 and stiffness > 0.0:
+        # What swings on and on can be followed only as long as its error is small beside the swing.
+        swing = max(abs(begin_force), abs(force)) / stiffness
+        allowed = min(allowed, FOLLOWED * math.sqrt(swing * swing + state.velocity * state.velocity * mass / stiffness))
+    return whole / (LOCAL_SHARE * allowed)
 
 
 @in_kernel

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.error_estimate import EXPECTED, HORIZON, decay_rate, swiftness
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.levels.dynamic import DYNAMIC, dynamic_tick
@@ -26,6 +27,8 @@ LASTING = 0.1
 """The same where nothing is ever forgotten"""
 LAYERED = 0.3
 """The same where the next layer may not forget"""
+ABOUT_TO_END = 0.5
+"""Part of its load that a tick must keep: how fast a contact lets go decides on its flight"""
 
 
 class Auto(NamedTuple):
@@ -55,10 +58,13 @@ def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
     """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's.
 
     What a simpler level leaves out of a contact that hardly forgets is there for all later ticks, too; and the next
-    layer may not damp.
+    layer may not damp. None sees how the contact goes over from one to the other.
     """
+    law = scene.regions.law
+    if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, advance.depth):
+        return False
     share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
-    most = LAYERED if len(scene.regions.law.layers) > 1 else 1.0
+    most = LAYERED if len(law.layers) > 1 else 1.0
     share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))
     if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
         return False
@@ -91,8 +97,9 @@ def first_order_leaves_out(scene: Scene, start: Progress) -> float:
 
 @in_kernel
 def lets_go(interval: Interval) -> bool:
-    """Whether the load lets the contact go in a tick: only the dynamic level flies."""
-    return interval.start_load <= 0.0 or load_at(interval, interval.duration) <= 0.0
+    """Whether the load lets the contact go in a tick or is about to: only the dynamic level flies."""
+    begin, end = interval.start_load, load_at(interval, interval.duration)
+    return begin <= 0.0 or end <= ABOUT_TO_END * begin
 
 
 @in_kernel

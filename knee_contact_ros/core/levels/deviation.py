@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from knee_contact_ros.core.error_estimate import (
+    TINY,
     CarriedError,
     carry,
     carry_in_flight,
@@ -26,6 +27,8 @@ ROUGH = 0.2
 """Part of the change of x's place of rest in a tick that is not known"""
 LOOSE = 0.03
 """The same of x itself: K and C are taken as constant"""
+BENT = 0.5
+"""The same over its part of the depth: K goes with the depth"""
 LAUNCHED = 0.2
 """The same of a flight's beginning or end, and of what a load does to it"""
 
@@ -67,7 +70,9 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     )
     moved = carry(away, spring, left_out.damping, mass, h)
     moved = CarriedError(moved.height + left_out.end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
-    unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * (abs(moved.height) + abs(error.height))
+    size = abs(moved.height) + abs(error.height)
+    unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * size
+    unknown += BENT * size * min(1.0, size / max(left_out.depth, TINY))
     moved = with_push(moved, spring * unknown, spring, left_out.damping, mass, h)
     if behind > 0.0:
         moved = with_bound(moved, behind, 0.0)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.error_estimate import (
     EXACT,
+    TINY,
     CarriedError,
     bounded,
     force_reach,
@@ -45,6 +46,10 @@ from knee_contact_ros.core.types import Fidelity
 FIRST_ORDER = int(Fidelity.FIRST_ORDER)
 UNKNOWN_INERTIA = 0.6
 """Part of the inertia that is left out that is not known: it is a tick's mean"""
+FADING, FASTER = 0.5, 10.0
+"""Part of a tick's load at its end below which it lets go of the contact, and how much the inertia may grow in that"""
+UNKNOWN_STEPS = 5.0
+"""How much larger than its estimate a step's error may be"""
 SUDDEN = 3.0
 """Ticks that are longer than this many times C/K see the level's velocity jump"""
 
@@ -94,7 +99,7 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
             going, region = step_on(massless, part, going, region, until)
         begin = following
     if going.given_up or not abs(going.state.height) < math.inf:
-        return unresolved(interval, at_height(going, 0.0, start.state, 0), start)
+        return unresolved(interval, not_begun(going, start), start)
     return result(scene, interval, start, going, region, first)
 
 
@@ -156,6 +161,15 @@ def on_surface(part: Interval, going: Going, s: float) -> Going:
     height = height_at(touch, 0.0, going.state.height)
     _, surface_rate, cosine = touch.touch(height)
     return at_height(jumped(going, left), s, FemurState(height, surface_rate / cosine), 0)
+
+
+@in_kernel
+def not_begun(going: Going, start: Progress) -> Going:
+    """The same tick back at its beginning."""
+    return Going(
+        0.0, start.state, start.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
+        going.evaluations, going.events, going.given_up, going.most, going.landing,
+    )  # fmt: skip
 
 
 @aside
@@ -300,11 +314,15 @@ def result(
     rate = surface_rate - cosine * going.state.velocity
     force, stiffness, damping = force_on(motion_in(scene, interval, going, region, NOWHERE), depth, rate)
     stiffness, damping = cosine * cosine * stiffness, cosine * cosine * damping
-    change, blow = going.state.velocity - first.velocity, 0.0
-    if h * stiffness > SUDDEN * damping and start.stiffness > 0.0:
-        # The dashpot answers within the tick: but for the softer or stiffer contact, the level's velocity changes as by
-        # a blow at the beginning.
-        blow = change + interval.load_rate * (1.0 / stiffness - 1.0 / start.stiffness)
+    change, blow, faded = going.state.velocity - first.velocity, 0.0, 0.0
+    if h * stiffness > SUDDEN * damping and damping > 0.0 and start.stiffness > 0.0:
+        # The dashpot answers within the tick: but for the surfaces and the softer or stiffer contact, the level's
+        # velocity changes as by a blow at the beginning.
+        _, surface_before, cosine_before = touch_at(interval, 0.0).touch(first.height)
+        turned = surface_rate / cosine - surface_before / cosine_before
+        blow = change - turned + interval.load_rate * (1.0 / stiffness - 1.0 / start.stiffness)
+        answers = h * stiffness / damping
+        faded = scene.mass * abs(blow) / damping * answers * math.exp(-answers)
     spring = 0.5 * (start.stiffness + stiffness)
     inertia = scene.mass * (change - blow) / h
     rest = inertia / spring if spring > 0.0 else 0.0
@@ -330,9 +348,13 @@ def result(
     )
     error = deviate(jump, left_out, scene.mass, h)
     # What the level leaves out in a tick may not cancel against the error of its steps: the signs of both are weak.
-    error = with_push(error, UNKNOWN_INERTIA * abs(inertia), stiffness, damping, scene.mass, h)
-    held, jumps = holding(stiffness, damping, scene.mass), going.error.height
-    error = bounded(with_bound(error, jumps + 2.0 * math.sqrt(going.error.hh), jumps * held))
+    unknown = UNKNOWN_INERTIA * abs(inertia)
+    if 0.0 < left_out.end_load < FADING * left_out.begin_load:
+        # A level that leaves a contact gets ever faster.
+        unknown += abs(inertia) * min(FASTER, abs(left_out.gain) * h / max(left_out.depth, TINY))
+    error = with_push(error, unknown, stiffness, damping, scene.mass, h)
+    held, jumps = holding(stiffness, damping, scene.mass), going.error.height + faded
+    error = bounded(with_bound(error, jumps + UNKNOWN_STEPS * math.sqrt(going.error.hh), jumps * held))
     return Advance(
         Progress(
             going.state, error, going.try_step, going.impact_speed, going.impact_error, FIRST_ORDER,
