@@ -133,10 +133,28 @@ def with_step(
 
 @in_kernel
 def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """The error where height [m] and velocity [m/s] may differ by so much more, in any direction, each time."""
-    h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
-    v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
-    return CarriedError(error.height, error.velocity, h * h, error.hv, v * v)
+    """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time.
+
+    What adds up so is the part of each that does not follow from the other: a femur that is late errs in both by much,
+    and how it goes on from there by little.
+    """
+    hh, hv, vv = max(error.hh, 0.0), error.hv, max(error.vv, 0.0)
+    if velocity > 0.0:
+        follows = hv * hv / hh if hh > 0.0 else 0.0
+        own = math.sqrt(max(vv - follows, 0.0)) + velocity / SPREAD
+        vv = min(follows, vv) + own * own
+    if height > 0.0:
+        follows = hv * hv / vv if vv > 0.0 else 0.0
+        own = math.sqrt(max(hh - follows, 0.0)) + height / SPREAD
+        hh = min(follows, hh) + own * own
+    return CarriedError(error.height, error.velocity, hh, hv, vv)
+
+
+@in_kernel
+def with_doubt(error: CarriedError, velocity: float) -> CarriedError:
+    """The error where the velocity [m/s] may differ by so much more, in another direction each time."""
+    v = velocity / SPREAD
+    return CarriedError(error.height, error.velocity, error.hh, error.hv, error.vv + v * v)
 
 
 @in_kernel

@@ -148,7 +148,7 @@ def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: f
         return math.inf
     ratio = local_ratio(
         scene, load_at(interval, going.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
-        step.damping, step.leapt, h,
+        step.damping, step.leapt, h, going.impact_speed > 0.0,
     )  # fmt: skip
     lost = StateError(0.0, lost_in(scene, interval, going, step, h))
     ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
@@ -160,11 +160,12 @@ def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: f
 @in_kernel
 def local_ratio(
     scene: Scene, load: float, state: FemurState, error: StateError, begin_force: float, force: float,
-    stiffness: float, damping: float, leapt: float, h: float,
+    stiffness: float, damping: float, leapt: float, h: float, landed: bool,
 ) -> float:  # fmt: skip
     """The same without what a step has damped away.
 
-    Its end, its local error, the load [N] and the forces [N] at both ends are given.
+    Its end, its local error, the load [N] and the forces [N] at both ends are given; `landed` is whether the contact
+    has begun with a flight's end.
     """
     mass = scene.mass
     speed = abs(state.velocity) + h * abs(force) / mass
@@ -182,9 +183,11 @@ def local_ratio(
         whole = max(whole, THROWN * depth_error(above_rounding, 0.0, 0.0, mass))
     allowed = wanted(scene, stiffness, damping)
     if memory * HORIZON < 1.0 and stiffness > 0.0:
-        # What swings on and on can be followed only as long as its error is small beside the swing.
+        # What swings on and on can be followed only as long as its error is small beside the swing, and goes into the
+        # next flight, if there are any.
         swing = max(abs(begin_force), abs(force)) / stiffness
         allowed = min(allowed, FOLLOWED * math.sqrt(swing * swing + state.velocity * state.velocity * mass / stiffness))
+        allowed = allowed / THROWN if landed and not scene.regions.allow_tension else allowed
     return whole / (LOCAL_SHARE * allowed)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,9 @@ from knee_contact_ros.core.regions import Regions
 from studies.ellipse import Ellipse
 from studies.honesty.scenes import Scene
 
-FORCE_TOLERANCE = "force_tolerance" in {field.name for field in fields(KneeModel)}
-"""Whether the model takes one"""
-
 
 def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
     """The scene's knee at a level of `LEVELS`, to a tolerance [m] and, unless it is 0, one of the force [N]."""
-    more = {"force_tolerance": force_tolerance} if force_tolerance > 0.0 else {}
     model = KneeModel(
         pair=OnPlane(Ellipse(*map(float, scene.half_axes)), scene.slope),
         mechanism=Hinge(),
@@ -32,7 +27,7 @@ def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tole
         tolerance=tolerance,
         budget=budget,
         level=LEVELS[level],
-        **more,  # type: ignore[arg-type]
+        force_tolerance=force_tolerance,
     )
     return compiled(model)
 

@@ -27,7 +27,7 @@ TEXT = (
     "rounding."
 )
 COMMON = ("ticks", "known", "covered", "of errors above rounding", "said right and wrong", "in runs")
-RATIOS = ("estimate over error in contact", "apart")
+RATIOS = ("estimate over error in contact", "apart", "where status is OK")
 Rows = list[list[str]]
 
 
@@ -40,6 +40,10 @@ def _ratios(histogram: Any) -> str:
         return "-"
     middle, low, high = (percentile(histogram, percent) for percent in (50, 5, 95))
     return f"{middle:.3g} ({low:.2g}, {high:.3g})"
+
+
+def _all_ratios(quantity: Quantity) -> list[str]:
+    return [_ratios(histogram) for histogram in (quantity.contact, quantity.apart, quantity.right)]
 
 
 def _common(tally: Tally, quantity: Quantity) -> list[str]:
@@ -80,14 +84,14 @@ def _tolerances(key: Key) -> str:
 
 def _depth_rows(groups: dict[tuple[str, ...], Tally]) -> Rows:
     return [
-        [*group, *_common(tally, tally.depth), _ratios(tally.depth.contact), _ratios(tally.depth.apart), *_cost(tally)]
+        [*group, *_common(tally, tally.depth), *_all_ratios(tally.depth), *_cost(tally)]
         for group, tally in groups.items()
     ]
 
 
 def _force_rows(groups: dict[tuple[str, ...], Tally]) -> Rows:
     return [
-        [*group, *_common(tally, tally.force), _ratios(tally.force.contact), _ratios(tally.force.apart)]
+        [*group, *_common(tally, tally.force), *_all_ratios(tally.force)]
         for group, tally in groups.items()
         if tally.force.known
     ]
@@ -112,6 +116,7 @@ def sections(outcome: Outcome) -> list[Section]:
     families = {WIDE: "any law"} | {family: family for family in FAMILIES if family != WIDE}
     everywhere = _grouped(outcome, lambda key: (key.level, _tolerances(key)))
     by_family = _grouped(outcome, lambda key: (families[key.family], key.level, _tolerances(key)))
+    both = _grouped(outcome, lambda key: None if key.family == WIDE else ("both", key.level, _tolerances(key)))
     by_law = _grouped(outcome, lambda key: (key.law, key.level, _tolerances(key)))
     loads = _grouped(
         outcome,
@@ -124,7 +129,7 @@ def sections(outcome: Outcome) -> list[Section]:
     return [
         Section("", TEXT, (*where, *header), _depth_rows(everywhere)),
         Section("Contact force", "", (*where, *force), _force_rows(everywhere)),
-        Section("Plausible knees", "", ("knee", *where, *header), _depth_rows(by_family)),
+        Section("Plausible knees", "", ("knee", *where, *header), _depth_rows(by_family | both)),
         Section("Plausible knees at auto, by load", "", ("knee", "load", "tolerance", *header), _depth_rows(loads)),
         Section("By law", "", ("law", *where, *header), _depth_rows(by_law)),
         Section("Contact force by law", "", ("law", *where, *force), _force_rows(by_law)),

@@ -11,7 +11,7 @@ import numpy as np
 
 from knee_contact_ros.core.levels import LEVELS
 from studies.honesty.judging import Judged, Verdict, judge, needed
-from studies.honesty.ours import FORCE_TOLERANCE, model
+from studies.honesty.ours import model
 from studies.honesty.scenes import Scene, draw
 from studies.honesty.tally import Tally
 from studies.honesty.truth import reference
@@ -107,8 +107,6 @@ def runs(
     truth, found = reference(scene), {}
     for level in levels:
         for tolerance, force_tolerance in settings:
-            if force_tolerance > 0.0 and not FORCE_TOLERANCE:
-                continue
             series = model(scene, level, tolerance, force_tolerance=force_tolerance)
             key = Key(scene.family, scene.loads, scene.law, level, tolerance, force_tolerance)
             found[key] = series, judge(series, truth, tolerance, force_tolerance)

@@ -33,8 +33,10 @@ class Quantity:
     """Ratios of estimate to error in contact"""
     apart: Counts = field(default_factory=_histogram)
     """The same while apart"""
+    right: Counts = field(default_factory=_histogram)
+    """The same of ticks that are said right, in contact or apart"""
 
-    def count(self, verdict: Verdict, apart: NDArray[np.bool_]) -> None:
+    def count(self, verdict: Verdict, apart: NDArray[np.bool_], said_right: NDArray[np.bool_]) -> None:
         """Count a run."""
         self.known += int(verdict.known.sum())
         self.large += int(verdict.large.sum())
@@ -44,6 +46,7 @@ class Quantity:
         self.wrong_runs += int(verdict.wrong.any())
         self.contact += _binned(verdict.ratio[verdict.large & ~apart])
         self.apart += _binned(verdict.ratio[verdict.large & apart])
+        self.right += _binned(verdict.ratio[verdict.large & said_right])
 
     def add(self, other: Quantity) -> None:
         """Add the counts of other runs."""
@@ -75,9 +78,9 @@ class Tally:
         self.claimed += int(judged.claimed.sum())
         self.evaluations += int(judged.evaluations.sum())
         self.levels += np.bincount(judged.fidelity, minlength=3)
-        self.depth.count(judged.depth, judged.apart)
+        self.depth.count(judged.depth, judged.apart, judged.said_right)
         if judged.force is not None:
-            self.force.count(judged.force, judged.apart)
+            self.force.count(judged.force, judged.apart, judged.said_right)
 
     def choose(self, fidelity: NDArray[np.int_], levels: NDArray[np.int_], known: NDArray[np.bool_]) -> None:
         """Count how often a level was no more expensive than needed, see `judging.needed`."""

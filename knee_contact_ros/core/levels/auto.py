@@ -18,7 +18,7 @@ from knee_contact_ros.core.levels.first_order import first_order_tick
 from knee_contact_ros.core.levels.quasi_static import quasi_static_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import Advance, Progress, Scene
-from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT
+from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
 DESCEND = 0.4
 """Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
@@ -66,6 +66,7 @@ def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
     share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
     most = LAYERED if len(law.layers) > 1 else 1.0
     share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))
+    share = share / THROWN if start.impact_speed > 0.0 and most < 1.0 else share
     if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
         return False
     return advance.error_estimate <= share * scene.tolerance

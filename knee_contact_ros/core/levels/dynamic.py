@@ -25,6 +25,7 @@ from knee_contact_ros.core.error_estimate import (
     swiftness,
     velocity_reach,
     with_bound,
+    with_doubt,
     with_push,
     with_step,
 )
@@ -65,7 +66,7 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
-RELEASED = 0.5
+RELEASED = 0.2
 """Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
 
 
@@ -227,7 +228,7 @@ def behind_boundary(
     _, _, cosine = touch_at(interval, going.s).touch(going.state.height)
     error = behind_jump(going.error, end.rate, jump, off, scene.mass, interval.duration)
     if following.layer < 0:
-        error = with_bound(error, 0.0, RELEASED * velocity_reach(error))
+        error = with_doubt(error, RELEASED * velocity_reach(error))
     going = Going(
         going.s,
         going.state,

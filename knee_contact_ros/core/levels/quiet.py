@@ -66,7 +66,7 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
         middle = stride.middle
         ratio = local_ratio(
             scene, load, stride.state, stride.error, slope.stage.force, stride.end.stage.force, middle.stiffness,
-            middle.damping, stride.leapt, part,
+            middle.damping, stride.leapt, part, start.impact_speed > 0.0,
         )  # fmt: skip
         if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
             return not_quiet(start, spent)
