@@ -9,6 +9,10 @@ Where nothing damps the contact nothing is ever forgotten.
 The bound on a compression: from touch at a speed v to the depth z where a quarter of that energy is stored, the femur
 is at least half as fast unless the dashpot has taken half of the energy already; so it takes min(½ E, ½ v ∫ c dz), for
 dampings c that do not fall with the depth (`LayerFormula`).
+
+The load that presses the femur in bounds it, too: as long as the energy would do for a flight, it comes to half of the
+static depth z, or to the layer that this lies in, at no less than the root of L z/M, as U(z) <= ½ F(z) z <= ½ L z; and
+it goes on to the static depth at least, and back.
 """
 
 from __future__ import annotations
@@ -39,8 +43,10 @@ HALVINGS = 12
 """Looks for the depth that stores a quarter of the energy; it is in question by a part of 2^(1/HALVINGS-th) decade"""
 FEW = 8
 """Evaluations for a static depth that need not be exact"""
-RESERVE = ANSWER + FEW + HALVINGS + 4
+RESERVE = ANSWER + 2 * FEW + HALVINGS + 5
 """Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
+THERE_AND_BACK = 8.0
+"""Time from touch to touch in units of the root of mass times static depth over load, where the load does the most"""
 SHALLOWEST = 1e-9
 """[m] of these depths"""
 
@@ -103,15 +109,16 @@ def set_adrift(depth: float, rate: float, elastic: float, load: float, error: Ca
 @in_kernel
 def pushed(interval: Interval, adrift: Adrift, kick: float, mass: float) -> Adrift:
     """The bounds after an interval that takes nothing from them; `kick` [m/s] is the surface's change of rate in it."""
-    h, shaken = interval.duration, mass * abs(kick) / interval.duration
+    h, kicked = interval.duration, math.sqrt(adrift.energy) + math.sqrt(0.5 * mass) * abs(kick)
     begin, end = interval.start_load, load_at(interval, h)
-    least, most = min(begin, end) - shaken, max(abs(begin), abs(end)) + shaken
-    speed = min(math.sqrt(2.0 * adrift.energy / mass) + most * h / mass, LARGEST_VELOCITY_ERROR)
+    least, most = min(begin, end), max(abs(begin), abs(end))
+    speed = min(math.sqrt(2.0 / mass) * kicked + most * h / mass, LARGEST_VELOCITY_ERROR)
     height = min(adrift.height + speed * h, LARGEST_HEIGHT_ERROR)
     if least <= 0.0:
         return Adrift(0.5 * mass * speed * speed, height, 0.0)
-    energy = adrift.energy + (most * adrift.height if adrift.pressed == 0.0 else 0.0)
-    energy += (abs(end - begin) + 2.0 * shaken) * max(height, SHALLOWEST)
+    energy = kicked * kicked + (most * adrift.height if adrift.pressed == 0.0 else 0.0)
+    height = min(height, energy / least)
+    energy += abs(end - begin) * max(height, SHALLOWEST)
     energy = min(energy, 0.5 * mass * LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR)
     return Adrift(energy, min(height, energy / least), adrift.pressed + h)
 
@@ -129,12 +136,19 @@ def calmed(regions: Regions, load: float, adrift: Adrift, mass: float) -> tuple[
     if adrift.pressed < flight:
         return adrift, 0
     depth, evaluations = storing(regions, 0.25 * adrift.energy)
-    if adrift.pressed < flight + math.pi * depth / speed:
+    static = static_depth(regions.law, load, depth, 1e-9, FEW)
+    evaluations += static.evaluations
+    if adrift.pressed < flight + max(math.pi * depth / speed, THERE_AND_BACK * math.sqrt(mass * static.depth / load)):
         return adrift, evaluations
     half = 0.5 * depth
     _, _, damping = regions.law.layers[max(0, layer_at(regions.law, half))].formula.force_at(half, 0.0, speed)
-    energy = adrift.energy - min(0.5 * adrift.energy, 0.25 * speed * damping * depth)
-    return Adrift(energy, min(adrift.height, energy / load), TINY), evaluations + 1
+    taken = min(0.5 * adrift.energy, 0.25 * speed * damping * depth)
+    layer = regions.law.layers[max(0, layer_at(regions.law, static.depth))]
+    near = max(layer.begin, 0.5 * static.depth)
+    _, _, damping = layer.formula.force_at(near, 0.0, speed)
+    taken = max(taken, 2.0 * damping * math.sqrt(load * near / mass) * (static.depth - near))
+    energy = max(adrift.energy - taken, TINY)
+    return Adrift(energy, min(adrift.height, energy / load), TINY), evaluations + 2
 
 
 @in_kernel

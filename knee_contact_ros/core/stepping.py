@@ -182,12 +182,14 @@ def local_ratio(
         # What errs in the velocity then is carried into the flight.
         whole = max(whole, THROWN * depth_error(above_rounding, 0.0, 0.0, mass))
     allowed = wanted(scene, stiffness, damping)
-    if memory * HORIZON < 1.0 and stiffness > 0.0:
-        # What swings on and on can be followed only as long as its error is small beside the swing, and goes into the
-        # next flight, if there are any.
+    lasts = memory * HORIZON < 1.0
+    if lasts and stiffness > 0.0:
+        # What swings on and on can be followed only as long as its error is small beside the swing.
         swing = max(abs(begin_force), abs(force)) / stiffness
         allowed = min(allowed, FOLLOWED * math.sqrt(swing * swing + state.velocity * state.velocity * mass / stiffness))
-        allowed = allowed / THROWN if landed and not scene.regions.allow_tension else allowed
+    if landed and (lasts or len(scene.regions.law.layers) > 1) and not scene.regions.allow_tension:
+        # It goes into the next flight; another layer may damp less than this one.
+        allowed = allowed / THROWN
     return whole / (LOCAL_SHARE * allowed)
 
 

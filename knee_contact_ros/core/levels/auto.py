@@ -25,7 +25,7 @@ DESCEND = 0.4
 
 LASTING = 0.1
 """The same where nothing is ever forgotten"""
-LAYERED = 0.3
+LAYERED = 0.1
 """The same where the next layer may not forget"""
 ABOUT_TO_END = 0.5
 """Part of its load that a tick must keep: how fast a contact lets go decides on its flight"""

@@ -66,7 +66,7 @@ from knee_contact_ros.core.stepping import (
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
-RELEASED = 0.2
+RELEASED = 0.05
 """Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
 
 
@@ -273,9 +273,9 @@ def result(scene: Scene, interval: Interval, going: Going, region: Region, adrif
     force, stiffness, damping, evaluations, held = 0.0, 0.0, 0.0, going.evaluations, math.inf
     error, force_error = bounded(going.error), 0.0
     if going.landing.latest > interval.duration:
-        # The exact solution may still be on its way.
+        # The exact solution may still be on its way, with the velocity that it came with.
         way = (going.landing.latest - interval.duration) * going.landing.rate
-        error = bounded(with_bound(error, way + max(depth, 0.0), going.landing.rate))
+        error = bounded(with_bound(error, way + max(depth, 0.0), abs(going.landing.rate - rate)))
     if region.pressing:
         motion = motion_in(scene, interval, going, region, NOWHERE)
         force, stiffness, damping = force_on(motion, depth, rate)
