@@ -211,7 +211,7 @@ static int end_on(const Problem *p, Going *g, int boundary, real *high) {
     }
     int other;
     real earlier = beyond_at(p, m, &pair, &other);
-    if (earlier < 0.999L && (other != boundary)) return *high = earlier * h, 0;
+    if (earlier <= 1.0L && other != boundary) return *high = earlier * h, 0;
     take(p, g, end, h);
     switch_mode(p, g, boundary);
     return 1;

@@ -27,6 +27,8 @@ LASTING = 0.1
 """The same where nothing is ever forgotten"""
 LAYERED = 0.1
 """The same where the next layer may not forget"""
+SMALL = 0.05
+"""Part of the depth that an error may be which the linearised contact tells"""
 ABOUT_TO_END = 0.5
 """Part of its load that a tick must keep: how fast a contact lets go decides on its flight"""
 
@@ -63,6 +65,8 @@ def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
     law = scene.regions.law
     if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, advance.depth):
         return False
+    if advance.error_estimate > SMALL * advance.depth or abs(advance.depth - start.depth) > start.depth:
+        return False  # It is no small change of the contact, as what is left out is taken to be.
     share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
     most = LAYERED if len(law.layers) > 1 else 1.0
     share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))

@@ -16,6 +16,7 @@ from knee_contact_ros.core.error_estimate import (
     carry,
     carry_in_flight,
     curved,
+    holding,
     with_bound,
     with_push,
 )
@@ -73,6 +74,9 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     size = abs(moved.height) + abs(error.height)
     unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * size
     unknown += BENT * size * min(1.0, size / max(left_out.depth, TINY))
+    swing = abs(away.velocity) / holding(spring, left_out.damping, mass)
+    if swing > left_out.depth:  # It comes apart meanwhile, and lands as it may.
+        unknown += swing
     moved = with_push(moved, spring * unknown, spring, left_out.damping, mass, h)
     if behind > 0.0:
         moved = with_bound(moved, behind, 0.0)
