@@ -39,9 +39,9 @@ SWING = 0.7
 """Largest part of the depth that such a swing has, so that height and velocity together stay within it"""
 NEAR = 0.1
 """Energy over what lifts the femur out of its static contact from which on it stays in contact, give or take"""
-HALVINGS = 12
+HALVINGS = 8
 """Looks for the depth that stores a quarter of the energy; it is in question by a part of 2^(1/HALVINGS-th) decade"""
-FEW = 8
+FEW = 6
 """Evaluations for a static depth that need not be exact"""
 RESERVE = ANSWER + 2 * FEW + HALVINGS + 5
 """Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
@@ -146,7 +146,8 @@ def calmed(regions: Regions, load: float, adrift: Adrift, mass: float) -> tuple[
     layer = regions.law.layers[max(0, layer_at(regions.law, static.depth))]
     near = max(layer.begin, 0.5 * static.depth)
     _, _, damping = layer.formula.force_at(near, 0.0, speed)
-    taken = max(taken, 2.0 * damping * math.sqrt(load * near / mass) * (static.depth - near))
+    # Half of what there and back take: the static depth is not exact.
+    taken = max(taken, damping * math.sqrt(load * near / mass) * (static.depth - near))
     energy = max(adrift.energy - taken, TINY)
     return Adrift(energy, min(adrift.height, energy / load), TINY), evaluations + 2
 

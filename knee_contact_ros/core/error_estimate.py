@@ -133,10 +133,17 @@ def with_step(
 
 @in_kernel
 def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time.
+    """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time."""
+    h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
+    v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
+    return CarriedError(error.height, error.velocity, h * h, error.hv, v * v)
 
-    What adds up so is the part of each that does not follow from the other: a femur that is late errs in both by much,
-    and how it goes on from there by little.
+
+@in_kernel
+def with_bound_aside(error: CarriedError, height: float, velocity: float) -> CarriedError:
+    """The same where what differs has to do with the error itself: it adds to what does not follow from the other.
+
+    A femur that is late errs in height and velocity by much, and how it goes on from there by little.
     """
     hh, hv, vv = max(error.hh, 0.0), error.hv, max(error.vv, 0.0)
     if velocity > 0.0:
@@ -174,9 +181,16 @@ def with_push(
     error: CarriedError, push: float, stiffness: float, damping: float, mass: float, h: float
 ) -> CarriedError:
     """The error where a force [N] of any sign that nobody has told of has acted for `h` [s]."""
+    height, velocity = pushed_by(push, stiffness, damping, mass, h)
+    return with_bound(error, height, velocity)
+
+
+@in_kernel
+def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float]:
+    """How far [m] and how fast [m/s] a force [N] pushes a contact in `h` [s]."""
     held = holding(stiffness, damping, mass)
     velocity = push / mass * min(h, 1.0 / held)
-    return with_bound(error, velocity * min(h, mass * held / max(stiffness, TINY)), velocity)
+    return velocity * min(h, mass * held / max(stiffness, TINY)), velocity
 
 
 @in_kernel
@@ -231,9 +245,9 @@ def curved(error: CarriedError, depth: float, stiffness: float, damping: float, 
     if square <= BENT * BENT * depth * depth:
         return error
     wrong = reach(error, math.inf)
-    return with_push(
-        error, CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY)), stiffness, damping, mass, h
-    )
+    push = CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY))
+    height, velocity = pushed_by(push, stiffness, damping, mass, h)
+    return with_bound_aside(error, height, velocity)
 
 
 @in_kernel

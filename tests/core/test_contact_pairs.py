@@ -185,12 +185,11 @@ def test_the_common_normal_and_the_envelope(pair: CurveContact, angle: float, x:
     assert pair.tibia.foot(*tibial).distance == pytest.approx(0.0, abs=LAST_BITS)
     assert pair.tibia.foot(*tibial).normal_x == pytest.approx(found.normal_x, abs=1e-12)  # curvature x rounding
     step = 1e-6
-    differences = [
-        (pair.closest(*(pose + step * axis)).depth - pair.closest(*(pose - step * axis)).depth) / (2.0 * step)
-        for pose, axis in ((np.array([angle, x, height]), axis) for axis in np.eye(3))
-    ]
-    before, after = (pair.closest(angle + s, x + s, height + s) for s in (-step, step))
-    assume(abs(before.turning - after.turning) < 1e-4)  # else the contact jumps from one bump to another
+    pose = np.array([angle, x, height])
+    around = [(pair.closest(*(pose - step * axis)), pair.closest(*(pose + step * axis))) for axis in np.eye(3)]
+    # else the contact jumps from one bump to another
+    assume(all(abs(before.turning - after.turning) < 1e-4 for before, after in around))
+    differences = [(after.depth - before.depth) / (2.0 * step) for before, after in around]
     # Within a bump the slope changes by at most (1/m) x step over the step.
     assert differences[0] == pytest.approx(found.turning, abs=1e-4)
     assert differences[1] == pytest.approx(-found.normal_x, abs=2e-4)

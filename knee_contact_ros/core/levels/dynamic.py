@@ -25,6 +25,7 @@ from knee_contact_ros.core.error_estimate import (
     swiftness,
     velocity_reach,
     with_bound,
+    with_bound_aside,
     with_doubt,
     with_push,
     with_step,
@@ -172,7 +173,7 @@ def accepted(
         if h > 0.0:
             going = spending(going, looks_for_doubt(scene, going), False)
     else:
-        error, swift = with_bound(carry_in_flight(going.error, h), step.error.height, 0.0), 0.0
+        error, swift = with_bound_aside(carry_in_flight(going.error, h), step.error.height, 0.0), 0.0
     return Going(
         until if h == until - going.s else going.s + h,
         step.state,
