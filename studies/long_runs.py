@@ -98,6 +98,13 @@ def running(random: Random, time: Floats) -> tuple[Floats, Floats]:
     return 0.5 + 0.4 * np.sin(math.tau * time / 0.7), load
 
 
+def held_in_swing(random: Random, time: Floats) -> tuple[Floats, Floats]:
+    """The same with muscles that press between the strides, by 5 to 80 N: lift-offs of a tenth of a millimetre."""
+    angle, load = running(random, time)
+    stride = np.floor(time / 0.7).astype(int)
+    return angle, np.maximum(load, random.choice([5.0, 10.0, 20.0, 40.0, 80.0], int(stride[-1]) + 1)[stride])
+
+
 def wandering(random: Random, time: Floats) -> tuple[Floats, Floats]:
     """A load that wanders about 400 N within some 0.1 s, and pulls at times."""
     step = float(time[1] - time[0])
@@ -127,6 +134,8 @@ def long_runs() -> Iterator[LongRun]:
         yield LongRun(f"{family}, gait with lift-offs", law, arguments, 0.5, 1000.0, lifting_off)
         yield LongRun(f"{family}, running", law, arguments, 1.0, 200.0, running)
         yield LongRun(f"{family}, running", law, arguments, 0.5, 1000.0, running)
+        yield LongRun(f"{family}, running, held in swing", law, arguments, 0.5, 200.0, held_in_swing)
+        yield LongRun(f"{family}, running, held in swing", law, arguments, 0.25, 1000.0, held_in_swing)
         yield LongRun(f"{family}, wandering load", law, arguments, 0.5, 500.0, wandering)
         yield LongRun(f"{family}, shaken", law, arguments, 0.5, 1000.0, shaken)
         yield LongRun(f"{family}, thrown", law, arguments, 0.25, 1000.0, thrown)

@@ -71,6 +71,19 @@ def test_linear_oscillator_under_a_ramp(damping: float) -> None:
     assert solution.depth == pytest.approx(exact, abs=1e-13 * lag + ROUNDING)
 
 
+def test_a_clamped_contact_that_is_let_go_flies_from_where_its_force_ends() -> None:
+    """A linear contact that creeps after its load, much quicker than a tick: at K δ + C δ̇ = 0, δ̇ = r/K, it lets go."""
+    stiffness, damping, mass, load, ramp = 2.4e8, 4884.0, 0.0527, 16.0, -8276.0
+    law = LAWS["kelvin_voigt"](stiffness=stiffness, exponent=1.0, damping=damping)
+    time = np.array([0.0, 0.01, 0.0132])
+    found = solve(Knee(law, mass), time, np.zeros(3), [load - 0.01 * ramp, load, load + 0.0032 * ramp])
+    # in contact L = K δ + C δ̇ + M δ̈ with δ̈ = 0: the force is the load's and ends with it; what began is long forgotten
+    rate = ramp / stiffness
+    flying = 0.0032 + load / ramp
+    depth = -damping * rate / stiffness + rate * flying + ramp * flying**3 / (6.0 * mass)
+    assert found.depth[-1] == pytest.approx(depth, rel=1e-12, abs=1e-14)
+
+
 def test_free_flight_is_a_cubic() -> None:
     """Let go from rest and pulled off ever harder, turning: height and depth in closed form."""
     time, load = np.arange(6) * 0.01, -100.0 * np.arange(6) * 0.01

@@ -28,7 +28,10 @@ from knee_contact_ros.core.error_estimate import (
     force_reach,
     lost_swing,
     reach,
+    velocity_reach,
     with_bound,
+    with_bound_aside,
+    with_doubt,
     with_step,
 )
 from knee_contact_ros.core.geometries import Circle
@@ -137,6 +140,23 @@ def swinging(frequency: float, damping: float, h: float, amplitude: float, kept:
     begin = Stage(1e-4, amplitude, 100.0, stiffness, 0.0)
     end = Stage(1e-4, kept * amplitude, 100.0, stiffness, 0.0)
     return Step(FemurState(0.034, 0.0), NO_ERROR, begin, end, INSIDE, stiffness, damping, 1.0, 0.0, 0, True)
+
+
+def test_what_adds_aside_leaves_a_late_femur_late() -> None:
+    """Both errors follow from one time: what is added aside is what this time does not tell, in the same direction."""
+    late, speed, acceleration = 1e-6, 3.0, 5e3
+    error = CarriedError(0.0, 0.0, (late * speed) ** 2, late * late * speed * acceleration, (late * acceleration) ** 2)
+    for _ in range(100):
+        error = with_bound_aside(error, 0.0, 3e-9)
+    own = error.vv - error.hv**2 / error.hh
+    assert own == pytest.approx((100 * 1e-9) ** 2, rel=1e-2)  # a difference of squares
+    once = with_bound_aside(EXACT, 3e-6, 0.0)
+    assert with_bound_aside(once, 3e-6, 0.0).hh == pytest.approx(4.0 * once.hh, rel=1e-12)  # rounding
+
+
+def test_doubt_in_another_direction_each_time_adds_as_squares() -> None:
+    error = with_doubt(with_doubt(of(0.0, 0.0), 3e-6), 3e-6)
+    assert velocity_reach(error) == pytest.approx(3e-6 * math.sqrt(2.0), rel=1e-12)  # rounding
 
 
 def test_a_swing_that_the_step_has_damped_away_is_lost() -> None:
