@@ -1,18 +1,16 @@
-"""Where the exact solution can be, once it has been lost: wherever its energy lets it be, until the contact forgets.
+"""Where the exact solution can be, once it may have been lost: wherever its energy lets it be.
 
 A run loses the exact solution where a tick could not be resolved, or where its estimated error is so large that the
 exact femur may be apart while the answer is in contact: the linearised contact says nothing then. What is left is a
-bound on the femur's energy: kinetic, elastic, and that of the load over its height. A pulling load raises it, a
-pressing one keeps it but for its own change, and each compression takes from it what the dashpot must at least take.
-Where nothing damps the contact nothing is ever forgotten.
+bound on the exact femur's energy. It is kept from when the error begins to count, so that it holds no more than that of
+the answer then; it ends when the error counts no longer.
 
-The bound on a compression: from touch at a speed v to the depth z where a quarter of that energy is stored, the femur
-is at least half as fast unless the dashpot has taken half of the energy already; so it takes min(½ E, ½ v ∫ c dz), for
-dampings c that do not fall with the depth (`LayerFormula`).
-
-The load that presses the femur in bounds it, too: as long as the energy would do for a flight, it comes to half of the
-static depth z, or to the layer that this lies in, at no less than the root of L z/M, as U(z) <= ½ F(z) z <= ½ L z; and
-it goes on to the static depth at least, and back.
+All is seen along the normal: a mass m = M/n_y² at a depth z under the load P = L/n_y + m a, with what the surface's
+acceleration a adds. While P presses, the energy is H = ½ m ż² + U(z) - P z, which a femur that is apart by h has as
+P h; at rest it is smallest, and X above that. A load that rises raises H by P' h at most, one that falls by P' z: the
+bounds of both follow from H, and so does the time in which the femur must come back to the depth at rest and overshoot
+it. What the dashpot must at least take from that is taken from H. Under a load that pulls nothing but ½ m ż² + U(z)
+is bounded, and the distance. Where nothing damps the contact nothing is ever forgotten.
 """
 
 from __future__ import annotations
@@ -20,8 +18,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.contact_laws.base import layer_at, static_force
+from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at, static_force
 from knee_contact_ros.core.error_estimate import (
+    EXPECTED,
     LARGEST_HEIGHT_ERROR,
     LARGEST_VELOCITY_ERROR,
     SPREAD,
@@ -32,46 +31,86 @@ from knee_contact_ros.core.error_estimate import (
 )
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.statics import ANSWER, static_depth
 
-SWING = 0.7
-"""Largest part of the depth that such a swing has, so that height and velocity together stay within it"""
-NEAR = 0.1
-"""Energy over what lifts the femur out of its static contact from which on it stays in contact, give or take"""
-HALVINGS = 8
-"""Looks for the depth that stores a quarter of the energy; it is in question by a part of 2^(1/HALVINGS-th) decade"""
-FEW = 6
+NONE, WATCHED, LOST = 0.0, 1.0, 2.0
+"""What is to be known: nothing; where the exact solution may be, if its estimate should be lost; where it is"""
+NOTED = 0.05
+"""Part of the depth from which on an error may grow into one that is lost"""
+FEW = 4
 """Evaluations for a static depth that need not be exact"""
-RESERVE = ANSWER + 2 * FEW + HALVINGS + 5
+LOOKS = 4
+"""The same for the depth that an energy reaches"""
+FIRST_LOOK = 1e-4
+"""[m] where nothing else is known of it"""
+STEPS = 10
+"""Pieces of an overshoot, there and back"""
+TAKEN = 0.8
+"""Part of what these find that the dashpot takes"""
+LAYERS = 2
+"""Layers of a law, for what follows; a law of more costs more"""
+CALMING = FEW + LOOKS + 2 * STEPS + 5 * LAYERS + 4
+"""Evaluations that it takes to find what an overshoot takes"""
+RESERVE = ANSWER + 2 * FEW + 2 * LOOKS + 4 * LAYERS + 2
 """Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
-THERE_AND_BACK = 8.0
-"""Time from touch to touch in units of the root of mass times static depth over load, where the load does the most"""
-SHALLOWEST = 1e-9
-"""[m] of these depths"""
+LARGEST_ENERGY = LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR
+"""[J]"""
 
 
 class Adrift(NamedTuple):
     """Bounds of the exact solution's motion over the tibia."""
 
+    stage: float
+    """`NONE`, `WATCHED` or `LOST`"""
     energy: float
-    """[J] kinetic and elastic, and that of a pressing load over the height; 0: it is not adrift"""
+    """H [J] while the load presses; kinetic and elastic where it pulls"""
     height: float
     """[m] that it is at most above the tibia"""
+    load: float
+    """P [N] of late"""
+    rest: float
+    """Depth at rest [m] under it; 0 if it pulls"""
+    stored: float
+    """No more [J] than the contact stores there"""
     pressed: float
-    """[s] for which the load has pressed since the last compression that counts"""
+    """[s] for which the load has pressed since the last overshoot that counts"""
+    least: float
+    """Its least since then [N]"""
+    begun: float
+    """H then [J]"""
 
 
-FOUND = Adrift(0.0, 0.0, 0.0)
+FOUND = Adrift(NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Drive(NamedTuple):
+    """What moves the femur for some time, along the normal."""
+
+    mass: float
+    """m [kg]"""
+    load: float
+    """P at its end [N]"""
+    rise: float
+    """By how much it rises in all [N]"""
+    fall: float
+    """By how much it falls in all [N]"""
+    least: float
+    """[N]"""
+    kick: float
+    """Sudden changes of the surface's rate in all [m/s]"""
+    duration: float
+    """[s]"""
 
 
 class Range(NamedTuple):
     """What the exact solution can be at a tick's end."""
 
-    depth: float
-    """Largest [m]; the least is -`height`"""
-    height: float
-    """[m]"""
+    least: float
+    """Least depth [m]; < 0 apart"""
+    most: float
+    """Largest [m]"""
+    rate: float
+    """Largest rate of the depth [m/s] of either sign"""
     force: float
     """Largest [N]"""
     evaluations: int
@@ -88,112 +127,257 @@ def loses(interval: Interval, depth: float, force: float, never_flies: bool, err
     if begin <= 0.0 or load_at(interval, interval.duration) <= 0.0:
         return False
     least = depth if depth > 0.0 else 0.0
-    if 4.5 * error.height * error.height + 18.0 * error.hh <= least * least:  # no less than the square of the reach
-        return False
     carries = never_flies or (depth > 0.0 and force >= 0.5 * begin)
-    return carries and reach(error, math.inf) > least
+    return carries and exceeds(error, least)
 
 
 @in_kernel
-def set_adrift(depth: float, rate: float, elastic: float, load: float, error: CarriedError, mass: float) -> Adrift:
-    """Bounds that hold for an exact solution that lies within an error of a contact.
-
-    `depth` [m], `rate` [m/s] and the force at rest `elastic` [N] are the contact's, `load` [N] presses.
-    """
-    off, speed = reach(error, math.inf), abs(rate) + velocity_reach(error)
-    height = max(0.0, -depth) + off
-    stored = elastic * max(depth, 0.0)
-    return Adrift(0.5 * mass * speed * speed + stored + max(load, 0.0) * height + TINY, height, 0.0)
-
-
-@in_kernel
-def pushed(interval: Interval, adrift: Adrift, kick: float, mass: float) -> Adrift:
-    """The bounds after an interval that takes nothing from them; `kick` [m/s] is the surface's change of rate in it."""
-    h, kicked = interval.duration, math.sqrt(adrift.energy) + math.sqrt(0.5 * mass) * abs(kick)
-    begin, end = interval.start_load, load_at(interval, h)
-    least, most = min(begin, end), max(abs(begin), abs(end))
-    speed = min(math.sqrt(2.0 / mass) * kicked + most * h / mass, LARGEST_VELOCITY_ERROR)
-    height = min(adrift.height + speed * h, LARGEST_HEIGHT_ERROR)
-    if least <= 0.0:
-        return Adrift(0.5 * mass * speed * speed, height, 0.0)
-    energy = kicked * kicked + (most * adrift.height if adrift.pressed == 0.0 else 0.0)
-    height = min(height, energy / least)
-    energy += abs(end - begin) * max(height, SHALLOWEST)
-    energy = min(energy, 0.5 * mass * LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR)
-    return Adrift(energy, min(height, energy / least), adrift.pressed + h)
+def exceeds(error: CarriedError, limit: float) -> bool:
+    """Whether the height may be wrong by more than a limit [m]."""
+    if 4.5 * error.height * error.height + 18.0 * error.hh <= limit * limit:  # no less than the square of the reach
+        return False
+    return reach(error, math.inf) > limit
 
 
 @aside
-def calmed(regions: Regions, load: float, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
-    """The bounds less what a compression takes from them, once there has been time for one; and its evaluations.
+def bounds_near(
+    law: ContactLaw, depth: float, rate: float, error: CarriedError, load: float, mass: float
+) -> tuple[Adrift, int]:
+    """Bounds of an exact solution within an error of a `depth` [m] that changes at a `rate` [m/s]; and evaluations.
 
-    `load` [N] is the least of late.
+    `load` [N] and `mass` [kg] are those along the normal.
     """
-    if adrift.pressed == 0.0 or load <= 0.0:
-        return adrift, 0
-    speed = math.sqrt(2.0 * adrift.energy / mass)
-    flight = 2.0 * speed * mass / load
-    if adrift.pressed < flight:
-        return adrift, 0
-    depth, evaluations = storing(regions, 0.25 * adrift.energy)
-    static = static_depth(regions.law, load, depth, 1e-9, FEW)
-    evaluations += static.evaluations
-    if adrift.pressed < flight + max(math.pi * depth / speed, THERE_AND_BACK * math.sqrt(mass * static.depth / load)):
-        return adrift, evaluations
-    half = 0.5 * depth
-    _, _, damping = regions.law.layers[max(0, layer_at(regions.law, half))].formula.force_at(half, 0.0, speed)
-    taken = min(0.5 * adrift.energy, 0.25 * speed * damping * depth)
-    layer = regions.law.layers[max(0, layer_at(regions.law, static.depth))]
-    near = max(layer.begin, 0.5 * static.depth)
-    _, _, damping = layer.formula.force_at(near, 0.0, speed)
-    # Half of what there and back take: the static depth is not exact.
-    taken = max(taken, damping * math.sqrt(load * near / mass) * (static.depth - near))
-    energy = max(adrift.energy - taken, TINY)
-    return Adrift(energy, min(adrift.height, energy / load), TINY), evaluations + 2
+    # The answer's height less the exact one's is expected to be that of the error, which is positive in deeper contact.
+    doubt = (EXPECTED - 1.0) * abs(error.height) + SPREAD * math.sqrt(max(error.hh, 0.0))
+    deepest, highest = depth + max(error.height + doubt, 0.0), max(0.0, -depth + max(doubt - error.height, 0.0))
+    speed = abs(rate) + velocity_reach(error)
+    stored, looks = elastic_energy(law, deepest, 1.0)
+    energy = 0.5 * mass * speed * speed + stored
+    if load > 0.0:
+        energy += load * (highest if highest > 0.0 else max(doubt - error.height, 0.0) - depth)
+    rest, stored, evaluations = at_rest(law, load, depth)
+    return Adrift(WATCHED, energy, highest, load, rest, stored, 0.0, load, energy), evaluations + looks
 
 
 @in_kernel
-def storing(regions: Regions, energy: float) -> tuple[float, int]:
-    """A depth [m] at which a contact stores no more than an energy [J] (½ F z bounds it: the force is convex)."""
-    low, high = SHALLOWEST, 1.0
-    for _ in range(HALVINGS):
-        middle = math.sqrt(low * high)
-        if 0.5 * static_force(regions.law, middle)[0] * middle <= energy:
-            low = middle
-        else:
-            high = middle
-    return low, HALVINGS
+def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, int]:
+    """Depth at rest [m] under a load [N], no more than is stored there [J], and evaluations; `near` [m] is a guess."""
+    static = static_depth(law, load, max(near, 0.0), 1e-9, FEW)
+    stored, looks = elastic_energy(law, static.depth, 0.5)
+    return static.depth, stored, static.evaluations + looks
+
+
+@in_kernel
+def elastic_energy(law: ContactLaw, depth: float, part: float) -> tuple[float, int]:
+    """No less [J] than a contact stores at a depth [m], and evaluations; with the `part` ½ instead of 1, no more.
+
+    In each layer the force is convex: below the line through its ends, above that in the middle.
+    """
+    energy, begin, force, evaluations = 0.0, 0.0, 0.0, 0
+    for index in range(len(law.layers)):
+        if begin < depth:
+            end = min(law.layers[index + 1].begin, depth) if index + 1 < len(law.layers) else depth
+            reached, _, _ = law.layers[index].formula.force_at(begin + part * (end - begin), 0.0, 0.0)
+            energy += (end - begin) * (0.5 * (force + reached) if part == 1.0 else reached)
+            begin, force, evaluations = end, reached, evaluations + 1
+    return energy, evaluations
+
+
+@in_kernel
+def excess_of(adrift: Adrift) -> float:
+    """X [J]: energy above that at rest."""
+    return max(adrift.energy + max(adrift.load, 0.0) * adrift.rest - adrift.stored, 0.0)
 
 
 @aside
-def range_of(regions: Regions, interval: Interval, adrift: Adrift, near: float, mass: float) -> Range:
-    """What the contact can be at the end of an interval; `near` [m] is a guess of the static depth."""
-    load = max(load_at(interval, interval.duration), 0.0)
-    static = static_depth(regions.law, load, near, 1e-9, FEW)
-    _, stiffness, _ = static_force(regions.law, static.depth)
-    evaluations = static.evaluations + (1 if static.depth > 0.0 else 0) + 1
-    energy = adrift.energy + load * static.depth
-    if stiffness > 0.0:
-        depth = static.depth + math.sqrt(2.0 * energy / stiffness)
+def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[Adrift, int]:
+    """The bounds after some time that takes nothing from them; `near` [m] guesses the depth at rest.
+
+    The second number is that of evaluations.
+    """
+    if adrift.load > 0.0 and drive.least > 0.0:
+        energy, height, evaluations = pressed_on(law, adrift, drive)
     else:
-        depth, looks = storing(regions, 16.0 * energy)
-        depth, evaluations = 4.0 * depth, evaluations + looks
-    at_rest, _, damping = static_force(regions.law, depth)
-    force = at_rest + damping * math.sqrt(2.0 * energy / mass)
-    return Range(depth, adrift.height, force, evaluations)
+        energy, height, evaluations = pulled(law, adrift, drive)
+    rest, stored, looks = at_rest(law, drive.load, adrift.rest if adrift.rest > 0.0 else near)
+    pressed, least, begun = 0.0, drive.load, energy
+    if adrift.load > 0.0 and drive.least > 0.0:
+        pressed, least = adrift.pressed + drive.duration, min(adrift.least, drive.least)
+        begun = min(adrift.begun, energy)
+    return Adrift(
+        adrift.stage, energy, height, drive.load, rest, stored, pressed, least, begun
+    ), evaluations + looks  # fmt: skip
 
 
 @in_kernel
-def found_again(adrift: Adrift, depth: float, load: float) -> bool:
-    """Whether the energy keeps the exact solution in a contact that is `depth` [m] deep under a load [N]."""
-    return load > 0.0 and adrift.energy <= NEAR * load * depth
+def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
+    """Energy [J] and height [m] where the load presses all the time; and evaluations.
 
-
-@in_kernel
-def error_near(depth: float, held: float) -> CarriedError:
-    """The error of a contact `depth` [m] deep whose exact solution is found again: a swing that does not leave it.
-
-    `held` [1/s] is the rate at which the contact holds velocities.
+    A surface that turns from sample to sample kicks the femur; but for once or twice in a swing, which it may take at
+    its quickest, that is as if it accelerated.
     """
-    height = SWING * depth / SPREAD
-    return CarriedError(0.0, 0.0, height * height, 0.0, height * height * held * held)
+    mass, load, energy = drive.mass, adrift.load, adrift.energy
+    _, stiffness, _ = static_force(law, adrift.rest)
+    swing = 2.0 * math.sqrt(2.0 * max(energy, 0.0) * mass) / load + math.tau * math.sqrt(mass / max(stiffness, TINY))
+    kick = math.sqrt(0.5 * mass) * drive.kick * min(1.0, 2.0 * drive.duration / swing)
+    still = load * adrift.rest - adrift.stored
+    root = math.sqrt(max(energy + still, 0.0)) + kick
+    energy += kick * (2.0 * root - kick)
+    energy = min(energy + drive.rise * max(energy, 0.0) / load, LARGEST_ENERGY)
+    beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, max(energy + still, 0.0))
+    energy = min(energy + drive.fall * (adrift.rest + beyond), LARGEST_ENERGY)
+    height = min(adrift.height + math.sqrt(2.0 / mass) * root * drive.duration, max(energy, 0.0) / drive.load)
+    return energy, min(height, LARGEST_HEIGHT_ERROR), evaluations + 1
+
+
+@in_kernel
+def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
+    """The same where the load pulls for some of the time."""
+    mass, energy, evaluations = drive.mass, adrift.energy, 0
+    if adrift.load > 0.0:
+        _, stiffness, _ = static_force(law, adrift.rest)
+        beyond, evaluations = overshoot(law, adrift.rest, adrift.load, stiffness, excess_of(adrift))
+        energy, evaluations = energy + adrift.load * (adrift.rest + beyond), evaluations + 1
+    most = max(abs(adrift.load), abs(drive.load), abs(drive.least))
+    root = math.sqrt(max(energy, 0.0)) + math.sqrt(0.5 * mass) * drive.kick
+    root += most * drive.duration / math.sqrt(2.0 * mass)
+    height = min(adrift.height + math.sqrt(2.0 / mass) * root * drive.duration, LARGEST_HEIGHT_ERROR)
+    return min(root * root + max(drive.load, 0.0) * height, LARGEST_ENERGY), height, evaluations
+
+
+@in_kernel
+def overshoot(law: ContactLaw, rest: float, load: float, stiffness: float, excess: float) -> tuple[float, int]:
+    """How far [m] beyond its depth at rest [m] a contact with an excess energy [J] comes at most; and evaluations.
+
+    Within a layer the force is convex, so that its tangent at rest, the `stiffness` [N/m], will do; another layer may
+    be softer at first, where any force that rises must do.
+    """
+    far, evaluations = math.sqrt(2.0 * excess / stiffness) if stiffness > 0.0 else FIRST_LOOK, 0
+    if stiffness > 0.0 and (layer_at(law, rest + far) <= max(0, layer_at(law, rest)) or excess == 0.0):
+        return far, evaluations
+    found, grown = LARGEST_HEIGHT_ERROR, False
+    for _ in range(LOOKS):
+        half, _, _ = static_force(law, rest + 0.5 * far)
+        evaluations += 1
+        if 0.5 * (half - load) * far >= excess:
+            found = far
+            if grown:
+                break
+            far *= 0.25
+        else:
+            if found < LARGEST_HEIGHT_ERROR:
+                break
+            grown = True
+            far *= 4.0
+    return found, evaluations
+
+
+@in_kernel
+def softest(law: ContactLaw, rest: float, load: float) -> tuple[float, int]:
+    """Least spring [N/m] that draws a femur back to its depth at rest [m] from above; and evaluations.
+
+    In each layer the force is convex, so that the spring is softest from a layer's beginning.
+    """
+    spring, evaluations = load / max(rest, TINY), 0
+    for index in range(1, len(law.layers)):
+        begin = law.layers[index].begin
+        if begin < rest:
+            force, _, _ = law.layers[index - 1].formula.force_at(begin, 0.0, 0.0)
+            spring, evaluations = min(spring, max(load - force, 0.0) / (rest - begin)), evaluations + 1
+    return spring, evaluations
+
+
+@aside
+def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
+    """The bounds less what an overshoot takes from them, once there has been time for one; and evaluations.
+
+    Two windows are open: since the last overshoot, under the least load since then, and from now on.
+    """
+    if adrift.load <= 0.0:
+        return adrift, 0
+    speed = math.sqrt(2.0 * max(adrift.energy, 0.0) / mass)
+    flight = 2.0 * speed * mass / adrift.least
+    if 2.0 * speed * mass / adrift.load < flight - adrift.pressed:
+        return with_window(adrift, adrift.energy), 0
+    if adrift.pressed <= flight:
+        return adrift, 0
+    rest, _, evaluations = at_rest(law, adrift.least, adrift.rest)
+    _, stiffness, damping = static_force(law, rest)
+    spring, looks = softest(law, rest, adrift.least)
+    _, _, above = static_force(law, 0.5 * rest)
+    evaluations += looks + 2
+    swing = math.pi * math.sqrt(mass / spring) + above / spring
+    swing += math.pi * math.sqrt(mass / stiffness) + 2.0 * damping / stiffness
+    if adrift.pressed < flight + swing:
+        return adrift, evaluations
+    stored, looks = elastic_energy(law, rest, 1.0)
+    excess = adrift.begun + adrift.least * rest - stored
+    evaluations += looks
+    if excess <= 0.0:
+        return with_window(adrift, adrift.energy), evaluations
+    beyond, looks = overshoot(law, rest, adrift.least, stiffness, excess)
+    taken, steps = taken_by(law, rest, beyond, adrift.least, excess, mass)
+    energy = max(adrift.energy - taken, adrift.stored - adrift.load * adrift.rest)
+    return with_window(adrift, energy), evaluations + looks + steps
+
+
+@in_kernel
+def with_window(adrift: Adrift, energy: float) -> Adrift:
+    """The same bounds with another energy [J], from now on."""
+    height = min(adrift.height, max(energy, 0.0) / adrift.load)
+    return Adrift(adrift.stage, energy, height, adrift.load, adrift.rest, adrift.stored, 0.0, adrift.load, energy)
+
+
+@in_kernel
+def taken_by(law: ContactLaw, rest: float, beyond: float, load: float, excess: float, mass: float) -> tuple[float, int]:
+    """Energy [J] that the dashpot takes on the way from the depth at rest [m] to the deepest point and back.
+
+    This lies no more than `beyond` [m] beyond. The way is taken in pieces within layers by the midpoint rule, and a
+    part of what it finds is told. The second number is that of evaluations.
+    """
+    piece, depth, kinetic, taken, evaluations = beyond / STEPS, rest, excess, 0.0, 0
+    speed = math.sqrt(2.0 * excess / mass)
+    while kinetic > 0.0 and evaluations < STEPS + LAYERS:
+        layer = max(0, layer_at(law, depth))
+        end = depth + piece if layer + 1 == len(law.layers) else min(depth + piece, law.layers[layer + 1].begin)
+        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, speed)
+        evaluations += 1
+        free = kinetic - (force - load) * (end - depth)
+        work = min(damping * math.sqrt((kinetic + max(free, 0.0)) / mass) * (end - depth), kinetic)
+        part = 1.0 if free > work else kinetic / (kinetic - free + work)
+        taken, depth, kinetic = taken + part * work, depth + part * (end - depth), max(free - work, 0.0)
+    kinetic, piece, pieces = 0.0, (depth - rest) / STEPS, 0
+    while depth > rest and pieces < STEPS + LAYERS:
+        layer = 0
+        for index in range(1, len(law.layers)):
+            layer += 1 if law.layers[index].begin < depth else 0
+        end = max(depth - piece, law.layers[layer].begin, rest)
+        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, speed)
+        pieces += 1
+        free = kinetic + max(force - load, 0.0) * (depth - end)
+        work = min(damping * math.sqrt((kinetic + free) / mass) * (depth - end), free)
+        taken, depth, kinetic = taken + work, end, free - work
+    return TAKEN * taken, evaluations + pieces
+
+
+@aside
+def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
+    """What the contact can be."""
+    load, excess = max(adrift.load, 0.0), excess_of(adrift)
+    _, stiffness, _ = static_force(law, adrift.rest)
+    beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, excess)
+    most = min(adrift.rest + beyond, LARGEST_HEIGHT_ERROR)
+    spring, looks = softest(law, adrift.rest, load)
+    back = math.sqrt(2.0 * excess / spring) if spring > 0.0 else math.inf
+    least = max(adrift.rest - back, 0.0) if back < adrift.rest else -adrift.height
+    force, _, damping = static_force(law, most)
+    rate = math.sqrt(2.0 * excess / mass)
+    return Range(least, most, rate, force + damping * rate, evaluations + looks + 2)
+
+
+@in_kernel
+def error_within(limits: Range, depth: float, rate: float, cosine: float) -> CarriedError:
+    """The error of a `depth` [m] and its `rate` [m/s] where the exact ones lie within limits; `cosine` is n_y."""
+    height = max(limits.most - depth, depth - limits.least) / (cosine * SPREAD)
+    velocity = (limits.rate + abs(rate)) / (cosine * SPREAD)
+    return CarriedError(0.0, 0.0, height * height, 0.0, velocity * velocity)

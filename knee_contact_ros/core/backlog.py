@@ -8,23 +8,31 @@ contact, adrift (`adrift.py`) until that has provably been forgotten.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.adrift import (
+    CALMING,
     FOUND,
+    LOST,
+    NONE,
+    NOTED,
     RESERVE,
+    WATCHED,
     Adrift,
+    Drive,
+    Range,
+    bounds_near,
     calmed,
-    error_near,
-    found_again,
+    error_within,
+    exceeds,
     loses,
     pushed,
     range_of,
-    set_adrift,
 )
-from knee_contact_ros.core.contact_laws.base import static_force
-from knee_contact_ros.core.error_estimate import EXACT, CarriedError, force_reach, holding, reach
+from knee_contact_ros.core.error_estimate import EXACT, CarriedError, holding, reach
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
@@ -106,50 +114,70 @@ def interval_of(scene: Scene, backlog: Floats, index: int) -> Interval:
 
 @in_kernel
 def looked_after(scene: Scene, interval: Interval, start: Progress) -> tuple[Progress, int]:
-    """The progress that an interval begins with: adrift where the exact solution may be anywhere from here on.
+    """The progress that an interval begins with: bounded where the exact solution is lost from here on, or may be soon.
 
     The second number is that of evaluations.
     """
-    if start.adrift.energy > 0.0 or not lost(interval, start):
+    stage = LOST if lost(interval, start) else WATCHED
+    if start.adrift.stage >= stage or (start.adrift.stage == NONE and stage == WATCHED and not doubtful(scene, start)):
         return start, 0
-    elastic, _, _ = static_force(scene.regions.law, start.depth)
-    adrift = set_adrift(start.depth, start.sinking, elastic, interval.start_load, start.error, scene.mass)
-    return with_bounds(start, adrift), 1 if start.depth > 0.0 else 0
+    adrift, evaluations = start.adrift, 0
+    if adrift.stage == NONE:
+        adrift, evaluations = bounds_of(scene, interval, start)
+    return with_bounds(start, at_stage(adrift, stage)), evaluations
+
+
+@in_kernel
+def bounds_of(scene: Scene, interval: Interval, start: Progress) -> tuple[Adrift, int]:
+    """Bounds by the error that an interval begins with; and evaluations."""
+    touch = touch_at(interval, 0.0)
+    _, _, cosine = touch.touch(start.state.height)
+    rate, load, mass = cosine * start.sinking, interval.start_load / cosine, scene.mass / (cosine * cosine)
+    return bounds_near(scene.regions.law, start.depth, rate, start.error, load, mass)
 
 
 @aside
 def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance) -> Advance:
-    """The same answer, with what is left to know where the exact solution has been lost."""
-    if start.adrift.energy == 0.0:
+    """The same answer, with what is left to know where the exact solution has been lost, or may be soon."""
+    if start.adrift.stage == NONE:
         return advance
-    adrift = pushed(interval, start.adrift, kick_of(interval, start), scene.mass)
-    load = load_at(interval, interval.duration)
-    adrift, evaluations = calmed(scene.regions, min(load, interval.start_load), adrift, scene.mass)
-    depth, evaluations = max(advance.depth, 0.0), evaluations + advance.evaluations
+    law, progress, depth = scene.regions.law, advance.progress, max(advance.depth, 0.0)
+    drive = drive_of(scene, interval, start)
+    adrift, looks = pushed(law, start.adrift, drive, depth)
+    evaluations = advance.evaluations + looks
+    if scene.budget == 0 or evaluations + CALMING + RESERVE <= scene.budget:
+        adrift, looks = calmed(law, adrift, drive.mass)
+        evaluations += looks
+    if adrift.stage == WATCHED:
+        if depth > 0.0 and not counts(scene, progress):
+            return gone_on(advance, with_bounds(progress, FOUND), evaluations - advance.evaluations)
+        near, looks = bounds_near(law, advance.depth, advance.rate, progress.error, drive.load, drive.mass)
+        evaluations += looks
+        if near.energy < adrift.energy:
+            adrift = near
+    limits = range_of(law, adrift, drive.mass)
+    return within(scene, advance, adrift, limits, evaluations + limits.evaluations, math.sqrt(scene.mass / drive.mass))
+
+
+@in_kernel
+def within(scene: Scene, advance: Advance, adrift: Adrift, limits: Range, evaluations: int, cosine: float) -> Advance:
+    """The same answer with an exact solution within limits, by which it may be found again."""
     progress = advance.progress
-    if found_again(adrift, depth, load):
+    error, held = error_within(limits, advance.depth, advance.rate, cosine), math.inf
+    estimate = max(limits.most - advance.depth, advance.depth - limits.least)
+    force_error = max(limits.force - advance.force, advance.force)
+    if progress.stiffness > 0.0:
         held = holding(progress.stiffness, progress.damping, scene.mass)
-        error = error_near(depth, held)
-        force_error = force_reach(error, progress.stiffness, progress.damping, 0.0, held)
-        return Advance(
-            with_error(with_bounds(progress, FOUND), error), advance.depth, advance.rate, advance.force,
-            reach(error, held), max(force_error, advance.force), evaluations, advance.reached, True,
-            advance.height, advance.fidelity,
-        )  # fmt: skip
-    limits = range_of(scene.regions, interval, adrift, depth, scene.mass)
+    if adrift.stage == LOST and limits.least > 0.0 and estimate < advance.depth:
+        adrift, progress = at_stage(adrift, WATCHED), with_error(progress, error)
+    elif adrift.stage == WATCHED:
+        if limits.least > 0.0 and reach(error, held) < reach(progress.error, held):
+            progress = with_error(progress, error)
+        estimate, force_error = min(estimate, advance.error_estimate), min(force_error, advance.force_error_estimate)
     return Advance(
-        with_bounds(progress, adrift),
-        advance.depth,
-        advance.rate,
-        advance.force,
-        max(limits.depth - advance.depth, advance.depth + limits.height),
-        max(limits.force - advance.force, advance.force),
-        evaluations + limits.evaluations,
-        advance.reached,
-        True,
-        advance.height,
-        advance.fidelity,
-    )
+        with_bounds(progress, adrift), advance.depth, advance.rate, advance.force, estimate, force_error, evaluations,
+        advance.reached, True, advance.height, advance.fidelity,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -159,11 +187,37 @@ def lost(interval: Interval, start: Progress) -> bool:
 
 
 @in_kernel
-def kick_of(interval: Interval, start: Progress) -> float:
-    """Change [m/s] of the rate at which the surface carries the femur: at the interval's beginning, and within it."""
+def in_doubt(scene: Scene, interval: Interval, start: Progress) -> bool:
+    """Whether the exact solution is lost in an interval, or may be soon: seldom."""
+    return exceeds(start.error, NOTED * max(start.depth, 0.0)) and (lost(interval, start) or doubtful(scene, start))
+
+
+@in_kernel
+def counts(scene: Scene, progress: Progress) -> bool:
+    """Whether the error is no small part of the depth."""
+    return exceeds(progress.error, max(NOTED * progress.depth, scene.tolerance))
+
+
+@in_kernel
+def doubtful(scene: Scene, start: Progress) -> bool:
+    """Whether the error may grow into one that is lost; that of a simpler level does not do so by itself."""
+    return start.fidelity == DYNAMIC and start.depth > 0.0 and counts(scene, start)
+
+
+@in_kernel
+def drive_of(scene: Scene, interval: Interval, start: Progress) -> Drive:
+    """What moves the femur in an interval."""
     _, begin, cosine = touch_at(interval, 0.0).touch(start.state.height)
     _, end, _ = touch_at(interval, interval.duration).touch(start.state.height)
-    return abs(begin / cosine - start.sinking - start.state.velocity) + abs(end - begin) / cosine
+    before = cosine * (start.sinking + start.state.velocity)
+    mass = scene.mass / (cosine * cosine)
+    inertia = mass * (end - before) / interval.duration
+    first, last = interval.start_load / cosine + inertia, load_at(interval, interval.duration) / cosine + inertia
+    change = last - start.adrift.load
+    return Drive(
+        mass, last, max(change, 0.0), max(-change, 0.0), min(first, last), abs(begin - before),
+        interval.duration,
+    )  # fmt: skip
 
 
 @aside
@@ -174,22 +228,23 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
     """
     progress, law = advance.progress, scene.regions.law
     known, evaluations = adrift, advance.evaluations
-    if adrift.energy == 0.0:
-        elastic, _, _ = static_force(law, progress.depth)
-        evaluations += 1 if progress.depth > 0.0 else 0
-        adrift = set_adrift(progress.depth, progress.sinking, elastic, float(backlog[2]), progress.error, scene.mass)
     interval = interval_of(scene, backlog, 0)
-    adrift = pushed(interval, adrift, kick_of(interval, progress), scene.mass)
+    if adrift.stage == NONE:
+        adrift, looks = bounds_of(scene, interval, progress)
+        evaluations += looks
+    drive = drive_of(scene, interval, with_bounds(progress, adrift))
+    _, _, cosine = touch_at(interval, 0.0).touch(progress.state.height)
     for i in range(1, int(backlog[0])):
         following = interval_of(scene, backlog, i)
         turn = abs(following.angle_rate - interval.angle_rate) * scene.pair.farthest()
         interval = following
-        adrift = pushed(interval, adrift, turn, scene.mass)
+        drive = driven_on(drive, load_at(interval, interval.duration) / cosine, turn, interval.duration)
     touch, load = touch_at(interval, interval.duration), load_at(interval, interval.duration)
-    near = max(progress.depth, 0.0)
-    static = static_contact(law, touch, load, progress.state.height, near, 0.0, ANSWER)
+    static = static_contact(law, touch, load, progress.state.height, max(progress.depth, 0.0), 0.0, ANSWER)
+    adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
-    limits = range_of(scene.regions, interval, adrift, static.depth, scene.mass)
+    limits = range_of(law, adrift, drive.mass)
+    evaluations += looks
     if give_up:
         backlog[0] = 0
         progress = Progress(
@@ -203,7 +258,7 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         static.depth,
         0.0,
         static.force,
-        max(limits.depth - static.depth, static.depth + limits.height),
+        max(limits.most - static.depth, static.depth - limits.least),
         max(limits.force - static.force, static.force),
         evaluations + static.evaluations + limits.evaluations,
         interval.duration,
@@ -211,6 +266,25 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         static.height,
         STANDING,
     )
+
+
+@in_kernel
+def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
+    """The same drive and then another `duration` [s] up to a load [N] along the normal, after a kick [m/s]."""
+    change = load - drive.load
+    return Drive(
+        drive.mass, load, drive.rise + max(change, 0.0), drive.fall + max(-change, 0.0), min(drive.least, load),
+        drive.kick + kick, drive.duration + duration,
+    )  # fmt: skip
+
+
+@in_kernel
+def at_stage(adrift: Adrift, stage: float) -> Adrift:
+    """The same bounds at another stage."""
+    return Adrift(
+        stage, adrift.energy, adrift.height, adrift.load, adrift.rest, adrift.stored, adrift.pressed, adrift.least,
+        adrift.begun,
+    )  # fmt: skip
 
 
 @in_kernel

@@ -34,27 +34,34 @@ SLOW = 4.0
 """Square of the radians of a swing that a step may last for, so that Magnus' series converges"""
 BENT = 1e-3
 """Errors up to this part of the depth meet a straight contact"""
+NEAR_ZERO = 1.0
+"""Square of the radians of a swing, or of the rate times the duration of a decay, up to which a series is quicker"""
 CURVATURE = 0.5
 """Force that the curve of the contact law adds to an error's, over stiffness times error times its part of the depth"""
 
 
 @in_kernel
 def response(stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float, float]:
-    """How m ë + damping ė + stiffness e = 0 goes on for `h` [s], exactly (closed form of the 2 x 2 exponential).
+    """How m ë + damping ė + stiffness e = 0 goes on for `h` [s], by the 2 x 2 exponential.
 
     Returns a [-], b [s] and half the damping rate r [1/s]: e becomes (a + r b) e + b ė, and ė becomes
     (a - r b) ė - k/m b e.
     """
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
+    square = discriminant * h * h
+    if abs(square) <= NEAR_ZERO:
+        decay, even, odd = math.exp(-half_rate * h), 1.0, 1.0
+        for n in range(12, 0, -2):  # cosh and sinh of its root by their series
+            even = 1.0 + square / (n * (n - 1)) * even
+            odd = 1.0 + square / (n * (n + 1)) * odd
+        return decay * even, decay * h * odd, half_rate
     root = math.sqrt(abs(discriminant))
     if discriminant > 0.0:
         slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
         return 0.5 * (slow + fast), 0.5 * (slow - fast) / root, half_rate
     decay = math.exp(-half_rate * h)
-    if discriminant < 0.0:
-        return decay * math.cos(root * h), decay * math.sin(root * h) / root, half_rate
-    return decay, decay * h, half_rate
+    return decay * math.cos(root * h), decay * math.sin(root * h) / root, half_rate
 
 
 class CarriedError(NamedTuple):
@@ -115,19 +122,17 @@ def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> Carri
 
 
 @in_kernel
-def with_step(
-    error: CarriedError, local: StateError, unknown: float, stiffness: float, damping: float, mass: float
-) -> CarriedError:
-    """The error behind a step with an estimated error of its own, of which a part is `unknown`."""
+def with_step(error: CarriedError, local: StateError, unknown: float, held: float) -> CarriedError:
+    """The error behind a step with an estimated error of its own, of which a part is `unknown`; `held`: see `reach`."""
     h, v = local.height, local.velocity
-    square = max(stiffness / mass, (damping / mass) * (damping / mass), 1.0 / (HORIZON * HORIZON))
-    aside = TURNED * TURNED * (h * h + v * v / square)
+    swing = held * h
+    aside = TURNED * TURNED * (swing * swing + v * v)
     return CarriedError(
         error.height + STEPWISE * h,
         error.velocity + STEPWISE * v,
-        error.hh + unknown * unknown * h * h + aside,
+        error.hh + unknown * unknown * h * h + aside / (held * held),
         error.hv + unknown * unknown * h * v,
-        error.vv + unknown * unknown * v * v + aside * square,
+        error.vv + unknown * unknown * v * v + aside,
     )
 
 

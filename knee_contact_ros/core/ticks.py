@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.adrift import FOUND, Adrift
-from knee_contact_ros.core.backlog import SIZE, interval_of, lost, take_on, work_off
+from knee_contact_ros.core.adrift import FOUND, NONE, Adrift
+from knee_contact_ros.core.backlog import SIZE, in_doubt, interval_of, take_on, work_off
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.error_estimate import (
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 PROGRESS = 3
 """Where the progress begins in a run's memory: behind whether the run has begun, the last angle and the last load"""
-BACKLOG = PROGRESS + 19
+BACKLOG = PROGRESS + 25
 """Where the backlog begins"""
 MEMORY = BACKLOG + SIZE
 """Numbers that a run keeps from tick to tick"""
@@ -66,7 +66,8 @@ def run(
             interval = interval_behind(scene, memory, float(durations[i]), angle, load, height)
             progress = progress_behind(interval, memory)
             angle_rate = interval.angle_rate
-            calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.energy == 0.0 and not lost(interval, progress)
+            calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.stage == NONE
+            calm = calm and not in_doubt(scene, interval, progress)
             spent, again = 0, True
             if not calm:
                 interval, progress, spent = take_on(scene, memory[BACKLOG:], progress, interval)
@@ -148,7 +149,17 @@ def read_progress(memory: Floats) -> Progress:
         float(memory[16]),
         float(memory[17]),
         float(memory[18]),
-        Adrift(float(memory[19]), float(memory[20]), float(memory[21])),
+        Adrift(
+            float(memory[19]),
+            float(memory[20]),
+            float(memory[21]),
+            float(memory[22]),
+            float(memory[23]),
+            float(memory[24]),
+            float(memory[25]),
+            float(memory[26]),
+            float(memory[27]),
+        ),
     )
 
 
@@ -164,7 +175,9 @@ def write_progress(memory: Floats, progress: Progress) -> None:
     memory[13] = progress.fidelity
     memory[14], memory[15] = progress.stiffness, progress.damping
     memory[16], memory[17], memory[18] = progress.excess, progress.sinking, progress.depth
-    memory[19], memory[20], memory[21] = adrift.energy, adrift.height, adrift.pressed
+    memory[19], memory[20], memory[21], memory[22] = adrift.stage, adrift.energy, adrift.height, adrift.load
+    memory[23], memory[24], memory[25] = adrift.rest, adrift.stored, adrift.pressed
+    memory[26], memory[27] = adrift.least, adrift.begun
 
 
 @in_kernel

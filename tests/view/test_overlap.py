@@ -37,9 +37,10 @@ def test_it_is_the_segment_of_the_circle_below_the_plane(x: float, depth: float)
     assert found.upper[0] == pytest.approx(0.0, abs=0.0)
     half = math.sqrt(2.0 * RADIUS * depth - depth**2)
     step = 1.8 * math.sqrt(2.0 * RADIUS * depth) * 2.0 / (SAMPLES - 1)
-    corner = math.sqrt(2.0 * RADIUS * (depth + CHORD)) - half  # the outline meets the plane elsewhere than the circle
+    # The outline lies up to a chord's height inside of the circle or outside, and meets the plane there.
+    inner, outer = (math.sqrt(2.0 * RADIUS * max(depth + off, 0.0)) for off in (-CHORD, CHORD))
     width = found.spacing[0] * LINES
-    assert 2.0 * (half - corner) <= width <= 2.0 * (half + corner + step)
+    assert 2.0 * min(inner, half) <= width <= 2.0 * (outer + step)
 
 
 def test_there_is_none_apart() -> None:

@@ -164,7 +164,7 @@ def accepted(
         begin, end = square * step.begin.stiffness, square * step.end.stiffness
         error = carry_on(going.error, begin, step.stiffness, end, step.damping, scene.mass, h)
         unknown = UNKNOWN if going.swiftness * h <= EXPLICIT else UNKNOWN_IMPLICIT
-        error = with_step(error, step.error, unknown, step.stiffness, step.damping, scene.mass)
+        error = with_step(error, step.error, unknown, holding(step.stiffness, step.damping, scene.mass))
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
         going = touching_anew(scene, going, step)
         unsigned = lost_in(scene, interval, going, step, h) + doubtful_push(scene, going, region, step, h)

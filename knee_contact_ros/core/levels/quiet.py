@@ -20,7 +20,7 @@ from knee_contact_ros.core.error_estimate import (
     swiftness,
     with_step,
 )
-from knee_contact_ros.core.integrators.base import Motion, Stage
+from knee_contact_ros.core.integrators.base import Motion, Stage, StateError
 from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS, Slope, fehlberg_stride
 from knee_contact_ros.core.kernel_source import in_kernel, inlined
 from knee_contact_ros.core.prescribed import Interval, stretch_from, touch_at
@@ -59,25 +59,31 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
     motion = Motion(interval, scene.regions, entry.region, start.impact_speed, scene.mass, NOWHERE)
     begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
     slope = Slope((cosine * entry.force - load) / scene.mass, begin, stiffness, damping, cosine)
-    part, largest = h / parts, 0.0
+    part, held, leapt, middle, before = h / parts, holding(stiffness, damping, scene.mass), 0.0, slope, 0.0
+    largest = StateError(0.0, 0.0)
     for i in range(parts):
-        stride = fehlberg_stride(motion, i * part, state, part, slope)
+        stride, before = fehlberg_stride(motion, i * part, state, part, slope), slope.stage.force
         spent += EVALUATIONS
-        middle = stride.middle
-        ratio = local_ratio(
-            scene, load, stride.state, stride.error, slope.stage.force, stride.end.stage.force, middle.stiffness,
-            middle.damping, stride.leapt, part, start.impact_speed > 0.0,
-        )  # fmt: skip
-        if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
+        if stride.crossing.boundary != NOWHERE:
             return not_quiet(start, spent)
+        middle = stride.middle
         error = carry_on(
             error, slope.stiffness, middle.stiffness, stride.end.stiffness, middle.damping, scene.mass, part
         )
-        error = with_step(error, stride.error, UNKNOWN, middle.stiffness, middle.damping, scene.mass)
+        error = with_step(error, stride.error, UNKNOWN, held)
         error = curved(error, stride.end.stage.depth, middle.stiffness, middle.damping, scene.mass, part)
-        state, slope, largest = stride.state, stride.end, max(largest, ratio)
+        state, slope, leapt = stride.state, stride.end, max(leapt, stride.leapt)
+        largest = StateError(
+            max(largest.height, abs(stride.error.height)), max(largest.velocity, abs(stride.error.velocity))
+        )
+    ratio = local_ratio(
+        scene, load, state, largest, before, slope.stage.force, middle.stiffness, middle.damping, leapt, part,
+        start.impact_speed > 0.0,
+    )  # fmt: skip
+    if not ratio <= 1.0:
+        return not_quiet(start, spent)
 
-    factor = 0.9 / math.sqrt(math.sqrt(max(largest, 1e-4)))
+    factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
     end = slope.stage
     error, held = bounded(error), holding(slope.stiffness, slope.damping, scene.mass)
     return Advance(
