@@ -36,25 +36,28 @@ BENT = 1e-3
 """Errors up to this part of the depth meet a straight contact"""
 NEAR_ZERO = 1.0
 """Square of the radians of a swing, or of the rate times the duration of a decay, up to which a series is quicker"""
+SERIES = (
+    (1 / 132, 1 / 156), (1 / 90, 1 / 110), (1 / 56, 1 / 72), (1 / 30, 1 / 42), (1 / 12, 1 / 20), (1 / 2, 1 / 6),
+)  # fmt: skip
+"""That of cosh and sinh of a root: each coefficient over the one before, from the last"""
 CURVATURE = 0.5
 """Force that the curve of the contact law adds to an error's, over stiffness times error times its part of the depth"""
 
 
 @in_kernel
-def response(stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float, float]:
-    """How m ë + damping ė + stiffness e = 0 goes on for `h` [s], by the 2 x 2 exponential.
+def response(spring: float, drag: float, h: float) -> tuple[float, float, float]:
+    """How ë + drag ė + spring e = 0 goes on for `h` [s], by the 2 x 2 exponential: k/m [1/s²] and c/m [1/s].
 
     Returns a [-], b [s] and half the damping rate r [1/s]: e becomes (a + r b) e + b ė, and ė becomes
     (a - r b) ė - k/m b e.
     """
-    half_rate = 0.5 * damping / mass
-    discriminant = half_rate * half_rate - stiffness / mass
+    half_rate = 0.5 * drag
+    discriminant = half_rate * half_rate - spring
     square = discriminant * h * h
     if abs(square) <= NEAR_ZERO:
         decay, even, odd = math.exp(-half_rate * h), 1.0, 1.0
-        for n in range(12, 0, -2):  # cosh and sinh of its root by their series
-            even = 1.0 + square / (n * (n - 1)) * even
-            odd = 1.0 + square / (n * (n + 1)) * odd
+        for over_even, over_odd in SERIES:
+            even, odd = 1.0 + square * over_even * even, 1.0 + square * over_odd * odd
         return decay * even, decay * h * odd, half_rate
     root = math.sqrt(abs(discriminant))
     if discriminant > 0.0:
@@ -85,8 +88,9 @@ EXACT = CarriedError(0.0, 0.0, 0.0, 0.0, 0.0)
 @in_kernel
 def carry(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
     """Carry an error over `h` [s] by m ë = -stiffness e - damping ė."""
-    even, odd, half_rate = response(stiffness, damping, mass, h)
-    return turned(error, even + half_rate * odd, odd, -stiffness / mass * odd, even - half_rate * odd)
+    spring = stiffness / mass
+    even, odd, half_rate = response(spring, damping / mass, h)
+    return turned(error, even + half_rate * odd, odd, -spring * odd, even - half_rate * odd)
 
 
 @in_kernel
@@ -98,14 +102,17 @@ def carry_on(
     The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
     both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
     """
-    mean = (begin + 4.0 * middle + end) / 6.0
-    grown = 1.0 + h * h * (end - begin) / (24.0 * mass)
-    if h * h * mean > SLOW * mass or not 0.5 < grown < 2.0:
+    per_mass = 1.0 / mass
+    spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
+    grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
+    if h * h * spring > SLOW or not 0.5 < grown < 2.0:
         return carry(error, middle, damping, mass, h)
-    shrunk = 1.0 / grown
-    across = -damping / mass * (grown - 1.0)
-    error = carry(turned(error, grown, 0.0, across, shrunk), mean, damping, mass, h)
-    return turned(error, grown, 0.0, across, shrunk)
+    shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
+    even, odd, half_rate = response(spring, drag, h)
+    a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
+    left, right = a * grown + b * across, c * grown + d * across
+    b, d = b * shrunk, d * shrunk
+    return turned(error, grown * left, grown * b, across * left + shrunk * right, across * b + shrunk * d)
 
 
 @in_kernel
