@@ -47,11 +47,13 @@ STEPS = 10
 """Pieces of an overshoot, there and back"""
 TAKEN = 0.8
 """Part of what these find that the dashpot takes"""
+SLACK = 1.2
+"""Time that a swing is given over what it takes with springs that are straight"""
 LAYERS = 2
 """Layers of a law, for what follows; a law of more costs more"""
 CALMING = FEW + LOOKS + 2 * STEPS + 5 * LAYERS + 4
 """Evaluations that it takes to find what an overshoot takes"""
-RESERVE = ANSWER + 2 * FEW + 2 * LOOKS + 4 * LAYERS + 2
+RESERVE = ANSWER + 3 * FEW + 2 * LOOKS + 6 * LAYERS + 5
 """Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
 LARGEST_ENERGY = LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR
 """[J]"""
@@ -78,9 +80,11 @@ class Adrift(NamedTuple):
     """Its least since then [N]"""
     begun: float
     """H then [J]"""
+    impact: float
+    """Largest rate [m/s] at which its contact may have begun"""
 
 
-FOUND = Adrift(NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FOUND = Adrift(NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Drive(NamedTuple):
@@ -95,6 +99,8 @@ class Drive(NamedTuple):
     fall: float
     """By how much it falls in all [N]"""
     least: float
+    """[N]"""
+    largest: float
     """[N]"""
     kick: float
     """Sudden changes of the surface's rate in all [m/s]"""
@@ -141,11 +147,11 @@ def exceeds(error: CarriedError, limit: float) -> bool:
 
 @aside
 def bounds_near(
-    law: ContactLaw, depth: float, rate: float, error: CarriedError, load: float, mass: float
+    law: ContactLaw, depth: float, rate: float, error: CarriedError, impact: float, load: float, mass: float
 ) -> tuple[Adrift, int]:
     """Bounds of an exact solution within an error of a `depth` [m] that changes at a `rate` [m/s]; and evaluations.
 
-    `load` [N] and `mass` [kg] are those along the normal.
+    `load` [N] and `mass` [kg] are those along the normal; the contact has begun at no more than `impact` [m/s].
     """
     # The answer's height less the exact one's is expected to be that of the error, which is positive in deeper contact.
     doubt = (EXPECTED - 1.0) * abs(error.height) + SPREAD * math.sqrt(max(error.hh, 0.0))
@@ -156,15 +162,27 @@ def bounds_near(
     if load > 0.0:
         energy += load * (highest if highest > 0.0 else max(doubt - error.height, 0.0) - depth)
     rest, stored, evaluations = at_rest(law, load, depth)
-    return Adrift(WATCHED, energy, highest, load, rest, stored, 0.0, load, energy), evaluations + looks
+    return Adrift(WATCHED, energy, highest, load, rest, stored, 0.0, load, energy, impact), evaluations + looks
 
 
 @in_kernel
 def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, int]:
-    """Depth at rest [m] under a load [N], no more than is stored there [J], and evaluations; `near` [m] is a guess."""
+    """Depth at rest [m] under a load [N], no more than is stored there [J], and evaluations; `near` [m] is a guess.
+
+    Only the load over the depth less what is stored is bounded: the depth need not be exact.
+    """
     static = static_depth(law, load, max(near, 0.0), 1e-9, FEW)
     stored, looks = elastic_energy(law, static.depth, 0.5)
-    return static.depth, stored, static.evaluations + looks
+    force, stiffness, _ = static_force(law, static.depth)
+    off, way = abs(force - load), static.depth
+    if force >= load:
+        for layer in law.layers:  # The layer is the right one: its beginning carries less than the load.
+            way = static.depth - layer.begin if layer.begin < static.depth else way
+    elif force < 0.5 * load:
+        way = off / max(stiffness, TINY)
+    # Where the depth is not exact, the load does more over the exact one than is stored there by no more than this.
+    more = off * min(way, off / max(stiffness, TINY)) if force < load else off * way
+    return static.depth, stored - more, static.evaluations + looks + 1
 
 
 @in_kernel
@@ -195,54 +213,67 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
 
     The second number is that of evaluations.
     """
-    if adrift.load > 0.0 and drive.least > 0.0:
-        energy, height, evaluations = pressed_on(law, adrift, drive)
+    rest, stored, evaluations = at_rest(law, drive.load, near if near > 0.0 else adrift.rest)
+    presses = adrift.load > 0.0 and drive.least > 0.0
+    if presses:
+        energy, root, looks = pressed_on(law, adrift, drive, drive.load * rest - stored)
     else:
-        energy, height, evaluations = pulled(law, adrift, drive)
-    rest, stored, looks = at_rest(law, drive.load, adrift.rest if adrift.rest > 0.0 else near)
+        energy, root, looks = pulled(law, adrift, drive)
+    height = min(adrift.height + math.sqrt(2.0 / drive.mass) * root * drive.duration, LARGEST_HEIGHT_ERROR)
     pressed, least, begun = 0.0, drive.load, energy
-    if adrift.load > 0.0 and drive.least > 0.0:
+    if presses:
+        height = min(height, max(energy, 0.0) / drive.load)
         pressed, least = adrift.pressed + drive.duration, min(adrift.least, drive.least)
         begun = min(adrift.begun, energy)
+    elif drive.load > 0.0:
+        energy = begun = min(energy + drive.load * height, LARGEST_ENERGY)
+    impact = max(adrift.impact, math.sqrt(2.0 / drive.mass) * root)
     return Adrift(
-        adrift.stage, energy, height, drive.load, rest, stored, pressed, least, begun
+        adrift.stage, energy, height, drive.load, rest, stored, pressed, least, begun, impact
     ), evaluations + looks  # fmt: skip
 
 
 @in_kernel
-def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
-    """Energy [J] and height [m] where the load presses all the time; and evaluations.
+def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive, still: float) -> tuple[float, float, int]:
+    """Energy [J] and root of the largest kinetic one [J^½] where the load presses all the time; and evaluations.
 
-    A surface that turns from sample to sample kicks the femur; but for once or twice in a swing, which it may take at
-    its quickest, that is as if it accelerated.
+    `still` [J] is what the load at the end does over the depth at rest, less what is stored there. A surface that turns
+    from sample to sample kicks the femur; but for once or twice in a swing, which it may take at its quickest, that is
+    as if it accelerated.
     """
     mass, load, energy = drive.mass, adrift.load, adrift.energy
     _, stiffness, _ = static_force(law, adrift.rest)
     swing = 2.0 * math.sqrt(2.0 * max(energy, 0.0) * mass) / load + math.tau * math.sqrt(mass / max(stiffness, TINY))
-    kick = math.sqrt(0.5 * mass) * drive.kick * min(1.0, 2.0 * drive.duration / swing)
-    still = load * adrift.rest - adrift.stored
-    root = math.sqrt(max(energy + still, 0.0)) + kick
+    kick = math.sqrt(0.5 * mass) * drive.kick * min(1.0, 4.0 * drive.duration / swing)
+    rest, evaluations = adrift.rest, 1
+    most = max(still, load * rest - adrift.stored)
+    if drive.largest > max(load, drive.load):
+        rest, stored, evaluations = at_rest(law, drive.largest, rest)
+        most, load = drive.largest * rest - stored, drive.largest
+        _, stiffness, _ = static_force(law, rest)
+        evaluations += 2
+    root = math.sqrt(max(energy + most, 0.0)) + kick
     energy += kick * (2.0 * root - kick)
-    energy = min(energy + drive.rise * max(energy, 0.0) / load, LARGEST_ENERGY)
-    beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, max(energy + still, 0.0))
-    energy = min(energy + drive.fall * (adrift.rest + beyond), LARGEST_ENERGY)
-    height = min(adrift.height + math.sqrt(2.0 / mass) * root * drive.duration, max(energy, 0.0) / drive.load)
-    return energy, min(height, LARGEST_HEIGHT_ERROR), evaluations + 1
+    energy = min(energy + drive.rise * max(energy, 0.0) / adrift.load, LARGEST_ENERGY)
+    if drive.fall > 0.0:
+        beyond, looks = overshoot(law, rest, load, stiffness, max(energy + most, 0.0))
+        energy = min(energy + drive.fall * (rest + beyond), LARGEST_ENERGY)
+        evaluations += looks
+    return energy, math.sqrt(max(energy + most, 0.0)), evaluations
 
 
 @in_kernel
 def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
-    """The same where the load pulls for some of the time."""
+    """The same where the load pulls for some of the time, of an energy that is kinetic and elastic."""
     mass, energy, evaluations = drive.mass, adrift.energy, 0
     if adrift.load > 0.0:
         _, stiffness, _ = static_force(law, adrift.rest)
         beyond, evaluations = overshoot(law, adrift.rest, adrift.load, stiffness, excess_of(adrift))
         energy, evaluations = energy + adrift.load * (adrift.rest + beyond), evaluations + 1
-    most = max(abs(adrift.load), abs(drive.load), abs(drive.least))
+    most = max(abs(adrift.load), abs(drive.largest), abs(drive.least))
     root = math.sqrt(max(energy, 0.0)) + math.sqrt(0.5 * mass) * drive.kick
     root += most * drive.duration / math.sqrt(2.0 * mass)
-    height = min(adrift.height + math.sqrt(2.0 / mass) * root * drive.duration, LARGEST_HEIGHT_ERROR)
-    return min(root * root + max(drive.load, 0.0) * height, LARGEST_ENERGY), height, evaluations
+    return min(root * root, LARGEST_ENERGY), root, evaluations
 
 
 @in_kernel
@@ -252,24 +283,28 @@ def overshoot(law: ContactLaw, rest: float, load: float, stiffness: float, exces
     Within a layer the force is convex, so that its tangent at rest, the `stiffness` [N/m], will do; another layer may
     be softer at first, where any force that rises must do.
     """
-    far, evaluations = math.sqrt(2.0 * excess / stiffness) if stiffness > 0.0 else FIRST_LOOK, 0
-    if stiffness > 0.0 and (layer_at(law, rest + far) <= max(0, layer_at(law, rest)) or excess == 0.0):
-        return far, evaluations
-    found, grown = LARGEST_HEIGHT_ERROR, False
-    for _ in range(LOOKS):
-        half, _, _ = static_force(law, rest + 0.5 * far)
+    far = math.sqrt(2.0 * excess / stiffness) if stiffness > 0.0 else math.inf
+    begin = math.inf if stiffness > 0.0 else rest
+    for index in range(len(law.layers) - 1, 0, -1):
+        begin = law.layers[index].begin if stiffness > 0.0 and law.layers[index].begin >= rest else begin
+    if begin >= rest + far:
+        return far, 0
+    first, evaluations = begin - rest, 1
+    force, _, _ = static_force(law, begin)
+    there, left = max(force - load, stiffness * first, 0.0), excess - 0.5 * stiffness * first * first
+    found = min(left / max(there, TINY), LARGEST_HEIGHT_ERROR)
+    tried = min(math.sqrt(2.0 * left / stiffness) if stiffness > 0.0 else FIRST_LOOK, 0.5 * found)
+    shrinks = False
+    for look in range(LOOKS):
+        half, _, _ = static_force(law, begin + 0.5 * tried)
         evaluations += 1
-        if 0.5 * (half - load) * far >= excess:
-            found = far
-            if grown:
-                break
-            far *= 0.25
-        else:
-            if found < LARGEST_HEIGHT_ERROR:
-                break
-            grown = True
-            far *= 4.0
-    return found, evaluations
+        enough = 0.5 * tried * (there + half - load) >= left
+        shrinks = enough if look == 0 else shrinks
+        found = tried if enough else found
+        if enough != shrinks or (not shrinks and 8.0 * tried >= found):
+            break
+        tried *= 0.5 if shrinks else 8.0
+    return first + found, evaluations
 
 
 @in_kernel
@@ -302,45 +337,52 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
     if adrift.pressed <= flight:
         return adrift, 0
     rest, _, evaluations = at_rest(law, adrift.least, adrift.rest)
-    _, stiffness, damping = static_force(law, rest)
-    spring, looks = softest(law, rest, adrift.least)
-    _, _, above = static_force(law, 0.5 * rest)
-    evaluations += looks + 2
-    swing = math.pi * math.sqrt(mass / spring) + above / spring
-    swing += math.pi * math.sqrt(mass / stiffness) + 2.0 * damping / stiffness
-    if adrift.pressed < flight + swing:
-        return adrift, evaluations
+    _, stiffness, _ = static_force(law, rest)
     stored, looks = elastic_energy(law, rest, 1.0)
     excess = adrift.begun + adrift.least * rest - stored
-    evaluations += looks
+    evaluations += looks + 1
     if excess <= 0.0:
         return with_window(adrift, adrift.energy), evaluations
     beyond, looks = overshoot(law, rest, adrift.least, stiffness, excess)
-    taken, steps = taken_by(law, rest, beyond, adrift.least, excess, mass)
+    spring, more = softest(law, rest, adrift.least)
+    _, _, above = static_force(law, 0.5 * rest)
+    _, _, damping = static_force(law, rest + beyond)
+    stiffness = min(stiffness, 2.0 * excess / (beyond * beyond))
+    evaluations += looks + more + 2
+    swing = math.pi * math.sqrt(mass / spring) + above / spring
+    swing += math.pi * math.sqrt(mass / stiffness) + 2.0 * damping / stiffness
+    if adrift.pressed < flight + SLACK * swing:
+        return adrift, evaluations
+    taken, steps = taken_by(law, rest, beyond, adrift.least, excess, adrift.impact, mass)
+    evaluations += steps
     energy = max(adrift.energy - taken, adrift.stored - adrift.load * adrift.rest)
-    return with_window(adrift, energy), evaluations + looks + steps
+    return with_window(adrift, energy), evaluations
 
 
 @in_kernel
 def with_window(adrift: Adrift, energy: float) -> Adrift:
     """The same bounds with another energy [J], from now on."""
     height = min(adrift.height, max(energy, 0.0) / adrift.load)
-    return Adrift(adrift.stage, energy, height, adrift.load, adrift.rest, adrift.stored, 0.0, adrift.load, energy)
+    return Adrift(
+        adrift.stage, energy, height, adrift.load, adrift.rest, adrift.stored, 0.0, adrift.load, energy, adrift.impact
+    )
 
 
 @in_kernel
-def taken_by(law: ContactLaw, rest: float, beyond: float, load: float, excess: float, mass: float) -> tuple[float, int]:
+def taken_by(
+    law: ContactLaw, rest: float, beyond: float, load: float, excess: float, impact: float, mass: float
+) -> tuple[float, int]:
     """Energy [J] that the dashpot takes on the way from the depth at rest [m] to the deepest point and back.
 
-    This lies no more than `beyond` [m] beyond. The way is taken in pieces within layers by the midpoint rule, and a
-    part of what it finds is told. The second number is that of evaluations.
+    This lies no more than `beyond` [m] beyond; the faster a contact has begun, the less may damp it. The way is taken
+    in pieces within layers by the midpoint rule, and a part of what it finds is told. The second number is that of
+    evaluations.
     """
     piece, depth, kinetic, taken, evaluations = beyond / STEPS, rest, excess, 0.0, 0
-    speed = math.sqrt(2.0 * excess / mass)
     while kinetic > 0.0 and evaluations < STEPS + LAYERS:
         layer = max(0, layer_at(law, depth))
         end = depth + piece if layer + 1 == len(law.layers) else min(depth + piece, law.layers[layer + 1].begin)
-        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, speed)
+        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, impact)
         evaluations += 1
         free = kinetic - (force - load) * (end - depth)
         work = min(damping * math.sqrt((kinetic + max(free, 0.0)) / mass) * (end - depth), kinetic)
@@ -352,10 +394,11 @@ def taken_by(law: ContactLaw, rest: float, beyond: float, load: float, excess: f
         for index in range(1, len(law.layers)):
             layer += 1 if law.layers[index].begin < depth else 0
         end = max(depth - piece, law.layers[layer].begin, rest)
-        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, speed)
+        force, _, damping = law.layers[layer].formula.force_at(0.5 * (depth + end), 0.0, impact)
         pieces += 1
         free = kinetic + max(force - load, 0.0) * (depth - end)
-        work = min(damping * math.sqrt((kinetic + free) / mass) * (depth - end), free)
+        work = min(damping * math.sqrt((kinetic + free) / mass), max(force, 0.0)) * (depth - end)  # It does not pull.
+        work = min(work, free)
         taken, depth, kinetic = taken + work, end, free - work
     return TAKEN * taken, evaluations + pieces
 
@@ -364,11 +407,12 @@ def taken_by(law: ContactLaw, rest: float, beyond: float, load: float, excess: f
 def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
     """What the contact can be."""
     load, excess = max(adrift.load, 0.0), excess_of(adrift)
-    _, stiffness, _ = static_force(law, adrift.rest)
+    force, stiffness, _ = static_force(law, adrift.rest)
     beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, excess)
     most = min(adrift.rest + beyond, LARGEST_HEIGHT_ERROR)
     spring, looks = softest(law, adrift.rest, load)
-    back = math.sqrt(2.0 * excess / spring) if spring > 0.0 else math.inf
+    # The depth at rest may be less than it is taken to be.
+    back = (math.sqrt(2.0 * excess / spring) + max(force - load, 0.0) / spring) if spring > 0.0 else math.inf
     least = max(adrift.rest - back, 0.0) if back < adrift.rest else -adrift.height
     force, _, damping = static_force(law, most)
     rate = math.sqrt(2.0 * excess / mass)

@@ -3,7 +3,7 @@
 A run then lies behind its stamps. Its answers are static ones, in doubt by all that the femur's energy allows since
 where the motion has come to; nothing is lost, and once the run has caught up nothing is in doubt any more. A run that
 falls behind by more than `MOST` ticks, or does not move at all, gives the motion up: it goes on from the static
-contact, adrift (`adrift.py`) until that has provably been forgotten.
+contact, lost (`adrift.py`) until that has been forgotten.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def bounds_of(scene: Scene, interval: Interval, start: Progress) -> tuple[Adrift
     touch = touch_at(interval, 0.0)
     _, _, cosine = touch.touch(start.state.height)
     rate, load, mass = cosine * start.sinking, interval.start_load / cosine, scene.mass / (cosine * cosine)
-    return bounds_near(scene.regions.law, start.depth, rate, start.error, load, mass)
+    return bounds_near(scene.regions.law, start.depth, rate, start.error, fastest_impact(start), load, mass)
 
 
 @aside
@@ -151,7 +151,8 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
     if adrift.stage == WATCHED:
         if depth > 0.0 and not counts(scene, progress):
             return gone_on(advance, with_bounds(progress, FOUND), evaluations - advance.evaluations)
-        near, looks = bounds_near(law, advance.depth, advance.rate, progress.error, drive.load, drive.mass)
+        impact = fastest_impact(progress)
+        near, looks = bounds_near(law, advance.depth, advance.rate, progress.error, impact, drive.load, drive.mass)
         evaluations += looks
         if near.energy < adrift.energy:
             adrift = near
@@ -169,10 +170,10 @@ def within(scene: Scene, advance: Advance, adrift: Adrift, limits: Range, evalua
     if progress.stiffness > 0.0:
         held = holding(progress.stiffness, progress.damping, scene.mass)
     if adrift.stage == LOST and limits.least > 0.0 and estimate < advance.depth:
-        adrift, progress = at_stage(adrift, WATCHED), with_error(progress, error)
+        adrift, progress = at_stage(adrift, WATCHED), with_error(progress, error, adrift.impact)
     elif adrift.stage == WATCHED:
         if limits.least > 0.0 and reach(error, held) < reach(progress.error, held):
-            progress = with_error(progress, error)
+            progress = with_error(progress, error, 0.0)
         estimate, force_error = min(estimate, advance.error_estimate), min(force_error, advance.force_error_estimate)
     return Advance(
         with_bounds(progress, adrift), advance.depth, advance.rate, advance.force, estimate, force_error, evaluations,
@@ -209,15 +210,13 @@ def drive_of(scene: Scene, interval: Interval, start: Progress) -> Drive:
     """What moves the femur in an interval."""
     _, begin, cosine = touch_at(interval, 0.0).touch(start.state.height)
     _, end, _ = touch_at(interval, interval.duration).touch(start.state.height)
-    before = cosine * (start.sinking + start.state.velocity)
+    carried = cosine * (start.sinking + start.state.velocity)
     mass = scene.mass / (cosine * cosine)
-    inertia = mass * (end - before) / interval.duration
+    inertia = mass * (end - carried) / interval.duration
     first, last = interval.start_load / cosine + inertia, load_at(interval, interval.duration) / cosine + inertia
-    change = last - start.adrift.load
-    return Drive(
-        mass, last, max(change, 0.0), max(-change, 0.0), min(first, last), abs(begin - before),
-        interval.duration,
-    )  # fmt: skip
+    before, least = start.adrift.load, min(first, last)
+    rise, fall = max(first - before, 0.0) + max(last - first, 0.0), max(before - first, 0.0) + max(first - last, 0.0)
+    return Drive(mass, last, rise, fall, least, max(first, last), abs(begin - carried), interval.duration)
 
 
 @aside
@@ -240,7 +239,8 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         interval = following
         drive = driven_on(drive, load_at(interval, interval.duration) / cosine, turn, interval.duration)
     touch, load = touch_at(interval, interval.duration), load_at(interval, interval.duration)
-    static = static_contact(law, touch, load, progress.state.height, max(progress.depth, 0.0), 0.0, ANSWER)
+    near = min(max(progress.depth, 0.0), scene.plausible_depth)
+    static = static_contact(law, touch, load, progress.state.height, near, 0.0, ANSWER)
     adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
@@ -274,7 +274,7 @@ def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
     change = load - drive.load
     return Drive(
         drive.mass, load, drive.rise + max(change, 0.0), drive.fall + max(-change, 0.0), min(drive.least, load),
-        drive.kick + kick, drive.duration + duration,
+        max(drive.largest, load), drive.kick + kick, drive.duration + duration,
     )  # fmt: skip
 
 
@@ -283,7 +283,7 @@ def at_stage(adrift: Adrift, stage: float) -> Adrift:
     """The same bounds at another stage."""
     return Adrift(
         stage, adrift.energy, adrift.height, adrift.load, adrift.rest, adrift.stored, adrift.pressed, adrift.least,
-        adrift.begun,
+        adrift.begun, adrift.impact,
     )  # fmt: skip
 
 
@@ -298,12 +298,19 @@ def with_bounds(progress: Progress, adrift: Adrift) -> Progress:
 
 
 @in_kernel
-def with_error(progress: Progress, error: CarriedError) -> Progress:
-    """The same progress with another error."""
+def with_error(progress: Progress, error: CarriedError, impact: float) -> Progress:
+    """The same progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
     return Progress(
-        progress.state, error, progress.try_step, progress.impact_speed, progress.impact_error, progress.fidelity,
-        progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth, progress.adrift,
+        progress.state, error, progress.try_step, progress.impact_speed, max(progress.impact_error, impact),
+        progress.fidelity, progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth,
+        progress.adrift,
     )  # fmt: skip
+
+
+@in_kernel
+def fastest_impact(progress: Progress) -> float:
+    """Largest rate [m/s] at which the contact may have begun; 0 while apart."""
+    return 0.0 if math.isnan(progress.impact_speed) else abs(progress.impact_speed) + progress.impact_error
 
 
 @in_kernel

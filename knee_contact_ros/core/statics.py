@@ -11,7 +11,7 @@ from knee_contact_ros.core.kernel_source import aside, in_kernel
 MAX_ITERATIONS = 200
 NO_LIMIT = 1_000_000
 """Evaluations where they are not counted"""
-ANSWER = 32
+ANSWER = 24
 """Evaluations that the answer to an unresolved tick takes at most: enough for any load and no guess"""
 ROUNDING = 1e-16
 """Depth and height are solved to this [m], or to this part of them."""
@@ -90,18 +90,19 @@ def height_at(touch: Touch, depth: float, near: float) -> float:
 def static_depth(law: ContactLaw, force: float, near: float, resolution: float, most: int) -> StaticSolution:
     """Solve F(depth, 0) = force [N] for the depth [m]; 0 for a force <= 0 (just touching).
 
-    Newton's method from `near` [m], inside a bracket that halves when Newton leaves it, until a correction is below
-    `resolution` [m] (0: to rounding); the static force grows with the depth in every law. A force that is not reached
-    at 1e9 m is answered with that depth.
+    Newton's method from `near` [m], of the logarithms where that is far, inside a bracket that halves when Newton
+    leaves it, until a correction is below `resolution` [m] (0: to rounding); the static force grows with the depth in
+    every law. A force that is not reached at 1e9 m is answered with that depth.
     """
     if force <= 0.0:
         return StaticSolution(0.0, 0)
-    evaluations = 0
-    layer = 0
+    evaluations, layer, base = 0, 0, 0.0
     for index in range(1, len(law.layers)):
         evaluations += 1
-        if law.layers[index - 1].formula.force_at(law.layers[index].begin, 0.0, 0.0)[0] < force:
-            layer = index
+        carried, _, _ = law.layers[index - 1].formula.force_at(law.layers[index].begin, 0.0, 0.0)
+        if carried < force:
+            layer, base = index, carried
+    begin = law.layers[layer].begin
     low, high, depth, looks = bracket(law, layer, force, near)
     evaluations += looks
     for _ in range(MAX_ITERATIONS):
@@ -112,6 +113,10 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float, 
         else:
             low = depth
         newton = depth - (value - force) / slope if slope > 0.0 else low
+        if slope > 0.0 and value > base and not 0.5 * (force - base) < value - base < 2.0 * (force - base):
+            # Far away the force is nearly a power of the depth in the layer, which this solves at once.
+            exponent = (value - base) / (slope * (depth - begin))
+            newton = begin + (depth - begin) * ((force - base) / (value - base)) ** exponent
         following = newton if low < newton < high else 0.5 * (low + high)
         correction = abs(following - depth)
         if newton == depth or not low < following < high or correction <= ROUNDING * depth:

@@ -6,6 +6,7 @@ import math
 import sys
 from typing import NamedTuple
 
+from knee_contact_ros.core.contact_laws.base import LayerFormula
 from knee_contact_ros.core.error_estimate import (
     HORIZON,
     TINY,
@@ -226,8 +227,16 @@ def impact_doubt(scene: Scene, going: Going, region: Region, depth: float, rate:
     if looks_for_doubt(scene, going) == 0:
         return 0.0
     formula = scene.regions.law.layers[region.layer].formula
-    faster, _, _ = formula.force_at(depth, rate, going.impact_speed + going.impact_error)
-    slower, _, _ = formula.force_at(depth, rate, max(0.0, going.impact_speed - going.impact_error))
+    return doubt_of_impact(formula, depth, rate, force, going.impact_speed, going.impact_error)
+
+
+@in_kernel
+def doubt_of_impact(
+    formula: LayerFormula, depth: float, rate: float, force: float, impact_speed: float, impact_error: float
+) -> float:
+    """By how much a force [N] would differ if its contact had begun faster or slower by an error [m/s]."""
+    faster, _, _ = formula.force_at(depth, rate, impact_speed + impact_error)
+    slower, _, _ = formula.force_at(depth, rate, max(0.0, impact_speed - impact_error))
     return max(abs(faster - force), abs(slower - force))
 
 

@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 PROGRESS = 3
 """Where the progress begins in a run's memory: behind whether the run has begun, the last angle and the last load"""
-BACKLOG = PROGRESS + 25
+BACKLOG = PROGRESS + 26
 """Where the backlog begins"""
 MEMORY = BACKLOG + SIZE
 """Numbers that a run keeps from tick to tick"""
@@ -112,15 +112,17 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
     if not math.isnan(height):
         depth, _, _ = touch.touch(height)
         return at_height(scene, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
-    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0, NO_LIMIT)
+    most = scene.budget - 2 if scene.budget > 0 else NO_LIMIT
+    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0, most)
     _, _, cosine = touch.touch(static.height)
     progress = Progress(
         FemurState(static.height, math.nan), EXACT, math.inf, 0.0, 0.0, DYNAMIC,
         cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, FOUND,
     )  # fmt: skip
     return Advance(
-        progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, True, static.height, DYNAMIC
-    )
+        progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, static.evaluations < most,
+        static.height, DYNAMIC,
+    )  # fmt: skip
 
 
 @aside
@@ -159,6 +161,7 @@ def read_progress(memory: Floats) -> Progress:
             float(memory[25]),
             float(memory[26]),
             float(memory[27]),
+            float(memory[28]),
         ),
     )
 
@@ -177,7 +180,7 @@ def write_progress(memory: Floats, progress: Progress) -> None:
     memory[16], memory[17], memory[18] = progress.excess, progress.sinking, progress.depth
     memory[19], memory[20], memory[21], memory[22] = adrift.stage, adrift.energy, adrift.height, adrift.load
     memory[23], memory[24], memory[25] = adrift.rest, adrift.stored, adrift.pressed
-    memory[26], memory[27] = adrift.least, adrift.begun
+    memory[26], memory[27], memory[28] = adrift.least, adrift.begun, adrift.impact
 
 
 @in_kernel

@@ -29,7 +29,7 @@ from knee_contact_ros.core.levels.dynamic import most_evaluations, unresolved
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.regions import ABOVE, BELOW, NOWHERE, Region, Regions
 from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
-from knee_contact_ros.core.statics import NO_LIMIT, height_at, static_contact
+from knee_contact_ros.core.statics import height_at, static_contact
 from knee_contact_ros.core.stepping import (
     EXPLICIT,
     LOCAL_SHARE,
@@ -39,6 +39,8 @@ from knee_contact_ros.core.stepping import (
     Going,
     attempt,
     giving_up,
+    impact_doubt,
+    looks_for_doubt,
     motion_in,
 )
 from knee_contact_ros.core.types import Fidelity
@@ -184,7 +186,10 @@ def enter_layer(scene: Scene, part: Interval, going: Going, layer: int) -> tuple
     at_rest, stiffness, damping = formula.force_at(depth, 0.0, going.impact_speed)
     evaluations = 1
     if damping <= 0.0:
-        static = static_contact(scene.regions.law, touch, load, height, max(depth, 0.0), 0.0, NO_LIMIT)
+        room = max(going.most - going.evaluations - 2, 1)
+        static = static_contact(scene.regions.law, touch, load, height, max(depth, 0.0), 0.0, room)
+        if static.evaluations >= room:
+            return giving_up(going), Region(layer, True)
         layer, depth = stopped(scene, layer, static.depth)
         height = height_at(touch, depth, static.height)
         going = jumped(going, height - going.state.height)
@@ -348,7 +353,8 @@ def result(
     )
     error = deviate(jump, left_out, scene.mass, h)
     # What the level leaves out in a tick may not cancel against the error of its steps: the signs of both are weak.
-    unknown = UNKNOWN_INERTIA * abs(inertia)
+    doubt = impact_doubt(scene, going, region, depth, rate, force)
+    unknown = UNKNOWN_INERTIA * abs(inertia) + doubt
     if 0.0 < left_out.end_load < FADING * left_out.begin_load:
         # A level that leaves a contact gets ever faster.
         unknown += abs(inertia) * min(FASTER, abs(left_out.gain) * h / max(left_out.depth, TINY))
@@ -364,8 +370,8 @@ def result(
         rate,
         max(force, 0.0),
         reach(error, held),
-        force_reach(error, stiffness, damping, 0.0, held) / cosine,
-        going.evaluations + 1,
+        force_reach(error, stiffness, damping, 0.0, held) / cosine + doubt,
+        going.evaluations + 1 + looks_for_doubt(scene, going),
         h,
         True,
         going.state.height,

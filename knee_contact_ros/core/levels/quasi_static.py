@@ -7,14 +7,23 @@ from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
-from knee_contact_ros.core.error_estimate import TINY, CarriedError, bounded, force_reach, holding, reach, with_bound
+from knee_contact_ros.core.error_estimate import (
+    TINY,
+    CarriedError,
+    bounded,
+    force_reach,
+    holding,
+    reach,
+    with_bound,
+    with_push,
+)
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
 from knee_contact_ros.core.statics import NO_LIMIT, RESOLVED, static_contact
-from knee_contact_ros.core.stepping import NEWTON_SHARE
+from knee_contact_ros.core.stepping import NEWTON_SHARE, doubt_of_impact
 from knee_contact_ros.core.types import Fidelity
 
 QUASI_STATIC = int(Fidelity.QUASI_STATIC)
@@ -49,6 +58,14 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         evaluations += 1
     stiffness = cosine * cosine * static.stiffness
     sinking = load_rate / stiffness if stiffness > 0.0 else 0.0
+    doubt = 0.0
+    if static.depth > 0.0 and impact_error > 0.0 and law.layers[0].formula.remembers_impact():
+        rate = cosine * sinking
+        doubt = doubt_of_impact(
+            law.layers[0].formula, static.depth, rate, static.force + damping / (cosine * cosine) * rate, impact_speed,
+            impact_error,
+        )  # fmt: skip
+        evaluations += 2
     velocity = surface_rate / cosine - sinking
     inertia = scene.mass * (velocity - begin_velocity) / h
     left_out = LeftOut(
@@ -65,7 +82,7 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
     error = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
     left = min(NEWTON_SHARE * scene.tolerance, RESOLVED * static.depth)
     unknown = way_across(law, begin_depth, static.depth) + left * left / max(static.depth, TINY)
-    error = bounded(with_bound(error, unknown, 0.0))
+    error = bounded(with_bound(with_push(error, doubt, stiffness, damping, scene.mass, h), unknown, 0.0))
     held = holding(stiffness, damping, scene.mass)
     return Advance(
         Progress(
@@ -76,7 +93,7 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
         cosine * sinking,
         static.force,
         reach(error, held),
-        force_reach(error, stiffness, damping, damping * sinking, held) / cosine,
+        force_reach(error, stiffness, damping, damping * sinking, held) / cosine + doubt,
         evaluations,
         h,
         True,

@@ -1,7 +1,7 @@
 """The quiet ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
 
-A few equal explicit steps carry the femur over the interval, with the same error control as in `dynamic.py`. Where
-anything else turns up, this gives up and leaves the tick to it.
+A few equal explicit steps carry the femur over the interval, with the error control of `dynamic.py` at the first and
+the last of them. Where anything else turns up, this gives up and leaves the tick to it.
 """
 
 from __future__ import annotations
