@@ -37,9 +37,9 @@ NONE, WATCHED, LOST = 0.0, 1.0, 2.0
 """What is to be known: nothing; where the exact solution may be, if its estimate should be lost; where it is"""
 NOTED = 0.05
 """Part of the depth from which on an error may grow into one that is lost"""
-FEW = 4
+FEW = 3
 """Evaluations for a static depth that need not be exact"""
-LOOKS = 4
+LOOKS = 3
 """The same for the depth that an energy reaches"""
 FIRST_LOOK = 1e-4
 """[m] where nothing else is known of it"""
@@ -53,7 +53,7 @@ LAYERS = 2
 """Layers of a law, for what follows; a law of more costs more"""
 CALMING = FEW + LOOKS + 2 * STEPS + 5 * LAYERS + 4
 """Evaluations that it takes to find what an overshoot takes"""
-RESERVE = ANSWER + 3 * FEW + 2 * LOOKS + 6 * LAYERS + 5
+RESERVE = ANSWER + 3 * FEW + 2 * LOOKS + 4 * LAYERS + 10
 """Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
 LARGEST_ENERGY = LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR
 """[J]"""
