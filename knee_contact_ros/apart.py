@@ -36,7 +36,7 @@ BATCH = 64
 """Answers that are sent at once at most: so long the interpreter is held, some 0.1 ms."""
 PAUSE = 0.001
 """Time [s] for others to have the interpreter if more wait"""
-START = 60.0
+START = 180.0
 """How long [s] a child may take to open its output"""
 LAST_WORDS = 5.0
 """How long [s] a child may take to end once its socket is closed"""

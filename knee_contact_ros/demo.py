@@ -164,7 +164,7 @@ def play(
             executor.spin_once(timeout_sec=seconds)
             return ()
 
-        with progress("Starting the node (the first time it compiles, for some ten seconds)") as advance:
+        with progress("Starting the node (the first time it compiles, for half a minute or more)") as advance:
             deadline = time.monotonic() + NODE_START
             while not (
                 replayer.wait_for_subscribers(0.1, spin)

@@ -86,7 +86,7 @@ class KneeContactNode(LifecycleNode):
         try:
             self.session = Session(self, self.node_parameters.read(), self._qos_given)
             self.get_logger().info(
-                "making the model ready; the first time on a machine it compiles for some ten seconds"
+                "making the model ready; the first time on a machine it compiles for half a minute or more"
             )
             with self._stop.interrupting():
                 self.session.pipeline.compile()

@@ -228,3 +228,29 @@ def test_running_on_an_undamped_layer_is_lost_and_found() -> None:
     assert not flagged[-200:].all()
     lost = series.error_estimate > 1e-4
     assert 0 < lost.sum() < 1000
+
+
+def test_a_load_that_rises_and_falls_within_one_time_is_counted() -> None:
+    # As of a backlog: 20 N, 1200 N and 20 N again. It was bounded by the deepest contact under 20 N alone.
+    contact, start = CONTACTS["damped"], start_with(CONTACTS["damped"], 0.0, 20.0)
+    drive = Drive(9.3, 20.0, 1180.0, 1180.0, 20.0, 1200.0, 0.0, 0.011)
+    adrift, _ = pushed(contact.law, start, drive, 1e-4)
+    limits = range_of(contact.law, adrift, 9.3)
+    depth, rate = np.array([start.rest]), np.array([0.0])
+    for loads, duration in (((20.0, 1200.0), 5e-3), ((1200.0, 1200.0), 5e-3), ((1200.0, 20.0), 1e-3)):
+        depth, rate = moved(contact.force, depth, rate, loads, 9.3, duration)
+    assert limits.least <= depth[0] <= limits.most
+    assert abs(rate[0]) <= limits.rate
+
+
+def test_a_softer_layer_takes_its_time() -> None:
+    # The femur overshoots from a stiff layer into a soft one, for much longer than the stiff one would hold it.
+    contact = two_layers(10.0, bone=1e4)
+    load, mass, h = 875.0, 9.3, 2e-3
+    adrift = start_with(contact, 2.0, load)
+    depth, rate = np.array([0.0]), np.array([math.sqrt(2.0 * 2.0 / mass)])
+    for _ in range(300):
+        adrift, limits = bounded_on(contact, adrift, load, 0.0, mass, h)
+        depth, rate = moved(contact.force, depth, rate, (load, load), mass, h)
+        assert limits.least <= depth[0] <= limits.most
+        assert abs(rate[0]) <= 1.01 * limits.rate  # of the method that moves it

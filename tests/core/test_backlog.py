@@ -94,3 +94,14 @@ def test_chaos_is_told_and_stays_a_number(level: str) -> None:
     assert np.isfinite(series.error_estimate).all()
     assert np.isfinite(series.force_error_estimate).all()
     assert (series.status[-500:] & Status.NOT_CONVERGED != 0).all()
+
+
+@pytest.mark.parametrize("level", ["dynamic", "auto", "first_order", "quasi_static"])
+@pytest.mark.parametrize("name", ["hertz", "two_layer_elastic"])
+def test_loads_of_nearly_nothing_keep_the_budget(name: str, level: str) -> None:
+    # Their static depth takes hundreds of halvings; the first tick has a budget, too.
+    load = np.where(np.arange(24) % 2 == 0, 0.0, 10.0 ** -np.linspace(300.0, 323.0, 24))
+    load[0], load[12] = 1e-305, 800.0
+    series = knee(name, 100, 1e-6, level).run(TIME[:24], STILL[:24], load)
+    assert series.evaluations.max() <= 100
+    assert np.isfinite(series.error_estimate).all()

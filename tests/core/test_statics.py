@@ -11,7 +11,15 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.model import LARGEST_LOAD
-from knee_contact_ros.core.statics import DEEPEST, NO_LIMIT, START_HEIGHT, height_at, static_contact, static_depth
+from knee_contact_ros.core.statics import (
+    ANSWER,
+    DEEPEST,
+    NO_LIMIT,
+    START_HEIGHT,
+    height_at,
+    static_contact,
+    static_depth,
+)
 from tests.core.test_geometries import ellipse
 from tests.scenes import BODY_WEIGHT, RADIUS, law
 
@@ -108,3 +116,11 @@ def test_at_rest_the_normal_force_carries_the_load(pair: ContactPair, name: str)
 def test_a_height_is_found_from_anywhere_above(pair: ContactPair, start: float) -> None:
     touch = pair.at(-0.2, 0.0, -0.004, 0.0)
     assert touch.touch(height_at(touch, 4e-4, start))[0] == pytest.approx(4e-4, abs=1e-15)
+
+
+@pytest.mark.parametrize("near", [1e-12, 1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_no_guess_is_too_far(name: str, near: float) -> None:
+    found = static_depth(law(name), 900.0, near, 0.0, ANSWER)
+    assert law(name).static_force(found.depth) == pytest.approx(900.0, rel=1e-6)
+    assert found.evaluations <= ANSWER + 2  # a layer, and the last correction
