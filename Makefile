@@ -10,7 +10,7 @@ help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
 	@echo "make lint   formatter, linters and type checker"
-	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets and stability again, and the reproduction of the paper (an hour)"
+	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, and the reproduction of the paper (over an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
 demo: $(VENV)/.installed
@@ -32,6 +32,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.long_runs
 	$(BIN)/python -m studies.budgets
 	$(BIN)/python -m studies.stability
+	$(BIN)/python -m studies.choosing --turns 3
 	$(BIN)/python -m studies.reproduction
 
 clean:
