@@ -15,17 +15,15 @@ from knee_contact_ros.core.adrift import (
     Adrift,
     Drive,
     Range,
-    at_rest,
     bounds_near,
     calmed,
-    elastic_energy,
     excess_of,
-    overshoot,
     pushed,
     range_of,
 )
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
+from knee_contact_ros.core.energy import at_rest, elastic_energy, overshoot
 from knee_contact_ros.core.error_estimate import CarriedError
 from knee_contact_ros.core.types import Status
 from studies.honesty.ours import knee
@@ -254,3 +252,19 @@ def test_a_softer_layer_takes_its_time() -> None:
         depth, rate = moved(contact.force, depth, rate, (load, load), mass, h)
         assert limits.least <= depth[0] <= limits.most
         assert abs(rate[0]) <= 1.01 * limits.rate  # of the method that moves it
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_no_load_and_no_guess_divides_by_nothing(name: str) -> None:
+    # What the compiler makes infinite is an exception in Python: depths at rest beside a boundary, loads of nothing.
+    contact, boundary = CONTACTS[name], STIFFNESS * BOUNDARY**1.5
+    loads = [boundary * (1.0 + part) for part in (-1e-4, -1e-9, -1e-16, 0.0, 1e-15, 1e-9)] + [1e-20, 1e-200, 5e-324]
+    for load in loads:
+        for guess in (1e-4, 5e-4, 5.2e-4, 1e-2):
+            for energy in (1e-300, 1e-12, 1.0):
+                rest, stored, _ = at_rest(contact.law, load, guess)
+                adrift = Adrift(LOST, energy, energy / load, load, rest, stored, math.inf, load, energy, 1.0)
+                calm, _ = calmed(contact.law, adrift, 9.3)
+                assert calm.energy <= energy
+                limits = range_of(contact.law, adrift, 9.3)
+                assert limits.least <= limits.most
