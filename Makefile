@@ -47,10 +47,10 @@ $(BIN)/uv:
 
 $(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
 	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (half a minute the first time)"
-	$(BIN)/uv pip install --quiet --editable .
+	$(BIN)/uv pip install --quiet --compile-bytecode --editable .
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	@echo "== Installing the tools for tests and checks"
-	$(BIN)/uv pip install --quiet --group dev
+	$(BIN)/uv pip install --quiet --compile-bytecode --group dev
 	@touch $@

@@ -25,7 +25,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from knee_contact_ros.answer import Answer, Ending
+from knee_contact_ros.apart_messages import DONE, ENDED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.cdr_in import JointState
 from knee_contact_ros.errors import UsageError
+
+MB = 10**6
 
 CHILD = "knee_contact_ros.apart_child"
 PERIOD = 0.01
@@ -34,48 +38,30 @@ LATEST = 0.05
 """How long [s] the last answers wait to be sent when no more come"""
 BATCH = 64
 """Answers that are sent at once at most: so long the interpreter is held, some 0.1 ms."""
+BATCH_SIZE = 64 * 4096
+"""[B] likewise, unless one answer is larger"""
+ANSWER_SIZE, INPUT_SIZE, NUMBER_SIZE = 1600, 300, 32
+"""[B] of memory that an answer takes, each message that led to it, and each number of a joint's in it"""
 PAUSE = 0.001
 """Time [s] for others to have the interpreter if more wait"""
 START = 180.0
 """How long [s] a child may take to open its output"""
 LAST_WORDS = 5.0
 """How long [s] a child may take to end once its socket is closed"""
-
-OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
-"""States of a child: its output is open, could not be opened, stopped, is complete sooner than it was to be, is
-complete"""
-
-
-class Job(NamedTuple):
-    """What a child is for."""
-
-    module: str
-    """It has a function `open_output` that gives an `apart_child.Output`"""
-    arguments: tuple[Any, ...]
-    """Of that function"""
+PATIENCE = 3.0
+"""How long [s] to wait for an output to be complete: with all else that a node does to end, 5 s at most"""
+KILLED = 0.5
+"""How long [s] to wait for one that was killed: a disk that does not answer can keep it"""
+WORTH_A_WARNING = 0.25
+"""Share of a queue from which on it is told that it fills"""
 
 
-class Note(NamedTuple):
-    """Something to be told between two answers."""
+class Queue(NamedTuple):
+    """What may wait for a sink."""
 
-    name: str
-    values: dict[str, str]
-
-
-class Discard(NamedTuple):
-    """The output shall vanish."""
-
-
-class Report(NamedTuple):
-    """What a child says of itself."""
-
-    state: str
-    written: int
-    """Answers"""
-    reason: str = ""
-    """Why it refused, failed or ended"""
-    remarks: tuple[str, ...] = ()
-    """What else the user shall know"""
+    answers: int
+    size: float
+    """[B] of memory, about"""
 
 
 class Handling(NamedTuple):
@@ -83,12 +69,13 @@ class Handling(NamedTuple):
 
     row: Callable[[Answer], tuple[Any, ...]]
     """What is sent of an answer; plain tuples, numbers, texts and bytes are quick to send"""
-    most: int
-    """Answers that may wait"""
+    queue: Queue
+    section: str
+    """Of the parameters `….queue` and `….queue_size`"""
     gaps_allowed: bool
     """Whether the answers beyond are dropped and counted; otherwise the sink has failed then"""
-    patience: float
-    """How long [s] nothing may move, once it shall end, until it is ended by force"""
+    niceness: int = 0
+    """Added to the node's"""
 
 
 class Tell(NamedTuple):
@@ -100,34 +87,42 @@ class Tell(NamedTuple):
     """Of what else the user shall know"""
 
 
+Item = Answer | Note | Ending | Discard
+"""What waits for a sink"""
+
+
 class SinkProcess:
     """Hands answers to a process that keeps them; `put` never waits, and nothing that happens there is felt here.
 
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(self, label: str, job: Job, handling: Handling, tell: Tell, awaited: bool) -> None:
+    def __init__(self, kind: str, name: str, job: Job, handling: Handling, tell: Tell, awaited: bool) -> None:
         """Begin.
 
-        `label` names the output in messages. That it cannot be opened is not told if that is `awaited`: then
-        `wait_until_open` says so.
+        `kind` and `name` stand for the output in messages; the name may turn out to be another one. That it cannot be
+        opened is not told if that is `awaited`: then `wait_until_open` says so.
         """
         self.process: subprocess.Popen[bytes] | None = None
         """None: not started yet, or it could not be"""
+        self.name = name
+        """Of the file"""
         self.failure = ""
         """What is wrong; empty while all is well"""
         self.dropped = 0
         """Answers that the output does not get"""
-        self._label, self._job, self._handling = label, job, handling
+        self.given_up = False
+        """Whether the output is not, and will not be, complete because that took too long"""
+        self._kind, self._job, self._handling = kind, job, handling
         self._to_tell, self._awaited = tell, awaited
-        self._waiting: deque[Answer | Note | Ending | Discard] = deque()
-        self._room = handling.most
+        self._waiting: deque[Item] = deque()
+        self._room, self._room_size = handling.queue
+        self._put_size = self._sent_size = 0  # [B] by one thread each
         self._due = 0.0  # when to send next
         self._wake = threading.Event()
         self._ended = False  # nothing more shall be sent
-        self._given_up = ""
+        self._reason = ""  # why it was given up
         self._last = Report("", 0)
-        self._moved = 0  # counts signs of life
         self._concluded = False
         self._opened = False
         self._known = threading.Event()  # whether it was opened
@@ -135,8 +130,9 @@ class SinkProcess:
         self._thread.start()
 
     def put(self, answer: Answer) -> None:
-        """Hand over an answer; never waits. Not to be called from two threads."""
-        if len(self._waiting) < self._room:
+        """Hand over an answer; never waits. Not to be called from two threads, nor beside `note`."""
+        if self._has_room():
+            self._put_size += size_of(answer)
             self._waiting.append(answer)
             now = time.monotonic()
             if now >= self._due:
@@ -147,17 +143,44 @@ class SinkProcess:
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Hand over a note, which is kept between the answers before it and those after it; never waits."""
-        if self._room:
-            self._waiting.append(Note(name, values))
+        if self._has_room():
+            note = Note(name, values)
+            self._put_size += size_of(note)
+            self._waiting.append(note)
+        elif not self._ended:
+            self.dropped += 1
 
     def diagnostics(self) -> dict[str, str]:
         """Answers that wait to be sent, that are lost, and that were written at the child's last report; its id."""
         return {
             "backlog": str(len(self._waiting)),
+            "backlog [MB]": f"{self._waiting_size() / MB:.1f}",
+            "full [%]": f"{100.0 * self._fill():.0f}",
             "dropped": str(self.dropped),
             "written": str(self._last.written),
             "process": str(self.process.pid) if self.process else "none",
         }
+
+    def problem(self) -> tuple[str, bool]:
+        """What is wrong, empty if nothing is, and whether something is lost by it."""
+        fill = self._fill()
+        if self.failure:
+            return self.failure, True
+        if self.dropped:
+            return f"{self.label}: {self._too_many()}", True
+        if fill < WORTH_A_WARNING:
+            return "", False
+        waiting = f"{len(self._waiting)} answers wait, {100.0 * fill:.0f} % of what may"
+        return f"{self.label} is behind: {waiting}, as its process is slow or stands still", False
+
+    @property
+    def label(self) -> str:
+        """The output in messages."""
+        return f"{self._kind} {self.name}".rstrip()
+
+    def is_known(self) -> bool:
+        """Whether it is known if the output could be opened."""
+        return self._known.is_set()
 
     def is_open(self) -> bool:
         """Whether the output is open; False: that is not known yet.
@@ -187,15 +210,65 @@ class SinkProcess:
         """Have the output completed, without waiting for it; what is put afterwards goes nowhere."""
         self._send_last(ending)
 
-    def close(self, ending: Ending) -> None:
-        """Have the output completed and wait for it; a process in which nothing moves any more is killed."""
+    def close(self, ending: Ending, patience: float = PATIENCE) -> None:
+        """Have the output completed and wait for it, so long [s] at most; see `wait`."""
         self.end(ending)
-        self._wait()
+        self.wait(time.monotonic() + patience)
 
-    def discard(self) -> None:
-        """Give up: leave no output behind."""
+    def wait(self, deadline: float) -> None:
+        """Wait for an output that was told to end, until the deadline [s, monotonic].
+
+        A process that was stopped is killed then. Any other one is left to complete its output by itself.
+        """
+        self._thread.join(max(deadline - time.monotonic(), 0.0))
+        if not self._thread.is_alive():
+            return
+        unsent = self._unsent()
+        self.given_up = bool(unsent)
+        if self.process and is_stopped(self.process.pid):
+            self.given_up = True
+            self._give_up("its process stood still when it was to end")
+            return
+        number = self.process.pid if self.process else "none yet"
+        said = f"{self.label} is not complete yet, and is not waited for: its process ({number}) goes on"
+        if unsent:
+            self._tell(f"{said}; {unsent} answers have yet to be handed to it")
+        else:
+            self._to_tell.remark(said)
+
+    def begin_discarding(self) -> None:
+        """Have no output left behind, without waiting for it."""
         self._send_last(Discard())
-        self._wait()
+
+    def discard(self, patience: float = PATIENCE) -> None:
+        """Give up: leave no output behind, if the process ends so soon [s]; then it is killed."""
+        self.begin_discarding()
+        self._thread.join(patience)
+        if self._thread.is_alive():
+            self._give_up(f"its process did not end within {patience:g} s")
+
+    def _unsent(self) -> int:
+        """Answers that wait."""
+        return sum(isinstance(item, Answer) for item in self._waiting.copy())
+
+    def _has_room(self) -> bool:
+        return len(self._waiting) < self._room and self._waiting_size() < self._room_size
+
+    def _waiting_size(self) -> int:
+        return self._put_size - self._sent_size
+
+    def _fill(self) -> float:
+        """How full the queue is, from 0 to 1."""
+        queue = self._handling.queue
+        return max(len(self._waiting) / queue.answers, self._waiting_size() / queue.size)
+
+    def _too_many(self) -> str:
+        """What is wrong if the queue was full."""
+        queue, section = self._handling.queue, self._handling.section
+        return (
+            f"more waited than {queue.answers} answers (parameter {section}.queue) or "
+            f"{queue.size / MB:g} MB ({section}.queue_size)"
+        )
 
     def _send_last(self, item: Ending | Discard) -> None:
         if not self._ended:
@@ -203,31 +276,19 @@ class SinkProcess:
             self._waiting.append(item)
             self._wake.set()
 
-    def _wait(self) -> None:
-        """Wait for the process to end; it may have to start first."""
-        since, moved = time.monotonic(), self._moved
-        while self._thread.is_alive():
-            self._thread.join(0.05)
-            if moved != self._moved:
-                since, moved = time.monotonic(), self._moved
-            patience = self._handling.patience if self._opened else START
-            if time.monotonic() - since > patience:
-                self._give_up(f"nothing moved for {patience:g} s when it was to be completed")
-                return
-
     def _give_up(self, reason: str) -> None:
         """Kill the process; as a rule the thread then says why."""
-        self._given_up = reason
+        self._reason = reason
         if self.process:
             self.process.kill()
-        self._thread.join(LAST_WORDS)
+        self._thread.join(KILLED)
         self._conclude(reason)  # a disk that does not answer can keep even a killed process
 
     def _run(self) -> None:
         """The thread: start the process, send and listen until it is gone."""
         trouble = ""
         try:
-            connection, self.process = start_child()
+            connection, self.process = start_child(self._handling.niceness)
         except OSError as error:
             self._conclude(f"no process can be started: {error.strerror}")
             return
@@ -237,6 +298,8 @@ class SinkProcess:
             with suppress(EOFError, OSError):
                 while True:
                     self._hear(connection)
+        except UsageError as error:
+            trouble = str(error)
         except Exception as error:  # whatever it is, the node must compute on
             trouble = f"{type(error).__name__}: {error}"
         connection.close()
@@ -248,7 +311,7 @@ class SinkProcess:
 
         Raises:
             EOFError, ConnectionError: the child is gone.
-            OverflowError: too many wait.
+            UsageError: too many wait.
         """
         readable, writable = select.poll(), select.poll()
         readable.register(connection.fileno(), select.POLLIN)
@@ -267,22 +330,25 @@ class SinkProcess:
                     time.sleep(PAUSE)
 
     def _on_gap(self) -> None:
-        words = f"more than {self._handling.most} answers waited"
+        words = f"{self._too_many()}, as its process is slow or stands still"
         if not self._handling.gaps_allowed:
-            raise OverflowError(words)
-        self._tell(f"{self._label} has gaps: {words}, as its process is slow or stands still")
+            raise UsageError(words)
+        self._tell(f"{self.label} has gaps: {words}")
 
     def _send_batch(self, connection: Connection) -> None:
-        row, waiting = self._handling.row, self._waiting
-        items = [waiting.popleft() for _ in range(min(len(waiting), BATCH))]
-        batch = [row(item) if isinstance(item, Answer) else item for item in items]
+        row, waiting, size = self._handling.row, self._waiting, 0
+        batch: list[Any] = []
+        while waiting and len(batch) < BATCH and size < BATCH_SIZE:
+            item = waiting.popleft()
+            size += size_of(item)
+            batch.append(row(item) if isinstance(item, Answer) else item)
+        self._sent_size += size
         connection.send_bytes(pickle.dumps(batch, pickle.HIGHEST_PROTOCOL))  # half as dear as `send`
-        self._moved += 1
 
     def _hear(self, connection: Connection) -> None:
         """Take a report; raises EOFError if there will be none."""
         self._last = connection.recv()
-        self._moved += 1
+        self.name = self._last.name or self.name
         for remark in self._last.remarks:
             self._to_tell.remark(remark)
         if self._last.state == OPEN:
@@ -293,8 +359,8 @@ class SinkProcess:
         """Why the process ended, with this code; empty if it was to."""
         if self._last.state == DONE:
             return ""
-        if self._last.reason or self._given_up:
-            return self._last.reason or self._given_up
+        if self._last.reason or self._reason:
+            return self._last.reason or self._reason
         if code is None or code >= 0:
             return f"its process ended with code {code}"
         return f"its process was ended by {signal.Signals(-code).name}"
@@ -304,13 +370,17 @@ class SinkProcess:
         if self._concluded:
             return
         self._concluded, self._room = True, 0
-        self.dropped += sum(isinstance(item, Answer) for item in self._waiting)
+        lost = self._unsent()
+        self.dropped += lost
         self._waiting.clear()
+        self._sent_size = self._put_size
         if trouble:
             if self._opened and self._last.state != ENDED:
-                trouble = f"{self._label} stopped: {trouble}"
+                trouble = f"{self.label} stopped: {trouble}"
             elif not self._opened and self._last.state != REFUSED:
-                trouble = f"{self._label} cannot be opened: {trouble}"
+                trouble = f"{self.label} cannot be opened: {trouble}"
+            if lost and self.given_up:
+                trouble += f"; {lost} answers had not been handed to its process"
             self._tell(trouble, quiet=self._awaited and not self._opened)
         self._known.set()
 
@@ -320,11 +390,33 @@ class SinkProcess:
             self._to_tell.failure(failure)
 
 
-def start_child() -> tuple[Connection, subprocess.Popen[bytes]]:
-    """Start a process, and give our end of the sockets between us.
+def is_stopped(pid: int) -> bool:
+    """Whether a process was stopped by a signal."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2][1] in "Tt"
+    except (OSError, IndexError):
+        return False
 
-    It has a session of its own, so that Ctrl-C in a terminal does not reach it: the node says when it shall end. It
-    imports from where this process does, and not from the working folder: a file there may have a library's name.
+
+def size_of(item: Item) -> int:
+    """[B] of memory that something takes while it waits, about."""
+    if isinstance(item, Answer):
+        size = ANSWER_SIZE
+        for _, _, message in item.inputs:
+            size += INPUT_SIZE
+            if isinstance(message, JointState):
+                size += NUMBER_SIZE * (len(message.position) + len(message.velocity) + len(message.effort))
+        return size
+    return sum(map(len, item.values.values())) + INPUT_SIZE if isinstance(item, Note) else 0
+
+
+def start_child(niceness: int) -> tuple[Connection, subprocess.Popen[bytes]]:
+    """Start a process of such a niceness beyond ours, and give our end of the sockets between us.
+
+    It has a process group of its own, so that Ctrl-C in a terminal does not reach it: the node says when it shall end.
+    But no session: Linux may share the processors out by session (`sched_autogroup_enabled`), and then one that works a
+    little at a time starves beside busy ones of another, and niceness does not count. It imports
+    from where this process does, and not from the working folder: a file there may have a library's name.
 
     Raises:
         OSError: no process can be started.
@@ -333,10 +425,10 @@ def start_child() -> tuple[Connection, subprocess.Popen[bytes]]:
     ours, theirs = socket.socketpair()
     with ours, theirs:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", CHILD, str(theirs.fileno())],
+            [sys.executable, "-P", "-m", CHILD, str(theirs.fileno()), str(niceness)],
             stdin=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            start_new_session=True,
+            process_group=0,
             env=os.environ | {"PYTHONPATH": path},
         )
         return Connection(ours.detach()), process

@@ -12,17 +12,16 @@ import time
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, Protocol
 
 from knee_contact_ros.answer import Ending
-from knee_contact_ros.apart import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.apart_messages import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
 from knee_contact_ros.errors import UsageError
 
-NICENESS = 10
-"""Added to the node's: a sink may wait, a tick may not."""
 REPORT_PERIOD = 1.0
 """[s]"""
+SWITCH_PERIOD = 1e-4
+"""How long [s] a thread that computes may hold up the one that takes what is sent: it asks for the interpreter often"""
 LOOK_PERIOD = 1.0
 """How often [s] to look whether the output can go on"""
 
@@ -30,6 +29,8 @@ LOOK_PERIOD = 1.0
 class Output(Protocol):
     """What a sink writes to."""
 
+    name: str
+    """Of the file; empty if there is none"""
     period: float
     """How often [s] to flush"""
 
@@ -62,14 +63,17 @@ class Child:
         self.written = 0
         self._connection = connection
         self._reported = 0
+        self._name = ""
 
     def work(self, job: Job) -> bool:
         """Do a job; whether it went well."""
         try:
             output = import_module(job.module).open_output(*job.arguments)
+            self._name = output.name
             self._report(OPEN, remarks=output.news())
             reason = self._keep(output)
-            self._report(ENDED if reason else DONE, reason)
+            self._name = output.name
+            self._report(ENDED if reason else DONE, reason, output.news())
         except UsageError as error:
             self._report(REFUSED, str(error))
         except Exception as error:  # whatever it is, the node shall know
@@ -81,18 +85,7 @@ class Child:
         """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
         due = reported = looked = time.monotonic()
         while True:
-            now = time.monotonic()
-            if now >= due:
-                output.flush()
-                due = now + output.period
-            if now >= looked + LOOK_PERIOD:
-                if reason := self._must_end(output):
-                    return reason
-                looked = now
-            if now >= reported + REPORT_PERIOD and self.written != self._reported:
-                self._report(OPEN)
-                reported = now
-            for item in self._next(min(due, looked + LOOK_PERIOD) - now):
+            for item in self._next(min(due, looked + LOOK_PERIOD) - time.monotonic()):
                 if isinstance(item, Note):
                     output.note(item.name, item.values)
                 elif isinstance(item, Discard):
@@ -104,6 +97,17 @@ class Child:
                 else:
                     output.write(item)
                     self.written += 1
+            now = time.monotonic()
+            if now >= due:  # who wakes up late takes what has come meanwhile before
+                output.flush()
+                due = now + output.period
+            if now >= looked + LOOK_PERIOD:
+                if reason := self._must_end(output):
+                    return reason
+                looked = now
+            if now >= reported + REPORT_PERIOD and self.written != self._reported:
+                self._report(OPEN)
+                reported = now
 
     def _must_end(self, output: Output) -> str:
         """Complete the output if it has to be, and give the reason; report its news."""
@@ -124,22 +128,27 @@ class Child:
     def _report(self, state: str, reason: str = "", remarks: tuple[str, ...] = ()) -> None:
         self._reported = self.written
         with suppress(OSError):  # nobody may be there any more
-            self._connection.send(Report(state, self.written, reason, remarks))
+            self._connection.send(Report(state, self.written, self._name, reason, remarks))
 
 
-def step_back() -> None:
-    """Be a process that the node's do not have to wait for, and that ends when the node has it end."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # a service manager sends them to all processes of the node
+def step_back(niceness: int) -> None:
+    """Be a process that the node's do not have to wait for, and that ends when the node has it end.
+
+    `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and with this policy it still
+    interrupts nobody when it wakes up.
+    """
+    # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # never in the way when it wakes up
-    os.nice(NICENESS)
-    with suppress(OSError):  # where a session's niceness counts in place of a process's
-        Path("/proc/self/autogroup").write_text(str(NICENESS), encoding="ascii")
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    if niceness:
+        os.nice(niceness)
 
 
 def main() -> None:
-    """Work on the socket that the command line names."""
-    step_back()
+    """Work on the socket that the command line names, with the niceness that it names."""
+    step_back(int(sys.argv[2]))
+    sys.setswitchinterval(SWITCH_PERIOD)
     with Connection(int(sys.argv[1])) as connection:
         try:
             job = connection.recv()

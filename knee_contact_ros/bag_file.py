@@ -12,12 +12,13 @@ from collections import Counter
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from threading import Lock
 
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bag_metadata import OFFERED_QOS, FileFacts, information, to_yaml
 from knee_contact_ros.messages import definition, typestore
-from knee_contact_ros.outputs import claim, open_claimed
+from knee_contact_ros.outputs import open_claimed, sync_folder, take_name
 
 LIBRARY = "knee_contact_ros"
 CHUNK_SIZE = 64 * 1024
@@ -27,14 +28,13 @@ CHUNK_SIZE = 64 * 1024
 class BagFile:
     """An MCAP file that appears under its final name when it is complete; until then it is a locked `.partial`."""
 
-    def __init__(self, path: Path, compression: CompressionType, overwrite: bool) -> None:
-        """Open `path` for writing; see `BagWriter`.
+    def __init__(self, path: Path, partial: Path, compression: CompressionType, overwrite: bool) -> None:
+        """Open the claimed file `partial`, which will be `path`; with `overwrite` whatever has that name then.
 
         Raises:
-            UsageError: see `claim` and `open_claimed`.
+            UsageError: see `open_claimed`.
         """
-        self.path = path
-        self.partial = claim(path, overwrite)
+        self.path, self.partial, self._overwrite = path, partial, overwrite
         self.first = self.last = 0
         """Smallest and largest stamp [ns]"""
         self.counts: Counter[str] = Counter()
@@ -43,6 +43,8 @@ class BagFile:
         self.channels: dict[str, int] = {}
         """Topic to channel id"""
         self._file = open_claimed(self.partial)
+        self._closing = Lock()
+        self._name_synced = False
         self.writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         self.writer.start(profile="ros2", library=LIBRARY)
 
@@ -76,6 +78,20 @@ class BagFile:
         """Hand all that was written to the operating system."""
         self.writer.flush()  # type: ignore[no-untyped-call]
 
+    def sync(self) -> None:
+        """Have all that was flushed, and its name, on the disk; may be called by another thread.
+
+        Raises:
+            OSError: it cannot be.
+        """
+        with self._closing:
+            if self._file.closed:
+                return
+            os.fdatasync(self._file.fileno())
+            if not self._name_synced:
+                sync_folder(self.path.parent)
+                self._name_synced = True
+
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
         self.writer.add_metadata(name, values)
@@ -90,8 +106,7 @@ class BagFile:
         Raises:
             OSError: the file is not there any more.
         """
-        if not self.partial.exists():
-            raise OSError(errno.ENOENT, "its file or folder was removed while it was written")
+        self._check_presence()
         disk = os.fstatvfs(self._file.fileno())
         return disk.f_bavail * disk.f_frsize
 
@@ -108,15 +123,33 @@ class BagFile:
         os.fsync(self._file.fileno())
 
     def take_name(self) -> None:
-        """Give the complete file its final name."""
-        self.partial.replace(self.path)
-        self._file.close()
+        """Give the complete file its final name, or the next free one if it was taken meanwhile.
+
+        Raises:
+            OSError: it cannot have one, or is not there any more.
+        """
+        self._check_presence()
+        self.path = take_name(self.partial, self.path, self._overwrite)
+        sync_folder(self.path.parent)
+        with self._closing:
+            self._file.close()
 
     def discard(self) -> None:
         """Give up: leave nothing behind."""
-        with suppress(OSError):  # a full disk also refuses what is still in the file's buffer
+        with self._closing, suppress(OSError):  # a full disk also refuses what is still in the file's buffer
             self._file.close()
         self.partial.unlink(missing_ok=True)
+
+    def _check_presence(self) -> None:
+        """Tell if the file is not there any more, or is another one.
+
+        Raises:
+            OSError: that is so.
+        """
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if os.path.samestat(self.partial.lstat(), os.fstat(self._file.fileno())):
+                return
+        raise OSError(errno.ENOENT, "its file or folder was removed while it was written")
 
 
 @cache

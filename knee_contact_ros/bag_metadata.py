@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import io
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from knee_contact_ros.messages import typestore
-from knee_contact_ros.outputs import partial_name
+from knee_contact_ros.outputs import partial_name, sync_folder, write_new
+from knee_contact_ros.yaml_file import LARGEST_METADATA, BadYamlError, read_yaml
 
 METADATA = "metadata.yaml"
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -93,26 +93,45 @@ def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) ->
     }
 
 
-def prepare_metadata(folder: Path, content: dict[str, Any]) -> Callable[[], object]:
+class Identity(NamedTuple):
+    """By which a file is known again."""
+
+    number: int
+    size: int
+    """[B]"""
+    changed: int
+    """[ns]"""
+
+
+def prepare_metadata(
+    folder: Path, content: dict[str, Any], ours: Identity | None = None
+) -> Callable[[], Identity | None]:
     """Write what is to stand in `metadata.yaml` beside a bag's files, and return what makes it stand there.
 
     `content` is as `information` gives it. There is a whole `metadata.yaml` at every moment; one of another bag is left
-    alone.
+    alone. What makes it stand there returns what it is known by, None if another bag's does; given as `ours` to the
+    next call, it need not be read then, which takes as long as to write it.
 
     Raises:
         OSError: it cannot be written; an earlier one is left as it was.
     """
     metadata = folder / METADATA
-    if metadata.exists() and _is_of_another_bag(metadata, content["relative_file_paths"][0]):
+    partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one at the same moment
+    first = content["relative_file_paths"][0]
+    if _is_of_another_bag(metadata, first, ours):
         return lambda: None
-    partial = partial_name(metadata)
-    try:
-        partial.write_text(to_yaml({"rosbag2_bagfile_information": content}), encoding="utf-8")
-    except OSError:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        raise
-    return lambda: partial.replace(metadata)
+    write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
+    return lambda: _put(partial, metadata, first, ours)
+
+
+def _put(partial: Path, metadata: Path, first_name: str, ours: Identity | None) -> Identity | None:
+    """Give a file its name for good, unless another bag's has it meanwhile."""
+    if _is_of_another_bag(metadata, first_name, ours):
+        partial.unlink()
+        return None
+    partial.replace(metadata)
+    sync_folder(metadata.parent)
+    return _identity(metadata)
 
 
 def to_yaml(content: Any) -> str:
@@ -127,9 +146,22 @@ def to_yaml(content: Any) -> str:
     return text.getvalue()
 
 
-def _is_of_another_bag(metadata: Path, first_name: str) -> bool:
+def _identity(path: Path) -> Identity | None:
+    """None: there is nothing of that name."""
     try:
-        content = YAML(typ="safe", pure=True).load(metadata.read_text(encoding="utf-8"))
+        found = path.lstat()
+    except FileNotFoundError:
+        return None
+    return Identity(found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+def _is_of_another_bag(metadata: Path, first_name: str, ours: Identity | None) -> bool:
+    """Whether something is there that does not say, in a way that can be read, that it belongs to ours."""
+    found = _identity(metadata)
+    if found is None or found == ours:
+        return False
+    try:
+        content = read_yaml(metadata, LARGEST_METADATA)
         return bool(content["rosbag2_bagfile_information"]["relative_file_paths"][0] != first_name)
-    except (YAMLError, KeyError, IndexError, TypeError):
+    except (OSError, BadYamlError, KeyError, IndexError, TypeError):
         return True

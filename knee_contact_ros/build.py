@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
@@ -19,19 +20,17 @@ from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.curves import read_profile, read_translation
+from knee_contact_ros.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import ContactParameters, Femur, Parameters, Tibia, Translation, load_parameters
 from knee_contact_ros.plausibility import doubts_about
-
-NO_CURVES: Mapping[str, str] = {}
 
 
 def load_model(
     source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path],
     *,
     compiled: bool = False,
-    curves: Mapping[str, str] = NO_CURVES,
+    curves: Mapping[str, str] = MappingProxyType({}),
 ) -> KneeModel:
     """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
 
@@ -44,18 +43,21 @@ def load_model(
         UsageError: see `load_parameters`; also a profile or a table that cannot be used.
     """
     parameters = load_parameters(source)
-    model = build_model(parameters, compiled=compiled, curves=curves)
+    model = build_model(parameters, compiled=compiled, curves=curve_texts(parameters, curves))
     for doubt in doubts_about(parameters, model).about_parameters:
         warnings.warn(doubt, stacklevel=2)
     return model
 
 
-def build_model(parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] = NO_CURVES) -> KneeModel:
-    """The same without a warning."""
+def build_model(
+    parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] | None = None
+) -> KneeModel:
+    """The same without a warning; `curves` gives the contents of all files that are needed, and none is opened then."""
+    texts = curve_texts(parameters, {}) if curves is None else curves
     law = contact_law(parameters.contact)
     model = KneeModel(
-        pair=contact_pair(femoral_geometry(parameters.femur, curves), parameters.tibia, curves),
-        mechanism=mechanism(parameters.translation, curves),
+        pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
+        mechanism=mechanism(parameters.translation, texts),
         regions=law,
         mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance,
@@ -110,35 +112,35 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-def femoral_geometry(femur: Femur, curves: Mapping[str, str] = NO_CURVES) -> Circle | Profile:
-    """The femoral surface by its name."""
+def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile:
+    """The femoral surface by its name; `texts` has the contents of files by parameter."""
     if femur.geometry == "circle":
         return Circle(femur.radius)
-    path, points = read_profile("femur.profile", femur.profile, curves)
+    points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
     try:
         return Profile(*(femur.scale * column for column in points))
     except ValueError as error:
-        raise UsageError(f"parameter femur.profile: {path}: {error}") from None
+        raise UsageError(f"parameter femur.profile: {femur.profile}: {error}") from None
 
 
-def contact_pair(femur: Circle | Profile, tibia: Tibia, curves: Mapping[str, str] = NO_CURVES) -> ContactPair:
+def contact_pair(femur: Circle | Profile, tibia: Tibia, texts: Mapping[str, str]) -> ContactPair:
     """The femur over the tibial surface by its name."""
     pair = TIBIAL_GEOMETRIES[tibia.geometry]
     if tibia.geometry != "profile":
         return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
-    path, points = read_profile("tibia.profile", tibia.profile, curves)
+    points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
     try:
         return pair(femur, *(tibia.scale * column for column in points))
     except ValueError as error:
-        raise UsageError(f"parameter tibia.profile: {path}: {error}") from None
+        raise UsageError(f"parameter tibia.profile: {tibia.profile}: {error}") from None
 
 
-def mechanism(translation: Translation, curves: Mapping[str, str] = NO_CURVES) -> Mechanism:
+def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:
     """The knee mechanism by its name."""
     if translation.mechanism != "table":
         return MECHANISMS[translation.mechanism]()
-    path, columns = read_translation("translation.table", translation.table, curves)
+    columns = translation_points("translation.table", translation.table, texts["translation.table"])
     try:
         return MECHANISMS["table"](*columns)
     except ValueError as error:
-        raise UsageError(f"parameter translation.table: {path}: {error}") from None
+        raise UsageError(f"parameter translation.table: {translation.table}: {error}") from None

@@ -30,6 +30,7 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import joining, private_graph
 from knee_contact_ros.messages import stamp_to_ns
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.outputs import partial_name
 from knee_contact_ros.parameters import Parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.plausibility import Doubts
@@ -47,6 +48,8 @@ from knee_contact_ros.work_folder import replace, work_folder
 
 NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
+LOOK = 0.05
+"""How often [s] to look for files that are being completed"""
 LAST_ANSWERS = 3.0
 """How long [s] to wait for the last answers once nothing more comes."""
 RECORDING = Path("recording") / "recording_0.mcap"
@@ -200,7 +203,10 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -
 
 @contextmanager
 def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
-    """The node in a process of its own, which records and draws in the folder `work`; see `child_process`."""
+    """The node in a process of its own, which records and draws in the folder `work`; see `child_process`.
+
+    On a busy machine its files are complete some time after it has ended: they are waited for.
+    """
     arguments = ["-m", "knee_contact_ros.cli", "node", "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
@@ -212,6 +218,9 @@ def node_process(parameter_files: list[Path], work: Path, patience: float = PATI
         arguments += ["-p", f'{name}:="{value}"']
     with child_process("the node", arguments, work / NODE_LOG, patience) as node:
         yield node
+    deadline = time.monotonic() + patience
+    while any(partial_name(work / name).exists() for name in (RECORDING, RERUN_FILE)) and time.monotonic() < deadline:
+        time.sleep(LOOK)
 
 
 @contextmanager

@@ -5,12 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from knee_contact_ros.apart import WORTH_A_WARNING
 from knee_contact_ros.core.types import Contact, Fidelity, Status
+from knee_contact_ros.synchronise import Synchroniser
+from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
+
+REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
+"""Reasons for which samples are refused for their stamps"""
 
 
 @dataclass
@@ -26,6 +33,11 @@ class InputMeter:
     report_time: float = field(default_factory=time.monotonic)
     """Monotonic time of the last report [s]"""
 
+    def begin(self) -> None:
+        """Listen from now on: neither silence nor rate counts the time when nobody listened."""
+        self.last = self.report_time = time.monotonic()
+        self.reported, self.longest_pause = self.received, 0.0
+
     def count(self) -> None:
         """Note that a message has come."""
         now = time.monotonic()
@@ -35,7 +47,7 @@ class InputMeter:
 
     @property
     def age(self) -> float:
-        """Of the last message [s]; infinite if there was none."""
+        """Of the last message, or since listening began anew [s]; infinite if there was none."""
         return time.monotonic() - self.last if self.received else math.inf
 
     def values(self) -> dict[str, str]:
@@ -62,14 +74,13 @@ class LagMeter:
     """Lag when the timer came last [s]"""
     largest: float = 0.0
     """Since the last report [s]"""
-    _last: float | None = None
+    _last: float = field(default_factory=time.monotonic)  # a timer may be late the first time, too
 
     def count(self) -> None:
         """Note that the timer has come."""
         time_ = time.monotonic()
-        if self._last is not None:
-            self.now = max(0.0, time_ - self._last - self.period)
-            self.largest = max(self.largest, self.now)
+        self.now = max(0.0, time_ - self._last - self.period)
+        self.largest = max(self.largest, self.now)
         self._last = time_
 
     def report(self) -> float:
@@ -113,10 +124,56 @@ class TickMeter:
         return values | {f"status {name}": str(count) for name, count in self.flagged.items()}
 
 
-def diagnostic_status(name: str, values: dict[str, str], problem: str = "") -> Any:
-    """One entry of the array: a warning if there is a problem."""
+class PairingMeter:
+    """What has gone wrong with the stamps since the last report."""
+
+    def __init__(self, max_gap: float) -> None:
+        """`max_gap` [s] as in the parameters."""
+        self._max_gap = max_gap
+        self._jumps = {JOINT_STATES: 0, JOINT_REACTION_FORCE: 0}
+        self._refused = 0
+        self._unrecorded = 0
+
+    def report(self, synchroniser: Synchroniser) -> tuple[dict[str, str], str, bool]:
+        """What there is to say, what is wrong, and whether something is lost by that."""
+        lead, fill = synchroniser.lead, synchroniser.fill
+        values = {
+            "forces that wait for an angle": str(synchroniser.waiting),
+            "queue [%]": f"{100.0 * fill:.0f}",
+            "angles not recorded": str(synchroniser.unrecorded),
+            "jumps of joint_states": str(synchroniser.angle_time.jumps),
+            "jumps of joint_reaction_force": str(synchroniser.load_time.jumps),
+        }
+        if lead is not None:
+            values["force ahead of angle [s]"] = f"{lead:.3f}"
+        problems = "; ".join(self._problems(synchroniser, lead, fill))
+        lost = synchroniser.unrecorded > self._unrecorded
+        self._unrecorded = synchroniser.unrecorded
+        return values, problems, lost
+
+    def _problems(self, synchroniser: Synchroniser, lead: float | None, fill: float) -> Iterator[str]:
+        if (more := synchroniser.unrecorded - self._unrecorded) > 0:
+            yield f"{more} angles are not recorded: more than pairing.queue came without a force"
+        for topic, time_ in ((JOINT_STATES, synchroniser.angle_time), (JOINT_REACTION_FORCE, synchroniser.load_time)):
+            if time_.jumps > self._jumps[topic]:
+                yield f"stamps of {topic} have jumped"
+            self._jumps[topic] = time_.jumps
+        refused = sum(count for reason, count in synchroniser.refused.items() if reason in REFUSED_STAMPS)
+        if refused > self._refused:
+            yield f"{refused - self._refused} stamps fit neither the sample before nor the other topic"
+        self._refused = refused
+        if lead is not None and abs(lead) > self._max_gap:
+            first, second = (JOINT_STATES, JOINT_REACTION_FORCE)[:: 1 if lead > 0 else -1]
+            yield f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}"
+        if fill >= WORTH_A_WARNING:
+            yield f"{100.0 * fill:.0f} % of pairing.queue wait for the other topic"
+
+
+def diagnostic_status(name: str, values: dict[str, str], problem: str = "", lost: bool = False) -> Any:
+    """One entry of the array: a warning if there is a problem, an error if something is lost by it."""
+    level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN
     return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if problem else DiagnosticStatus.OK,
+        level=level if problem else DiagnosticStatus.OK,
         name=name,
         message=problem or "ok",
         values=[KeyValue(key=key, value=value) for key, value in values.items()],

@@ -11,6 +11,7 @@ from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from knee_contact_ros.diagnostics import InputMeter
+from knee_contact_ros.qos_overrides import check_qos_overrides
 
 DEPTH = 1000
 """Samples that may wait: one second at 1 kHz"""
@@ -45,10 +46,8 @@ class InputStream:
 
     def open(self) -> None:
         """Listen."""
-        if not self.meter.received:
-            self.meter = InputMeter()  # silence counts from now on, and not from before the model was compiled
+        check_qos_overrides(self._node, self.topic, "subscription")
         reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
-        by_user = QoSOverridingOptions.with_default_policies()
         self._unheard = False
         self._subscription = self._node.create_subscription(
             self._type,
@@ -57,15 +56,25 @@ class InputStream:
             QoSProfile(depth=DEPTH, reliability=reliability),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible_qos),
-            # Once declared, the reliability would stay as it was at first.
-            qos_overriding_options=by_user if self._decided_by_user or not self.best_effort else None,
+            qos_overriding_options=QoSOverridingOptions(self._left_to_user()),
         )
+
+    def _left_to_user(self) -> list[QoSPolicyKind]:
+        """What a user may override; once declared, the reliability would stay as it was at first."""
+        ours = self.best_effort and not self._decided_by_user
+        reliability = [] if ours else [QoSPolicyKind.RELIABILITY]
+        return [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, *reliability]
 
     def close(self) -> None:
         """Listen no more."""
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         self._subscription = None
+
+    @property
+    def reliability(self) -> str:
+        """How the node listens; empty if it does not."""
+        return self._subscription.qos_profile.reliability.name.lower() if self._subscription is not None else ""
 
     @property
     def publishers(self) -> int:

@@ -12,10 +12,12 @@ parameter `autostart` (the default) it does both by itself.
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -26,21 +28,30 @@ from knee_contact_ros.errors import UsageError
 from knee_contact_ros.graph import joining
 from knee_contact_ros.node_parameters import NodeParameters
 from knee_contact_ros.parameters import NODE_NAME, check_parameter_file
-from knee_contact_ros.session import Session
+from knee_contact_ros.qos_overrides import given_by_user
+from knee_contact_ros.session import Session, at_most_every
 from knee_contact_ros.topics import INPUTS
 
 SPIN_PERIOD = 0.1
 """How often [s] the main loop looks for a signal to stop."""
+FAILURE_LOG_PERIOD = 5.0
+MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
+"""Signals that would end a process that does not care for them"""
+Answer = Callable[[Any, Any], Any]
+"""A service's callback: request and empty response to response"""
 
 
 class Stop:
-    """SIGINT and SIGTERM: noted, or, while the model compiles, an interruption."""
+    """The signals that end the node: noted, or, while the model compiles, an interruption. Others do not end it."""
 
     def __init__(self) -> None:
         self.asked = False
         self._interrupts = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if (number, signal.getsignal(number)) != (signal.SIGHUP, signal.SIG_IGN):  # as nohup has it
+                signal.signal(number, self._on_signal)
+        for number in MEANINGLESS:
+            signal.signal(number, signal.SIG_IGN)
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
@@ -73,8 +84,23 @@ class KneeContactNode(LifecycleNode):
         )
         self.node_parameters = NodeParameters(self)
         self.session: Session | None = None
+        self.complete = True
+        """Whether the outputs of the last session are complete as far as they went"""
         self._stop = stop
-        self._qos_given = frozenset(f"qos_overrides.{name}" for name in self.get_parameters_by_prefix("qos_overrides"))
+        for service in self.services:
+            service.callback = self._answering(service.callback, service.srv_name)
+
+    def _answering(self, answer: Answer, name: str) -> Answer:
+        """The same service, for which a request that does not fit is one that fails, and no more."""
+
+        def answered(request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except Exception as error:
+                self.get_logger().warning(f"{name}: the request is refused: {error}")
+                return response
+
+        return answered
 
     def configure(self) -> None:
         """Read the parameters, build the model and have its kernel ready, open the outputs.
@@ -84,11 +110,12 @@ class KneeContactNode(LifecycleNode):
             KeyboardInterrupt: the process has been told to stop while it compiled.
         """
         try:
-            self.session = Session(self, self.node_parameters.read(), self._qos_given)
+            self.session = Session(self, self.node_parameters.read(), given_by_user(self))
             self.get_logger().info(
                 "making the model ready; the first time on a machine it compiles for half a minute or more"
             )
             with self._stop.interrupting():
+                self.session.outputs.wait_until_open()
                 self.session.pipeline.compile()
             self.node_parameters.user = self.session.retune
         except BaseException:
@@ -108,10 +135,14 @@ class KneeContactNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the stream."""
+        """Start the stream; what goes wrong is told, as whoever asked for it hears only that it has."""
         result = super().on_activate(state)
         if self.session:
-            self.session.start()
+            try:
+                self.session.start()
+            except Exception as error:  # a QoS override that is none: rclpy has many ways to say so
+                self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
+                return TransitionCallbackReturn.ERROR
             topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)
             self.get_logger().info(f"active, listening to {topics}")
         return result
@@ -144,13 +175,13 @@ class KneeContactNode(LifecycleNode):
         self.node_parameters.user = None
         if session:
             session.stop()
-            session.close()
+            self.complete = session.close()
             session.destroy_endpoints()
             self.get_logger().info(f"{session.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
 def run_node(arguments: list[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; complete its files before returning.
+    """Run the node until SIGINT or SIGTERM; complete its files before returning: 1 if one had to be given up, or 0.
 
     Raises:
         UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
@@ -162,6 +193,8 @@ def run_node(arguments: list[str]) -> int:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
+    except UnicodeEncodeError as error:  # bytes that are no text
+        raise UsageError(f"ROS arguments: {error.object!r} is no UTF-8") from None
     stop, node = Stop(), None
     try:
         with joining():
@@ -171,13 +204,22 @@ def run_node(arguments: list[str]) -> int:
         executor = EventsExecutor()
         executor.add_node(node)
         while not stop.asked:
-            executor.spin_once(timeout_sec=SPIN_PERIOD)
+            spin(executor, node)
     finally:
         if node is not None:
             node.finish()  # whatever has happened: what was recorded is completed
             node.destroy_node()
         rclpy.shutdown()
-    return 0
+    return 0 if node.complete else 1
+
+
+def spin(executor: EventsExecutor, node: KneeContactNode) -> None:
+    """Do what there is to do; what fails without a reason that we know is told, and the node goes on."""
+    try:
+        executor.spin_once(timeout_sec=SPIN_PERIOD)
+    except Exception:
+        text = f"this should not happen, and the node goes on: {traceback.format_exc()}"
+        node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
 
 
 def start(node: KneeContactNode) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.synchronise import STALE_INPUT
+from knee_contact_ros.timeline import FAR, STEPS
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -59,6 +60,23 @@ def pair(
         np.where(stale, STALE_INPUT, 0),
         np.searchsorted(stamps, angle_stamps, "left"),
     )
+
+
+def steps_of(stamps: Stamps, last: int | None, before: tuple[int, ...]) -> Stamps:
+    """All steps [ns] of a stream: those `before` its stamp `last`, and those on to and between `stamps`."""
+    new = np.diff(stamps) if last is None else np.diff(stamps, prepend=last)
+    return np.concatenate([np.array(before, np.int64), new])
+
+
+def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
+    """Whether no step behind the `known` ones is back, or so far that a `Timeline` would keep its sample aside."""
+    if len(steps) <= known:
+        return False
+    recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])
+    but_one, longest = np.sort(np.lib.stride_tricks.sliding_window_view(recent, STEPS), axis=1)[:, -2:].T
+    usual = np.where(but_one > 0, but_one, longest)
+    near = steps <= np.where(usual > 0, FAR * usual, max_gap)
+    return bool((near & (steps > 0))[known:].all())
 
 
 def _between(values: Floats, before: Indices, after: Indices, part: Floats) -> Floats:

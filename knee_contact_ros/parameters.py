@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from knee_contact_ros.compartments import COMPARTMENTS
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
@@ -21,8 +19,11 @@ from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.yaml_file import read_mapping
 
 NODE_NAME = "knee_contact"
+LONGEST_VALUE = 80
+"""Characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
 
@@ -98,6 +99,9 @@ class Pairing(Section):
     max_gap: float = Field(
         0.1, gt=0.0, le=3600.0, description="[s] largest gap between stamps that is not flagged stale"
     )
+    queue: int = Field(
+        20_000, ge=100, le=10**7, description="samples of a stream that may wait for the other one, at most"
+    )
 
 
 class Femur(Section):
@@ -171,11 +175,24 @@ class FidelityParameters(Section):
     )
 
 
+def _queue(answers: int) -> Any:
+    """Answers that may wait for an output's process."""
+    return Field(answers, ge=100, le=10_000_000, description="answers that may wait for its process")
+
+
+def _queue_size(size: float) -> Any:
+    """The same in bytes."""
+    return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
+
+
 class Record(Section):
     """Recording to MCAP."""
 
     path: str = Field("", description="MCAP file to write; empty: none")
-    flush_period: float = Field(0.05, ge=0.001, le=60.0, description="[s] what a crash may lose")
+    flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
+    sync_period: Annotated[float, _off_or_at_least(0.05)] = Field(
+        1.0, le=3600.0, description="[s] what a power failure may lose; 0: off"
+    )
     max_size: Annotated[float, _off_or_at_least(0.1)] = Field(
         0.0, le=1e9, description="[MB] of a file, from which on the recording goes on in a new one; 0: off"
     )
@@ -185,6 +202,8 @@ class Record(Section):
     min_free: float = Field(
         100.0, ge=0.0, le=1e9, description="[MB] that stay free on the disk: a recording ends before it takes them"
     )
+    queue: int = _queue(30_000)
+    queue_size: float = _queue_size(100.0)
 
 
 class Rerun(Section):
@@ -198,6 +217,8 @@ class Rerun(Section):
     knees: str = Field(
         "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
     )
+    queue: int = _queue(20_000)
+    queue_size: float = _queue_size(64.0)
 
 
 class Parameters(Section):
@@ -260,7 +281,7 @@ def load_parameters(
         if isinstance(part, Mapping):
             merged |= _flat(_section_of_node(part, "the mapping"))
             continue
-        values = _flat(_section_of_node(read_yaml(Path(part)), str(part)))
+        values = _flat(_section_of_node(read_mapping(Path(part)), str(part)))
         _validated(values, f"{part}: ")
         merged |= values
     return _validated(merged, "")
@@ -272,28 +293,13 @@ def check_parameter_file(path: Path) -> None:
     Raises:
         UsageError: as `load_parameters`.
     """
-    content = read_yaml(path)
-    if _sections_of_node(content, str(path)):
-        load_parameters(path)
-
-
-def read_yaml(
-    path: Path, kind: str = "parameter file", what: str = "node names to ros__parameters"
-) -> Mapping[str, Any]:
-    """The content of a YAML file that maps something; `kind` and `what` say in errors what it should be.
-
-    Raises:
-        UsageError: it cannot be read, or is none.
-    """
-    try:
-        content = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{path}: cannot read the {kind}: {error.strerror}") from None
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from None
-    if not isinstance(content, Mapping):
-        raise UsageError(f"{path}: not a {kind}: it must map {what}")
-    return content
+    sections = _sections_of_node(read_mapping(path), str(path))
+    for_all = {
+        name: value for key, section in sections.items() if not _is_own(key) for name, value in _flat(section).items()
+    }
+    own = [_flat(section) for key, section in sections.items() if _is_own(key)]
+    for values in own or [{}]:  # knees in several namespaces may share a file
+        _validated(for_all | values, f"{path}: ")
 
 
 def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -301,29 +307,34 @@ def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]
     ours = _sections_of_node(content, name)
     if ours:
         merged: dict[str, Any] = {}
-        for section in ours:
+        for section in ours.values():
             merged |= _flat(section)
         return merged
     if any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
-        raise UsageError(f"{name}: no parameters for node {NODE_NAME}; found {', '.join(map(str, content))}")
+        raise UsageError(f"{name}: no parameters for node {NODE_NAME}; found {_short(', '.join(map(str, content)))}")
     return content
 
 
-def _sections_of_node(content: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
-    """Our node's sections of a parameter file; wildcards first, so that the node's own section wins."""
+def _sections_of_node(content: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
+    """Our node's sections of a parameter file by their keys; wildcards first, so that the node's own section wins."""
     ours = [
         key
         for key, value in content.items()
         if isinstance(value, Mapping) and "ros__parameters" in value
         and str(key).rsplit("/", 1)[-1] in (NODE_NAME, "*", "**")
     ]  # fmt: skip
-    sections = []
-    for key in sorted(ours, key=lambda key: str(key).endswith(NODE_NAME)):
+    sections = {}
+    for key in sorted(ours, key=_is_own):
         section = content[key]["ros__parameters"] or {}
         if not isinstance(section, Mapping):
-            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {section!r}")
-        sections.append(section)
+            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {_short(repr(section))}")
+        sections[key] = section
     return sections
+
+
+def _is_own(key: object) -> bool:
+    """Whether a section is for a node of our name, and not for every node."""
+    return str(key).endswith(NODE_NAME)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -345,9 +356,9 @@ def _validated(values: Mapping[str, Any], where: str) -> Parameters:
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+            near = difflib.get_close_matches(_short(name), known, n=1, cutoff=0.5)
             hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-            raise UsageError(f"{where}unknown parameter {name}; {hint}")
+            raise UsageError(f"{where}unknown parameter {_short(name)}; {hint}")
         section, _, inner = name.rpartition(".")
         (nested.setdefault(section, {}) if section else nested)[inner] = value
     try:
@@ -397,4 +408,8 @@ def first_error(error: ValidationError) -> str:
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
     if first["type"] in ("missing", "extra_forbidden"):
         return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
-    return f"{name}: {first['input']!r} is not allowed; {reason}"
+    return f"{name}: {_short(repr(first['input']))} is not allowed; {reason}"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

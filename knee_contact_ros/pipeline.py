@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
 from knee_contact_ros.answer import Answer, Ending, Input
-from knee_contact_ros.build import NO_CURVES, build_model, retuned
+from knee_contact_ros.build import build_model, retuned
 from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
 from knee_contact_ros.compartments import BY_MOMENT, Split
 from knee_contact_ros.core.model import as_contact
@@ -29,9 +30,9 @@ class Pipeline:
         deserialize: Deserialize = deserialize,
         *,
         compiled: bool,
-        curves: Mapping[str, str] = NO_CURVES,
+        curves: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the model; see `load_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
+        """Build the model; see `build_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
         self.parameters = parameters
         self.model = build_model(parameters, compiled=compiled, curves=curves)
         self.doubts = doubts_about(parameters, self.model)
@@ -43,6 +44,7 @@ class Pipeline:
         """What the compartment gets, where the frontal moment decides"""
         self.ticks = 0
         self.last_refusal = ""
+        self._pending: deque[PairedSample] = deque()  # what is being answered
 
     def compile(self) -> None:
         """Go on with the compiled kernel; before the first sample."""
@@ -64,9 +66,9 @@ class Pipeline:
         """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible."""
         return self._answers(self.take_joint_reaction_force(data))
 
-    def give_up(self) -> Iterator[Answer]:
-        """Answer the loads that wait for an angle with the last angle."""
-        return self._answers(self.synchroniser.give_up())
+    def finish(self) -> Iterator[Answer]:
+        """Answer all that came: there will be no more."""
+        return self._answers(self.synchroniser.finish())
 
     def take_joint_state(self, data: bytes) -> list[PairedSample]:
         """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
@@ -124,7 +126,10 @@ class Pipeline:
 
     def reset(self) -> None:
         """Start anew from rest at the next tick, which says so (`TIME_RESET`)."""
-        self.synchroniser.start_anew()
+        if self._pending:
+            self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
+        else:
+            self.synchroniser.start_anew()
 
     def ending(self) -> Ending:
         """What a recording must hold beside the answers."""
@@ -137,4 +142,7 @@ class Pipeline:
         return []
 
     def _answers(self, pairs: Sequence[PairedSample]) -> Iterator[Answer]:
-        return (self.answer(pair, *self.compute(pair)) for pair in pairs)
+        self._pending.extend(pairs)
+        while self._pending:
+            pair = self._pending.popleft()
+            yield self.answer(pair, *self.compute(pair))

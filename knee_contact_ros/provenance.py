@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-import struct
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Metadata
-
 import knee_contact_ros.core
 from knee_contact_ros import __version__
+from knee_contact_ros.curves import curve_files, read_curve, stored_texts
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
 from knee_contact_ros.record import CONTINUED
 from knee_contact_ros.record_answers import PROVENANCE
-from knee_contact_ros.salvage.inspection import files_of, open_file
-from knee_contact_ros.salvage.mcap_file import McapFile
+from knee_contact_ros.regular_file import open_regular
+from knee_contact_ros.salvage.inspection import files_of, is_there
+from knee_contact_ros.salvage.metadata_records import metadata_records
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of what happened to a running node"""
@@ -29,6 +25,12 @@ TICK = "tick"
 """Their key for the number of ticks before"""
 CURVE = "file of "
 """What a key begins with whose value is the content of a file that a parameter names"""
+OURS = "knee_contact_ros "
+"""How the package's name and version begin in a record of ours"""
+LONGEST_COUNT = 20
+"""Digits of a number of ticks"""
+MOST_CHANGES = 100_000
+"""Of parameters, that are made again"""
 NOT_OF_THE_RESULT = ("record.", "rerun.", "autostart", "deadline")
 """Parameters (beginnings of their names) of which no answer depends"""
 
@@ -45,6 +47,7 @@ class Change(NamedTuple):
 class Provenance(NamedTuple):
     """How a recording came about, as it says itself."""
 
+    recording: Path
     package: str
     """Name and version"""
     model: str
@@ -57,6 +60,16 @@ class Provenance(NamedTuple):
     """Ticks that the node had computed before the recording began"""
     changes: tuple[Change, ...]
     """In their order"""
+    damage: tuple[str, ...]
+    """What of it cannot be read, as sentences"""
+
+    def texts(self) -> dict[str, str]:
+        """Contents of the files that its model needs.
+
+        Raises:
+            UsageError: the recording does not hold one of them.
+        """
+        return stored_texts(self.parameters, self.curves, self.recording)
 
 
 def provenance_record(
@@ -89,7 +102,8 @@ def read_provenance(bag: Path) -> Provenance | None:
     """How a bag came about; None if it does not say so.
 
     Raises:
-        UsageError: it says so, but with parameters that this version does not know; or it is a recording's later part.
+        UsageError: it says so, but with parameters that this version does not know, or that cannot be read; or it is a
+            recording's later part.
     """
     records = list(_metadata(bag))
     found = next((values for name, values in records if name == PROVENANCE), None)
@@ -102,27 +116,36 @@ def read_provenance(bag: Path) -> Provenance | None:
             )
         return None
     try:
-        before = int(found["ticks_before"])
-        changes = (change._replace(tick=change.tick - before) for change in _changes(records))
-        return Provenance(
-            found["package"], found["model_sha256"], load_parameters(json.loads(found["parameters"])),
-            {key.removeprefix(CURVE): text for key, text in found.items() if key.startswith(CURVE)},
-            before, tuple(sorted(changes, key=lambda change: change.tick)),
-        )  # fmt: skip
-    except (KeyError, ValueError):  # somebody else's record of the same name
-        return None
+        before, values = _count(found["ticks_before"]), _json(found["parameters"])
+        package, model = found["package"], found["model_sha256"]
+        if not isinstance(values, dict) or any(isinstance(value, (dict, list)) for value in values.values()):
+            raise TypeError
+    except (KeyError, TypeError, ValueError):
+        if found.get("package", "").startswith(OURS):
+            raise UsageError(
+                f"{bag}: its record {PROVENANCE}, which has the parameters, is damaged: give --params"
+            ) from None
+        return None  # somebody else's record of the same name
+    changes, damage = _changes(records, before)
+    if len(changes) > MOST_CHANGES:
+        raise UsageError(f"{bag} tells of {len(changes)} changes of parameters; at most {MOST_CHANGES} are made again")
+    try:
+        parameters = load_parameters(values)
+    except UsageError as error:
+        raise UsageError(f"{bag}, in its record {PROVENANCE}: {error}") from None
+    curves = {key.removeprefix(CURVE): text for key, text in found.items() if key.startswith(CURVE)}
+    return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
 
 
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
-    """The same with other values of some parameters, by dotted names.
+    """The same with other values of some parameters, by dotted names; files that these name are the user's, and read.
 
     Raises:
-        UsageError: an unknown name, a wrong type or a value outside its range.
+        UsageError: an unknown name, a wrong type or a value outside its range; or a file that cannot be read.
     """
-    curves = {name: text for name, text in provenance.curves.items() if name not in values}
-    return provenance._replace(
-        parameters=load_parameters(flat_parameters(provenance.parameters) | dict(values)), curves=curves
-    )
+    parameters = load_parameters(flat_parameters(provenance.parameters) | dict(values))
+    given = {name: read_curve(name, file) for name, file in curve_files(parameters).items() if name in values}
+    return provenance._replace(parameters=parameters, curves=provenance.curves | given)
 
 
 def model_digest() -> str:
@@ -133,8 +156,8 @@ def model_digest() -> str:
 def bag_digest(bag: Path) -> str:
     """SHA-256 of a bag: of its file, or of the files that its folder's metadata lists."""
     if bag.is_dir():
-        return _digest(path for path in files_of(bag) if path.is_file())
-    with bag.open("rb") as file:
+        return _digest(path for path in files_of(bag) if is_there(path))
+    with open_regular(bag) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -142,38 +165,56 @@ def _digest(paths: Iterable[Path]) -> str:
     """Of files' names and contents, in the order of their names."""
     digest = hashlib.sha256()
     for path in sorted(paths):
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             digest.update(f"{path.name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
     return digest.hexdigest()
 
 
-def _changes(records: Iterable[tuple[str, dict[str, str]]]) -> Iterator[Change]:
+def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tuple[list[Change], list[str]]:
+    """What happened after a number of ticks, in order, and what of it cannot be read."""
+    changes, damage = [], []
     for name, values in records:
-        if name == RESET:
-            yield Change(int(values[TICK]), None)
-        elif name == PARAMETERS_CHANGED:
-            changed = {key: json.loads(value) for key, value in values.items() if key != TICK}
-            yield Change(int(values[TICK]), changed)
+        if name not in (RESET, PARAMETERS_CHANGED):
+            continue
+        try:
+            tick = _count(values[TICK]) - before
+            changed = {key: _json(value) for key, value in values.items() if key != TICK}
+        except (KeyError, ValueError):
+            when = f" (tick {values[TICK]})" if values.get(TICK) else ""
+            damage.append(f"a record {name}{when} is damaged, and what it tells of is not done again")
+            continue
+        changes.append(Change(tick, changed if name == PARAMETERS_CHANGED else None))
+    return sorted(changes, key=lambda change: change.tick), damage
+
+
+def _count(text: str) -> int:
+    """A number of ticks.
+
+    Raises:
+        ValueError: the text is none.
+    """
+    if len(text) > LONGEST_COUNT:
+        raise ValueError("too many digits")
+    return int(text)
+
+
+def _json(text: str) -> Any:
+    """A value.
+
+    Raises:
+        ValueError: the text is none.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
 
 
 def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """Names and contents of the metadata records of a bag's MCAP files; none of those that cannot be read."""
     for path in files_of(bag):
         try:
-            with path.open("rb") as file:
-                found = list(make_reader(file).iter_metadata())
-        except (McapError, OSError, ValueError, EOFError, struct.error):
-            found = _in_damaged(path)
+            found = metadata_records(path)
+        except OSError:
+            continue
         yield from ((record.name, record.metadata) for record in found)
-
-
-def _in_damaged(path: Path) -> list[Metadata]:
-    """What is left of the metadata in a file that is damaged or was cut off, if it is of the kind."""
-    try:
-        file = open_file(path)
-    except OSError:
-        return []
-    if file is None:
-        return []
-    with closing(file):
-        return list(file.metadata()) if isinstance(file, McapFile) else []

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
@@ -14,16 +14,16 @@ from typing import NamedTuple
 from mcap.writer import CompressionType
 
 from knee_contact_ros.bag_file import BagFile
-from knee_contact_ros.bag_metadata import FileFacts, information, prepare_metadata
-from knee_contact_ros.outputs import partial_name
+from knee_contact_ros.bag_metadata import FileFacts, Identity, information, prepare_metadata
+from knee_contact_ros.outputs import all_names, claim, claim_first, later_names
 
 REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record that counts refused samples by reason."""
 CONTINUED = "continued"
 """Name of the metadata record of a file that goes on with a recording"""
+MANY_FILES, LISTING_SHARE = 100, 0.02
+"""From so many on, only that share of the time is spent on `metadata.yaml`, which grows with every file"""
 MB = 10**6
-FIRST = "_0"
-"""How rosbag2 ends the name of a recording's first file"""
 
 
 class Limits(NamedTuple):
@@ -44,6 +44,8 @@ class Settings(NamedTuple):
     """When to go on in a new file"""
     min_free: float = 0.0
     """[B] that must stay free on the disk"""
+    sync_period: float = 0.0
+    """[s] what a power failure may lose; 0: no care is taken"""
 
 
 class BagWriter:
@@ -59,23 +61,31 @@ class BagWriter:
         compression: CompressionType = CompressionType.ZSTD,
         overwrite: bool = False,
         limits: Limits = Limits(),  # noqa: B008  (a tuple: it cannot change)
+        go_on: bool = False,
     ) -> None:
         """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
 
+        With `go_on`, the first free one of its names is used, as those of further files are.
+
         Raises:
-            UsageError: see `BagFile`.
+            UsageError: see `claim` and `open_claimed`.
         """
-        self.path = path
         self.counts: Counter[str] = Counter()
         """Messages by topic, in all files"""
         self._types: dict[str, str] = {}  # topic to message type
         self._compression = compression
         self._limits = limits
-        self._names = later_names(path)
+        self._names = all_names(path) if go_on else later_names(path)
+        self.path, partial = claim_first(self._names) if go_on else (path, claim(path, overwrite))
+        """Name of the first file"""
+        self.remarks: list[str] = []
+        """What the user shall know"""
         self._complete: list[FileFacts] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
         self._behind: ThreadPoolExecutor | None = None
-        self.file = BagFile(path, compression, overwrite)
+        self._list_at = -math.inf  # when [s] to write `metadata.yaml` again
+        self._listed: Identity | None = None  # the one that was written last
+        self.file = BagFile(self.path, partial, compression, overwrite)
         """The one that is being written"""
 
     def add_topic(self, topic: str, type_name: str) -> None:
@@ -108,6 +118,16 @@ class BagWriter:
         self.file.flush()
         self._settle(wait=False)
 
+    def sync(self) -> None:
+        """Have all that was flushed on the disk; may be called by another thread.
+
+        Raises:
+            OSError: it cannot be.
+        """
+        for file, _ in self._completing.copy():
+            file.sync()
+        self.file.sync()
+
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
         self.file.add_metadata(name, values)
@@ -123,6 +143,7 @@ class BagWriter:
     def close(self) -> None:
         """Complete the recording, and write `metadata.yaml` beside it unless that is another bag's."""
         self._settle(wait=True)
+        self._list_at = -math.inf
         self._complete_file(self.file)
         self._end_thread()
 
@@ -135,7 +156,7 @@ class BagWriter:
     def _split(self) -> None:
         """Everything is in the old file's `.partial` before the new one begins."""
         self.file.flush()
-        following = BagFile(next(self._names), self._compression, overwrite=False)
+        following = BagFile(*claim_first(self._names), self._compression, overwrite=False)
         for topic, type_name in self._types.items():
             following.add_topic(topic, type_name)
         following.add_metadata(CONTINUED, {"first": self.path.name})
@@ -145,14 +166,33 @@ class BagWriter:
         self._completing.append((full, self._behind.submit(self._complete_file, full)))
 
     def _complete_file(self, file: BagFile) -> None:
-        """Both names change at nearly the same moment, so that a kill leaves a bag with all of its whole files."""
+        """Both names change at nearly the same moment, so that a kill leaves a bag with all of its whole files.
+
+        Of a hundred and more, `metadata.yaml` may not name the latest ones yet.
+        """
         file.complete()
+        asked, begun = file.path, time.thread_time()
         self._complete.append(file.facts())
+        prepare = self._prepare_metadata if time.monotonic() >= self._list_at else self._leave_metadata
         try:
-            put_metadata = prepare_metadata(self.path.parent, information(self._complete, self._types))
+            put_metadata = prepare()
         finally:
             file.take_name()
-        put_metadata()
+        if file.path != asked:
+            self.remarks.append(f"something took the name {asked} meanwhile: the recording is {file.path}")
+            self._complete[-1] = file.facts()
+            self.path = file.path if self.path == asked else self.path
+            put_metadata = prepare()
+        self._listed = put_metadata()
+        if len(self._complete) >= MANY_FILES:
+            self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
+
+    def _prepare_metadata(self) -> Callable[[], Identity | None]:
+        return prepare_metadata(self.path.parent, information(self._complete, self._types), self._listed)
+
+    def _leave_metadata(self) -> Callable[[], Identity | None]:
+        """For a file that they will name later."""
+        return lambda: self._listed
 
     def _settle(self, wait: bool) -> None:
         """Learn of the full files that have been completed, of all of them if it may take time.
@@ -181,15 +221,3 @@ class BagWriter:
         finally:
             if not closed:
                 self.discard()
-
-
-def later_names(path: Path) -> Iterator[Path]:
-    """The names of a recording's files behind the first one, as rosbag2 counts them; those that are taken are left out.
-
-    `run_0.mcap` goes on as `run_1.mcap`, and `run.mcap` likewise.
-    """
-    stem = path.stem.removesuffix(FIRST)
-    for number in itertools.count(1):
-        name = path.with_name(f"{stem}_{number}{path.suffix}")
-        if not (name.exists() or partial_name(name).exists()):
-            yield name

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from shutil import disk_usage
+from threading import Event, Thread
 from typing import Any
 
 from knee_contact_ros.answer import Answer, Ending, Input
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.outputs import cut_off, leftovers
+from knee_contact_ros.outputs import cut_off, leftovers, refuse_impossible
 from knee_contact_ros.record import MB, REFUSED_SAMPLES, BagWriter, Settings
 from knee_contact_ros.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 
@@ -22,7 +23,7 @@ PROVENANCE = "knee_contact"
 """Name of the metadata record that says how the answers come about (`provenance.py`)"""
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
-NODE_GONE = "the node was gone before it closed the recording"
+NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
 
 
@@ -73,11 +74,16 @@ class Recorder:
 
     def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
         """`remarks` are what the user shall know of the beginning."""
+        self.name = str(writer.bag.path)
         self.period = settings.flush_period
         self._news = tuple(remarks)
         self._writer = writer
         self._min_free = settings.min_free
         self._interruption = NODE_GONE
+        self._sync_error: OSError | None = None
+        self._done = Event()
+        if settings.sync_period:
+            Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
 
     def write(self, row: tuple[Any, ...]) -> None:
         """Write what `sinks.recorded_row` gives."""
@@ -89,7 +95,13 @@ class Recorder:
         self._writer.note(name, values)
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system."""
+        """Hand all that was written to the operating system, and tell whether what came before is on the disk.
+
+        Raises:
+            OSError: it is not.
+        """
+        if self._sync_error:
+            raise self._sync_error
         self._writer.bag.flush()
 
     def must_end(self) -> str:
@@ -107,7 +119,8 @@ class Recorder:
 
     def news(self) -> tuple[str, ...]:
         """The remarks, once; see `apart_child.Output`."""
-        news, self._news = self._news, ()
+        bag = self._writer.bag
+        news, self._news, bag.remarks = (*self._news, *bag.remarks), (), []
         return news
 
     def finish(self, ending: Ending | None) -> None:
@@ -116,11 +129,22 @@ class Recorder:
             self._writer.bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
         else:
             self._writer.finish(ending)
+        self._done.set()
         self._writer.bag.close()
+        self.name = str(self._writer.bag.path)
 
     def discard(self) -> None:
         """Leave no file behind."""
+        self._done.set()
         self._writer.bag.discard()
+
+    def _sync(self, period: float) -> None:
+        """The thread: a disk may take its time, and who writes does not wait for it."""
+        try:
+            while not self._done.wait(period):
+                self._writer.bag.sync()
+        except OSError as error:
+            self._sync_error = error
 
 
 def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
@@ -136,15 +160,28 @@ def too_little(free: float, least: float) -> str:
     return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
 
 
-def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:
-    """Open a recording for a sink's process; it remarks on recordings beside it that were cut off.
+def refuse(path: Path, settings: Settings) -> None:
+    """Refuse a recording that cannot be written, or for which there is no room; only looks, and quickly.
 
     Raises:
-        UsageError: see `BagFile`, or the disk is nearly full.
+        UsageError: see `refuse_impossible`, or the disk is nearly full.
     """
+    refuse_impossible(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
-    shortage = too_little(disk_usage(folder).free, settings.min_free)
-    if shortage:
+    if shortage := too_little(disk_usage(folder).free, settings.min_free):
         raise UsageError(f"cannot write {path}: {shortage}")
-    writer = AnswerWriter(BagWriter(path, limits=settings.limits), provenance, names)
-    return Recorder(writer, settings, map(cut_off, leftovers(path.parent)))
+
+
+def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:
+    """Open a recording for a sink's process, under the first free one of its names.
+
+    It remarks on its name, and on recordings beside it that were cut off.
+
+    Raises:
+        UsageError: see `refuse` and `BagWriter`.
+    """
+    refuse(path, settings)
+    bag = BagWriter(path, limits=settings.limits, go_on=True)
+    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
+    remarks += map(cut_off, leftovers(path.parent))
+    return Recorder(AnswerWriter(bag, provenance, names), settings, remarks)

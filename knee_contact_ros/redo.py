@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
-from knee_contact_ros.parameters import flat_parameters, load_parameters
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.parameters import Parameters, flat_parameters, load_parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, Change, change_record
 
@@ -33,5 +35,12 @@ class Changes:
                 pipeline.reset()
                 yield RESET, {TICK: str(tick)}
             else:
-                pipeline.retune(load_parameters(flat_parameters(pipeline.parameters) | values))
+                pipeline.retune(_changed(pipeline, tick, values))
                 yield PARAMETERS_CHANGED, change_record(tick, values)
+
+
+def _changed(pipeline: Pipeline, tick: int, values: Mapping[str, Any]) -> Parameters:
+    try:
+        return load_parameters(flat_parameters(pipeline.parameters) | dict(values))
+    except UsageError as error:
+        raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None

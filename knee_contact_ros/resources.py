@@ -28,8 +28,16 @@ def share_folder() -> Path:
 
 def find_file(name: str) -> Path:
     """A file that a parameter names: as given (from the current folder), else in the package's config folder."""
-    path = Path(name).expanduser()
+    path = expanded(name)
     if path.is_absolute() or path.exists():
         return path
     packaged = share_folder() / "config" / path
     return packaged if packaged.exists() else path
+
+
+def expanded(name: str) -> Path:
+    """A file's name with ~ and ~somebody replaced by their folders; as it is if there is no such person."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.yaml_file import BadYamlError, parse_yaml
 
 
 def split(rule: str, option: str) -> tuple[str, str]:
@@ -33,7 +31,7 @@ def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
     for rule in rules:
         name, text = split(rule, "-p")
         try:
-            values[name] = YAML(typ="safe", pure=True).load(text)
-        except YAMLError:
+            values[name] = parse_yaml(text)
+        except BadYamlError:
             raise UsageError(f"-p {rule!r}: the value is no YAML; put it in quotes") from None
     return values

@@ -21,7 +21,7 @@ from knee_contact_ros.answer import Ending
 from knee_contact_ros.apart import Tell
 from knee_contact_ros.compartments import BY_MOMENT
 from knee_contact_ros.curves import curve_texts
-from knee_contact_ros.diagnostics import LagMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.diagnostics import LagMeter, PairingMeter, TickMeter, diagnostic_array, diagnostic_status
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.input_stream import InputStream
 from knee_contact_ros.msg import KneeContact
@@ -29,11 +29,13 @@ from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
+from knee_contact_ros.qos_overrides import check_qos_overrides
 from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.view.window import address
 
-OUTPUT_QOS = QoSProfile(depth=100)
+OUTPUT_DEPTH = 100
+"""Messages that a publisher keeps for subscribers that are slow"""
 DIAGNOSTICS_PERIOD = 1.0
 REFUSAL_LOG_PERIOD = 5.0
 SILENCE = 5.0
@@ -42,6 +44,15 @@ SILENCE_LOG_PERIOD = 30.0
 
 
 ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
+
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""Runs on when simulated time stands still, or the system's is set"""
+
+
+def at_most_every(period: float) -> dict[str, Any]:
+    """Arguments for a logger's call that is not to say something again within a period [s]."""
+    return {"throttle_duration_sec": period, "throttle_time_source_type": STEADY}
 
 
 def deserialize(data: bytes, topic: str) -> Any:
@@ -71,6 +82,7 @@ class Session:
             )
         }
         self.ticks = TickMeter()
+        self.pairing = PairingMeter(parameters.pairing.max_gap)
         self._too_deep_before = 0
         for doubt in self.pipeline.doubts.about_parameters:
             node.get_logger().warning(doubt)
@@ -79,24 +91,33 @@ class Session:
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
         tell = Tell(node.get_logger().error, node.get_logger().warning)
-        self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
         by_user = QoSOverridingOptions.with_default_policies()
+        offered = {KNEE_CONTACT: KneeContact, KNEE_CONTACT_WRENCH: WrenchStamped, "/diagnostics": DiagnosticArray}
+        try:
+            for topic in offered:
+                check_qos_overrides(node, topic, "publisher")
+            self._contact, self._wrench, self._diagnostics = (  # each with a profile of its own: overrides change it
+                node.create_lifecycle_publisher(
+                    message_type, topic, QoSProfile(depth=OUTPUT_DEPTH), qos_overriding_options=by_user
+                )
+                for topic, message_type in offered.items()
+            )
+        except Exception as error:  # a QoS override that is none: rclpy has many ways to say so
+            raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
+        try:
+            self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
+        except UsageError:
+            self._destroy_publishers()
+            raise
         if parameters.rerun.mode in ("serve", "spawn"):
             url = address(parameters.rerun.port)
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
-        self._contact, self._wrench, self._diagnostics = (
-            node.create_lifecycle_publisher(message_type, topic, OUTPUT_QOS, qos_overriding_options=by_user)
-            for message_type, topic in (
-                (KneeContact, KNEE_CONTACT), (WrenchStamped, KNEE_CONTACT_WRENCH), (DiagnosticArray, "/diagnostics"),
-            )
-        )  # fmt: skip
         self._services = [
             self._service("reset", self._reset),
             self._service("start_recording", self._start_recording),
             self._service("stop_recording", self._stop_recording),
         ]
         self._timers: list[Any] = []
-        self._waiting_since: float | None = None
 
     def start(self) -> None:
         """Listen."""
@@ -104,19 +125,22 @@ class Session:
         gc.collect()
         gc.freeze()
         gc.disable()
+        if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
+            self._reset()
         for stream in self.inputs.values():
+            stream.meter.begin()
             stream.open()
         self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # both must run on when simulated time stands still
         self._timers = [
-            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=steady),
-            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=steady),
+            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=STEADY),
+            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=STEADY),
         ]
 
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
         if self._timers:
-            self._answer(self.pipeline.synchroniser.give_up())
+            self._answer_all()
+            self.pipeline.synchroniser.forget_angles()
         gc.enable()
         gc.unfreeze()
         for stream in self.inputs.values():
@@ -135,16 +159,19 @@ class Session:
                 self.node.get_logger().warning(doubt)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
 
-    def close(self) -> None:
-        """Complete the files."""
-        self.outputs.close(self.pipeline.ending())
+    def close(self) -> bool:
+        """Complete the files; whether none had to be given up."""
+        return self.outputs.close(self.pipeline.ending())
 
     def destroy_endpoints(self) -> None:
         """Offer topics and services no more."""
         for service in self._services:
             self.node.destroy_service(service)
+        self._destroy_publishers()
+
+    def _destroy_publishers(self) -> None:
         for publisher in (self._contact, self._wrench, self._diagnostics):
-            self.node.destroy_publisher(publisher)
+            self.node.destroy_lifecycle_publisher(publisher)
 
     def _on_joint_state(self, data: bytes) -> None:
         self._answer(self.pipeline.take_joint_state(data))
@@ -160,19 +187,27 @@ class Session:
                 response.success, response.message = True, act()
             except UsageError as error:
                 response.success, response.message = False, str(error)
+            except Exception as error:  # whatever it is, the caller shall know, and the node go on
+                response.success, response.message = False, f"{type(error).__name__}: {error}"
+                self.node.get_logger().error(f"~/{name}: {response.message}")
             return response
 
         return self.node.create_service(Trigger, f"~/{name}", answer)
 
+    def _answer_all(self) -> None:
+        """Answer what waits or was kept aside, and hold nothing of the streams any more."""
+        self._answer(self.pipeline.synchroniser.finish())
+        self.pipeline.synchroniser.forget()
+
     def _reset(self) -> str:
+        self._answer_all()
         self.pipeline.reset()
         self.outputs.note(RESET, {TICK: str(self.pipeline.ticks)})
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:
         self.outputs.provenance = self._provenance()
-        self.outputs.start_recording(self.parameters.record.path)
-        return f"recording to {self.parameters.record.path}"
+        return f"recording to {self.outputs.start_recording(self.parameters.record.path)}"
 
     def _provenance(self) -> dict[str, str]:
         return provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
@@ -184,9 +219,8 @@ class Session:
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; listen to publishers that could not be heard."""
         self.lag.count()
-        since = self._waiting_since
-        if since is not None and time.monotonic() - since >= self.parameters.pairing.wait:
-            self._answer(self.pipeline.synchroniser.give_up())
+        arrived_by = time.perf_counter() - self.parameters.pairing.wait
+        self._answer(self.pipeline.synchroniser.give_up(arrived_by))
         for stream in self.inputs.values():
             stream.adapt()
 
@@ -206,13 +240,9 @@ class Session:
             self.ticks.count(answer.contact, end - begin, late)
             contact = answer.contact
             pipeline.doubts.add(answer.stamp, contact.load, contact.penetration_depth, contact.status)
-        if not pipeline.synchroniser.waiting:
-            self._waiting_since = None
-        elif self._waiting_since is None:
-            self._waiting_since = time.monotonic()
         if pipeline.last_refusal:
             text = f"sample refused: {pipeline.last_refusal}"
-            self.node.get_logger().warning(text, throttle_duration_sec=REFUSAL_LOG_PERIOD)
+            self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))
             pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
@@ -221,17 +251,19 @@ class Session:
         if silent:
             names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
-            self.node.get_logger().warning(text, throttle_duration_sec=SILENCE_LOG_PERIOD)
+            self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
         entries = [self._input_status(stream) for stream in self.inputs.values()]
         refused = self.pipeline.synchroniser.refused
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         entries += [
             diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
+            self._pairing_status(),
             self._tick_status(),
             self._load_status(),
         ]
         entries += [
-            diagnostic_status(f"{self._name}: {name}", values, failure) for name, values, failure in self.outputs.said()
+            diagnostic_status(f"{self._name}: {name}", values, problem, lost)
+            for name, values, problem, lost in self.outputs.said()
         ]
         self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
         gc.collect(0)
@@ -243,10 +275,17 @@ class Session:
         if meter.received and meter.age > self.parameters.pairing.max_gap:
             problem = f"silent for {meter.age:.1f} s"
         link = {
-            "reliability": "best effort" if stream.best_effort else "reliable",
+            "reliability": stream.reliability.replace("_", " "),
             "publishers": str(stream.publishers),
         }
         return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
+
+    def _pairing_status(self) -> Any:
+        """What there is to say of the stamps; problems are logged."""
+        values, problem, lost = self.pairing.report(self.pipeline.synchroniser)
+        if problem:
+            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
+        return diagnostic_status(f"{self._name}: pairing", values, problem, lost)
 
     def _load_status(self) -> Any:
         """What there is to say of the load, and of its split where the frontal moment decides; problems are logged."""
@@ -259,7 +298,7 @@ class Session:
             values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
             problem = problem or split.problem
         if problem:
-            self.node.get_logger().warning(problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
+            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
         return diagnostic_status(f"{self._name}: load", values, problem)
 
     def _tick_status(self) -> Any:
@@ -270,10 +309,10 @@ class Session:
         doubts = self.pipeline.doubts
         if doubts.too_deep > self._too_deep_before:
             self._too_deep_before, problem = doubts.too_deep, doubts.about_depth
-            self.node.get_logger().warning(problem, throttle_duration_sec=SILENCE_LOG_PERIOD)
+            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
         if lag > self.parameters.deadline:
             problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
-            self.node.get_logger().warning(problem, throttle_duration_sec=REFUSAL_LOG_PERIOD)
+            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
         values = self.ticks.values() | {
             "lag max [ms]": f"{1e3 * lag:.1f}",
             "decoded by ROS": str(self.pipeline.decoder.ordinary),

@@ -18,6 +18,7 @@ from knee_contact_ros.record import BagWriter
 from knee_contact_ros.record_answers import ABSOLUTE_NAMES, AnswerWriter
 from knee_contact_ros.record_blocks import write_rows
 from knee_contact_ros.redo import Changes
+from knee_contact_ros.salvage.inspection import refuse_input
 from knee_contact_ros.salvage.source import in_a_line
 from knee_contact_ros.solve_blocks import take
 from knee_contact_ros.stream_in.bag import INPUT_TYPES, BagReader, RawMessage
@@ -53,10 +54,11 @@ def solve(
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
     parameters = how.parameters if isinstance(how, Provenance) else how
-    curves = curve_texts(parameters, how.curves if isinstance(how, Provenance) else {})
+    curves = how.texts() if isinstance(how, Provenance) else curve_texts(parameters, {})
     changes = Changes(how.changes if isinstance(how, Provenance) else ())
     with ExitStack() as opened:
         reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        refuse_input(bag, output)
         check_joints(reader, parameters)
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
@@ -67,19 +69,29 @@ def solve(
             run.take(block)
             done += len(block)
             advance(done, reader.count)
-        run.keep(pipeline.give_up())
+        run.keep(pipeline.finish())
         recorder.finish(pipeline.ending())
-        if reader.damage and isinstance(how, Provenance) and how.changes:
-            reader.damage.append("what changed in the node meanwhile may come too late, as ticks before it are missing")
-        if reader.damage:
-            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(reader.damage)})
-        summary.refused, summary.damage = pipeline.synchroniser.refused, reader.damage
+        damage = reader.damage
+        if isinstance(how, Provenance):
+            late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
+            damage = [*how.damage, *damage, *(late if damage and how.changes else []), *_order(pipeline)]
+        if damage:
+            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
+        summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if parameters.load.compartment in BY_MOMENT else None
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            damage = f"; the bag is damaged: {in_a_line(reader.damage)}" if reader.damage else ""
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){damage}")
+            told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){told}")
     return summary
+
+
+def _order(pipeline: Pipeline) -> list[str]:
+    """What is wrong with the order in which a recording was read: it holds nothing that the node has refused."""
+    refused = pipeline.synchroniser.refused
+    out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
+    words = "samples that were answered then are refused now: stamps go back, and a recording is read in their order"
+    return [f"{out_of_order} {words}"] if out_of_order else []
 
 
 class Run:
@@ -95,10 +107,11 @@ class Run:
                 self._take_one(message)
 
     def keep(self, answers: Iterable[Answer]) -> None:
-        """Write answers and take them into account."""
+        """Write answers and take them into account, and what has changed between them."""
         for answer in answers:
             self._recorder.write(answer)
             self._summary.add(answer.stamp, answer.contact)
+            self._make_changes()
 
     def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
         by_topic = [
@@ -113,11 +126,14 @@ class Run:
         return True
 
     def _take_one(self, message: RawMessage) -> None:
-        for name, values in self._changes.make(self._pipeline):
-            self._recorder.note(name, values)
+        self._make_changes()
         ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
         feed = self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force
         self.keep(feed(message.data))
+
+    def _make_changes(self) -> None:
+        for name, values in self._changes.make(self._pipeline):
+            self._recorder.note(name, values)
 
 
 def blocks(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:

@@ -28,11 +28,12 @@ from knee_contact_ros.cdr_in import SECOND
 from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.pair_blocks import PairedSamples, pair
+from knee_contact_ros.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.record_blocks import Rows
 from knee_contact_ros.stream_in.samples import LAST_STAMP, AngleSample, LoadSample, angle_sample, load_sample
 from knee_contact_ros.synchronise import Steady
+from knee_contact_ros.timeline import STEPS
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
 Floats = NDArray[np.float64]
@@ -78,18 +79,24 @@ def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -
     steady = pipeline.synchroniser.steady()
     if steady is None or not (states and forces):
         return None
+    pairing = pipeline.parameters.pairing
+    max_gap = round(pairing.max_gap * SECOND)
     block, fresh = _with_held(steady, states, forces)
-    samples = _samples(block, pipeline)
-    if samples is None or not _in_order(steady, samples):
+    samples = _samples(block, pipeline) if max(map(len, block)) <= pairing.queue else None
+    if samples is None:
         return None
-    max_gap = round(pipeline.parameters.pairing.max_gap * SECOND)
+    angle_steps, load_steps = _steps(steady, samples)
+    if not all_go_on(angle_steps, len(steady.angle_steps), max_gap):
+        return None
+    if not all_go_on(load_steps, len(steady.load_steps), max_gap):
+        return None
     paired = pair(
         samples.states.stamps, samples.angles, samples.heights, samples.wrenches.stamps, steady.last_pair, max_gap
     )
     if paired is None or not len(paired.angle):
         return None
     answers = _computed(pipeline, samples, paired, fresh)
-    _hand_over(pipeline, block, samples, paired, fresh)
+    _hand_over(pipeline, block, samples, paired, fresh, (angle_steps, load_steps))
     return answers
 
 
@@ -104,13 +111,13 @@ def _with_held(steady: Steady, states: Sequence[bytes], forces: Sequence[bytes])
     return block, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
 
 
-def _in_order(steady: Steady, samples: _Samples) -> bool:
-    """Whether what is new is later than all that came before, also than what is held no more."""
-    angles, loads = samples.states.stamps, samples.wrenches.stamps[len(steady.loads) :]
+def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
+    """Of the angles and the loads: the last steps [ns] before, and those on to and between the new samples."""
     held = {angle.stamp for angle in (*steady.fresh, *steady.angles)}
-    new = angles[len(held) :]
-    return (steady.last_angle is None or new[0] > steady.last_angle) and (
-        steady.last_load is None or loads[0] > steady.last_load
+    angles, loads = samples.states.stamps[len(held) :], samples.wrenches.stamps[len(steady.loads) :]
+    return (
+        steps_of(angles, steady.last_angle, steady.angle_steps),
+        steps_of(loads, steady.last_load, steady.load_steps),
     )
 
 
@@ -164,7 +171,14 @@ def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fres
     return Answers(stamps, numbers, paired.status, rows)
 
 
-def _hand_over(pipeline: Pipeline, block: _Block, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> None:
+def _hand_over(
+    pipeline: Pipeline,
+    block: _Block,
+    samples: _Samples,
+    paired: PairedSamples,
+    fresh: Fresh,
+    steps: tuple[Stamps, Stamps],
+) -> None:
     """Have the synchroniser hold what it would hold after all samples one by one."""
     number, (states, forces) = len(paired.angle), block
     angle_stamps, load_stamps = samples.states.stamps, samples.wrenches.stamps
@@ -183,5 +197,6 @@ def _hand_over(pipeline: Pipeline, block: _Block, samples: _Samples, paired: Pai
         Steady(
             tuple(map(angle, range(first, len(states)))), tuple(map(angle, untaken.tolist())),
             tuple(map(force, range(number, len(forces)))), int(angle_stamps[-1]), int(load_stamps[-1]), last,
+            tuple(steps[0][-STEPS:].tolist()), tuple(steps[1][-STEPS:].tolist()),
         )
     )  # fmt: skip

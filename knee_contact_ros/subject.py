@@ -9,8 +9,9 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.parameters import Section, first_error, load_parameters, read_yaml
-from knee_contact_ros.resources import find_file
+from knee_contact_ros.parameters import Section, first_error, load_parameters
+from knee_contact_ros.resources import expanded, find_file
+from knee_contact_ros.yaml_file import read_mapping
 
 GRAVITY = 9.80665
 """[m/s^2]"""
@@ -43,7 +44,7 @@ class Subject:
             UsageError: it cannot be read, or says something that is not allowed.
         """
         self.path = path
-        content = read_yaml(path, "subject file", "names to values")
+        content = read_mapping(path, "subject file", "names to values")
         try:
             self.says = SubjectFile.model_validate(dict(content))
         except ValidationError as error:
@@ -86,6 +87,6 @@ class Subject:
         return {f"{bone}.radius": radius * scale} if geometry == "circle" else {}
 
     def _file(self, name: str) -> Path:
-        path = Path(name).expanduser()
+        path = expanded(name)
         beside = self.path.parent / path
         return path if path.is_absolute() else beside if beside.exists() else find_file(name)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from mcap.reader import make_reader
 from numpy.typing import NDArray
 
 from knee_contact_ros.compartments import Split
@@ -18,6 +17,7 @@ from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.messages import NANOSECONDS
 from knee_contact_ros.plausibility import Doubts
 from knee_contact_ros.record import REFUSED_SAMPLES
+from knee_contact_ros.salvage.metadata_records import metadata_records
 from knee_contact_ros.stream_in.answers import answer_blocks
 
 PEAKS = ("load", "contact_force", "penetration_depth")
@@ -149,8 +149,7 @@ def read_refused(recording: Path) -> Counter[str]:
     """Refused samples by reason, as the recording, a file or a folder of several, tells."""
     records: dict[str, dict[str, str]] = {}
     for path in recording.glob("*.mcap") if recording.is_dir() else (recording,):
-        with path.open("rb") as file:
-            records |= {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+        records |= {record.name: record.metadata for record in metadata_records(path)}
     counts = records.get(REFUSED_SAMPLES, {})
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
 

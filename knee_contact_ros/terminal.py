@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from knee_contact_ros.messages import NANOSECONDS
+from knee_contact_ros.printable import printable
 from knee_contact_ros.salvage.recover import Recovery
 from knee_contact_ros.summary import Summary
 
@@ -32,7 +33,7 @@ class Bar:
 
     def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
         self._bar = bar
-        self._task = bar.add_task(what, total=None)
+        self._task = bar.add_task(shown(what), total=None)
         self._still = still
         self._next = 0.0 if not bar.disable else math.inf
 
@@ -45,7 +46,7 @@ class Bar:
 
     def describe(self, what: str) -> None:
         """Say something else beside the bar."""
-        self._bar.update(self._task, description=what, refresh=self._still)
+        self._bar.update(self._task, description=shown(what), refresh=self._still)
 
 
 @contextmanager
@@ -71,7 +72,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_column(overflow="fold")
     figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
     for name, value in live.items():
-        figures.add_row(name, value)
+        figures.add_row(name, shown(value))
     if summary.split:
         figures.add_row("share of the load", summary.split.text)
     figures.add_row("samples refused", _counts(summary.refused))
@@ -80,17 +81,27 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_row("levels", _shares(summary.levels))
     figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
     for sentence in summary.doubts.sentences:
-        figures.add_row("warning", escape(sentence))
+        figures.add_row("warning", shown(sentence))
     console.print(figures)
     console.print()
     for name, path in files.items():
-        console.print(f"{name}: {path}", soft_wrap=True, highlight=False, markup=False)
+        console.print(printable(f"{name}: {path}"), soft_wrap=True, highlight=False, markup=False)
 
 
 def warn(sentences: Iterable[str]) -> None:
     """Say what makes no sense, a line each, beside what is printed."""
     for sentence in sentences:
-        click.echo(f"knee-contact: warning: {sentence}", err=True)
+        say(f"knee-contact: warning: {sentence}", err=True)
+
+
+def say(line: str, *, err: bool = False) -> None:
+    """Print a line, whatever names and texts of others are in it."""
+    click.echo(printable(line), err=err)
+
+
+def shown(text: str) -> str:
+    """A text for a cell or a bar of Rich, likewise."""
+    return escape(printable(text))
 
 
 def error_of_depth(summary: Summary) -> str:
@@ -115,7 +126,7 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     table.add_column("missing", justify="right", no_wrap=True)
     for row in recovery.topics:
         missing = "unknown" if row.missing is None else str(row.missing)
-        table.add_row(escape(row.topic), escape(row.type), str(row.messages), missing)
+        table.add_row(shown(row.topic), shown(row.type), str(row.messages), missing)
     console.print(table)
     lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
     if recovery.times:
@@ -125,7 +136,7 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     if len(recovery.faults) > MOST_FAULTS:
         lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
     for line in [*lines, f"Recovered: {output}"]:
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+        console.print(printable(line), soft_wrap=True, highlight=False, markup=False)
 
 
 def peak_table(summary: Summary) -> Table:

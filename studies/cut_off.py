@@ -1,6 +1,6 @@
 """What is missing in a recording when node, recorder or both are killed in mid-stream: the real node at 1 kHz.
 
-python -m studies.cut_off [--kills NUMBER] [--output FILE]
+python -m studies.cut_off [--kills NUMBER] [--busy NUMBER] [--output FILE]
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import os
 import random
 import signal
 import struct
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -32,14 +34,15 @@ from knee_contact_ros.graph import private_graph
 from knee_contact_ros.latency.candidates import PARAMETERS
 from knee_contact_ros.latency.driver import CHECK, Driver, joined
 from knee_contact_ros.outputs import partial_name
+from knee_contact_ros.parameters import Record
 from knee_contact_ros.processes import Child, child_process
 from knee_contact_ros.topics import KNEE_CONTACT
 from studies.report import Section, machine, save
 
 RATE = 1000.0
 """[Hz]"""
-EARLIEST, LATEST = 0.3, 1.3
-"""When to kill [s] after the first sample"""
+EARLIEST, LATEST, LATEST_BESIDE_BUSY = 0.3, 1.3, 10.0
+"""When to kill [s] after the first sample; what starves falls behind by more and more"""
 AFTER = 0.1
 """How long [s] samples go on"""
 ALLOWED = 100.0
@@ -54,17 +57,18 @@ WHERE_IT_BREAKS_OFF = (McapError, struct.error)
 """What mcap's reader raises there"""
 HEADER = ("killed", "kills", "median [ms]", "99 % [ms]", "max [ms]", "holes", "files afterwards")
 TEXT = (
-    "The real node at 1 kHz (`healthy.yaml`, `record.flush_period` 0.05 s) in a ROS graph of its own. At a random "
-    f"moment between {EARLIEST} and {LATEST} s after the first sample a process gets SIGKILL: the node, the "
-    "recorder, or both one right after the other. The recording goes on in a new file every second. A peer notes "
-    "every answer and when it came. Of the answers that it had received before the kill, those are missing that "
+    f"The real node at 1 kHz (`healthy.yaml`, `record.flush_period` {Record().flush_period:g} s) in a ROS graph of its "
+    f"own. At a random moment between {EARLIEST} and {LATEST} s after the first sample a process gets SIGKILL: the "
+    "node, the recorder, or both one right after the other. The recording goes on in a new file every second. A peer "
+    "notes every answer and when it came. Of the answers that it had received before the kill, those are missing that "
     "mcap's `NonSeekingReader` does not find in the files; they are the last ones, and their number is that of "
-    "milliseconds. Holes are answers that are missing before one that is there. The measuring process runs on the "
-    "same two cores as the node."
+    "milliseconds. Holes are answers that are missing before one that is there. The measuring process runs on the same "
+    "two cores as the node. In the last row, busy processes (`while True: pass`, at the node's priority) run beside "
+    f"all that, and the moment lies between {EARLIEST} and {LATEST_BESIDE_BUSY:g} s."
 )
 
 
-NODE, RECORDER, BOTH = "node", "recorder", "both"
+NODE, RECORDER, BOTH, BESIDE_BUSY = "node", "recorder", "both", "both, beside busy processes"
 """What is killed"""
 
 
@@ -151,11 +155,24 @@ def walking(folder: Path) -> Iterator[tuple[Peer, psutil.Process]]:
             child.process.wait()
 
 
-def node_loss(what: str, folder: Path, moment: float) -> Loss:
-    """Start a node, kill it, with its recorder or alone, and look at the files."""
+@contextmanager
+def busy(number: int) -> Iterator[None]:
+    """That many processes that do nothing, without a pause."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def node_loss(what: str, folder: Path, moment: float, beside: int = 0) -> Loss:
+    """Start a node, kill it, with its recorder or alone, beside so many busy processes, and look at the files."""
     with walking(folder) as (peer, node):
         recorder = recorder_of(node)
-        received = peer.walk_until_kill([node, recorder] if what == BOTH else [node], moment)
+        with busy(beside):
+            received = peer.walk_until_kill([node] if what == NODE else [node, recorder], moment)
         psutil.wait_procs([recorder], END)
     return loss(received, folder)
 
@@ -198,10 +215,10 @@ def loss(received: list[int], folder: Path) -> Loss:
     return Loss(1e3 * tail / RATE, holes, complete=all(path.suffix == ".mcap" for path in files))
 
 
-def measure(kills: int, work: Path, seen: Callable[[str], None]) -> dict[str, list[Loss]]:
-    """Kill each that many times."""
+def measure(kills: int, beside: int, work: Path, seen: Callable[[str], None]) -> dict[str, list[Loss]]:
+    """Kill each that many times, and once more beside so many busy processes."""
     dice = random.Random(SEED)  # noqa: S311  (not for secrets)
-    losses: dict[str, list[Loss]] = {NODE: [], RECORDER: [], BOTH: []}
+    losses: dict[str, list[Loss]] = {NODE: [], RECORDER: [], BOTH: [], BESIDE_BUSY: []}
 
     def note(what: str, found: Loss) -> None:
         losses[what].append(found)
@@ -211,6 +228,9 @@ def measure(kills: int, work: Path, seen: Callable[[str], None]) -> dict[str, li
         note(RECORDER, found)
     for number, what in itertools.product(range(kills), (NODE, BOTH)):
         note(what, node_loss(what, work / f"{what}_{number}", dice.uniform(EARLIEST, LATEST)))
+    for number in range(kills):
+        moment = dice.uniform(EARLIEST, LATEST_BESIDE_BUSY)
+        note(BESIDE_BUSY, node_loss(BESIDE_BUSY, work / f"busy_{number}", moment, beside))
     return losses
 
 
@@ -225,12 +245,15 @@ def row(what: str, losses: list[Loss]) -> list[str]:
 
 @click.command()
 @click.option("--kills", type=click.IntRange(1), default=50, show_default=True, help="Of each kind.")
+@click.option(
+    "--busy", "beside", type=click.IntRange(1), default=2, show_default=True, help="Processes, in the last row."
+)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/cut_off.md"))
-def main(kills: int, output: Path) -> None:
+def main(kills: int, beside: int, output: Path) -> None:
     """Measure and write the table."""
     load = os.getloadavg()[1]
     with tempfile.TemporaryDirectory() as work:
-        losses = measure(kills, Path(work), lambda text: click.echo(text, err=True))
+        losses = measure(kills, beside, Path(work), lambda text: click.echo(text, err=True))
     largest = max(each.missing for found in losses.values() for each in found)
     verdict = (
         f"The largest loss is {largest:.0f} ms; the aim is {ALLOWED:.0f} ms at most. Processes that wanted one of the "

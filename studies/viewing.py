@@ -94,6 +94,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
     complaints: list[str] = []
     outputs = Outputs(parameters, pipeline.model, {}, ABSOLUTE_NAMES, Tell(complaints.append, complaints.append))
+    outputs.wait_until_open()
     with ExitStack() as stack:
         if looked_at:
             stack.enter_context(viewer(parameters.rerun.port))
@@ -101,7 +102,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
         before, ticks = snapshot(os.getpid()), round(seconds * RATE)
         times = paced(pipeline, outputs, ticks, 2 * SECOND)
         cpu = taken_beside(before, snapshot(os.getpid())) / ticks
-        dropped = sum(int(values["dropped"]) for _, values, _ in outputs.said())
+        dropped = sum(int(values["dropped"]) for _, values, *_ in outputs.said())
     outputs.close(Ending((), {}))
     if complaints:
         raise RuntimeError("; ".join(complaints))

@@ -77,3 +77,14 @@ def started() -> Iterator[Started]:
 def old_recording() -> Path:
     """The right gait bag with healthy.yaml, by `solve` as it was before sliding velocity and force error were told."""
     return Path(__file__).parent / "recordings" / "without_later_fields.mcap"
+
+
+@pytest.fixture(scope="session")
+def watching(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library that stands between a program and its disk: `watched_disk.c`."""
+    source, path = Path(__file__).with_name("watched_disk.c"), tmp_path_factory.mktemp("watched") / "watched.so"
+    compiler = shutil.which("cc")
+    if not compiler:
+        pytest.skip("there is no C compiler here")
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", path, source, "-ldl", "-lpthread"], check=True)
+    return path

@@ -14,7 +14,8 @@ from mcap.reader import NonSeekingReader
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.answer import Answer, Ending
-from knee_contact_ros.apart import Handling, Job, SinkProcess, Tell
+from knee_contact_ros.apart import Handling, Queue, SinkProcess, Tell
+from knee_contact_ros.apart_messages import Job
 from knee_contact_ros.cdr_in import JointState, WrenchStamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Point
@@ -32,6 +33,7 @@ MODEL = Pipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
 SERVING = Serving(port=0, window=False)
+QUEUE = Queue(20_000, 1e9)
 PATIENCE = 30.0
 """How long [s] to wait for what must come"""
 
@@ -95,18 +97,21 @@ class Started:
         self.remarks: list[str] = []
         self._tell = Tell(self.told.append, self.remarks.append)
 
-    def recorder(self, path: Path, wait: bool = True, settings: Settings = SETTINGS) -> SinkProcess:
+    def recorder(
+        self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: Queue = QUEUE
+    ) -> SinkProcess:
         """A recorder."""
-        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, settings, self._tell, awaited=True), wait)
+        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, settings, queue, self._tell, awaited=True), wait)
 
-    def viewer(self, path: Path, wait: bool = True) -> SinkProcess:
+    def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
         """A viewer."""
-        return self._keep(viewer(path, SERVING, drawing_of(MODEL, "knee", 737.0), self._tell, awaited=True), wait)
+        drawing = drawing_of(MODEL, "knee", 737.0)
+        return self._keep(viewer(path, SERVING, drawing, queue, self._tell, awaited=True), wait)
 
     def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
         """A sink that nobody waits for."""
-        handling = Handling(row, 1000, gaps_allowed=False, patience=PATIENCE)
-        return self._keep(SinkProcess("output", job, handling, self._tell, awaited=False), False)
+        handling = Handling(row, QUEUE, "output", gaps_allowed=False)
+        return self._keep(SinkProcess("output", "", job, handling, self._tell, awaited=False), False)
 
     def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:
         self.sinks.append(sink)

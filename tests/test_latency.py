@@ -26,7 +26,7 @@ from knee_contact_ros.latency.soak import Comparison, Moment
 from knee_contact_ros.latency.sustained import NODE, SENDER, SUSTAINED, Step
 from knee_contact_ros.latency.usage import Snapshot, Taken, Usage, between, snapshot
 from knee_contact_ros.record import BagWriter
-from knee_contact_ros.session import OUTPUT_QOS
+from knee_contact_ros.session import OUTPUT_DEPTH
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
 
 MS = 1_000_000
@@ -72,7 +72,7 @@ def test_every_candidate_is_first_in_turn() -> None:
 
 def test_a_bare_node_offers_what_the_node_offers() -> None:
     assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
-    assert bare.OUTPUT_QOS == OUTPUT_QOS
+    assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
 
 
 IDLE = Taken(3e-4, 0.0, 0.0, 10.0)

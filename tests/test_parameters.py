@@ -20,7 +20,9 @@ CONTRACT = {
     "contact.allow_tension": False, "contact.layer_depth": 5.0e-4, "contact.stiffness_2": 3.112e9,
     "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6,
     "fidelity.force_tolerance": 0.0, "fidelity.budget": 0,
-    "body_weight": 737.068, "autostart": True, "record.path": "", "record.flush_period": 0.05,
+    "body_weight": 737.068, "autostart": True, "record.path": "", "record.flush_period": 0.03,
+    "record.sync_period": 1.0, "record.queue": 30000, "record.queue_size": 100.0,
+    "rerun.queue": 20000, "rerun.queue_size": 64.0,
     "record.max_size": 0.0, "record.max_duration": 0.0, "record.min_free": 100.0,
     "rerun.mode": "off", "rerun.path": "", "rerun.port": 9876, "rerun.knees": "",
 }  # fmt: skip
@@ -146,6 +148,21 @@ def test_files_for_other_nodes_are_none_of_the_nodes_business(tmp_path: Path) ->
     path = tmp_path / "other.yaml"
     path.write_text("other_node:\n  ros__parameters: {x: 1}")
     check_parameter_file(path)
+
+
+def test_knees_may_share_a_file(tmp_path: Path) -> None:
+    """What one knee has need not go with what another one has, but with what all have."""
+    path = tmp_path / "knees.yaml"
+    left = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n"
+    right = "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n"
+    path.write_text(left + right)
+    check_parameter_file(path)
+    path.write_text(left + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n")
+    with pytest.raises(UsageError, match=r"knees\.yaml: parameter tibia\.slope: 0\.1 is not allowed"):
+        check_parameter_file(path)
+    path.write_text("/**:\n  ros__parameters: {tibia.slop: 0.1}\n")
+    with pytest.raises(UsageError, match=r"knees\.yaml: unknown parameter tibia\.slop"):
+        check_parameter_file(path)
 
 
 @pytest.mark.parametrize(

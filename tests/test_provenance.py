@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
-from knee_contact_ros.cdr_in import JointState
-from knee_contact_ros.cdr_out import encode_joint_state
-from knee_contact_ros.cli import knee_contact
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.cli import knee_contact, main
+from knee_contact_ros.core.types import Status
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.provenance import Change, bag_digest, change_record, provenance_record, read_provenance
+from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.provenance import (
+    MOST_CHANGES,
+    Change,
+    bag_digest,
+    change_record,
+    provenance_record,
+    read_provenance,
+)
 from knee_contact_ros.record import BagWriter, Limits
-from knee_contact_ros.record_answers import PROVENANCE
+from knee_contact_ros.record_answers import PROVENANCE, AnswerWriter
 from knee_contact_ros.solve import solve
+from tests.recordings_of import recording_with
 
 
 def silent(_done: int, _total: int) -> None:
@@ -125,6 +137,88 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
     assert again is not None
     assert again.changes == found.changes
     assert dict(metadata(redone))["reset"] == {"tick": "200"}
+
+
+def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_place() -> None:
+    """Forces that wait for the same angle: live, the one before the reset had been answered with the last angle."""
+    pipeline, ms = Pipeline(load_parameters({}), compiled=False), 1_000_000
+    forces = [encode_wrench_stamped(WrenchStamped(i * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3)) for i in range(6)]
+    first, second = (encode_joint_state(JointState(i * ms, "", ("knee",), (0.1,), (), ())) for i in (0, 4))
+    assert not [*pipeline.joint_state(first)]
+    answers = [answer for force in forces[:5] for answer in pipeline.joint_reaction_force(force)]
+    answers += itertools.islice(coming := pipeline.joint_state(second), 2)
+    pipeline.reset()
+    answers += coming
+    assert [answer.contact.status for answer in answers] == [0, 0, 0, Status.TIME_RESET, 0]
+
+
+def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline, parameters = Pipeline(load_parameters({}), compiled=False), load_parameters({})
+    recording, ms = tmp_path / "looped.mcap", 1_000_000
+    with BagWriter(recording) as bag:
+        writer = AnswerWriter(bag, provenance_record(parameters, {}))
+        for stamp in (*range(0, 1000, 5), *range(0, 1000, 5)):
+            angle = encode_joint_state(JointState(stamp * ms, "", ("knee",), (0.1,), (), ()))
+            force = encode_wrench_stamped(WrenchStamped(stamp * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3))
+            for answer in (*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)):
+                writer.write(answer)
+        for answer in pipeline.finish():
+            writer.write(answer)
+        writer.finish(pipeline.ending())
+    assert (pipeline.ticks, pipeline.refused) == (400, 0)
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "samples that were answered then are refused now: stamps go back" in line
+
+
+BROKEN = {
+    "no value": ("parameters_changed", {"tick": "100", "contact.damping": "{"}, "parameters_changed (tick 100)"),
+    "a value as deep as can be": (
+        "parameters_changed",
+        {"tick": "100", "contact.damping": "[" * 100_000},
+        "(tick 100)",
+    ),
+    "no tick": ("reset", {}, "a record reset is damaged"),
+    "a tick of thousands of digits": ("reset", {"tick": "9" * 5000}, "a record reset"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_damaged_change_is_told(
+    name: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others are made, all ticks computed, and the command ends as with a damaged bag."""
+    kind, values, words = BROKEN[name]
+    ours = provenance_record(load_parameters({}), {})
+    good = ("parameters_changed", change_record(200, {"contact.damping": 0.0}))
+    recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), (kind, values), good])
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert line.endswith("is damaged, and what it tells of is not done again")
+    found = dict(metadata(tmp_path / "out.mcap"))
+    assert found["parameters_changed"] == {"tick": "200", "contact.damping": "0.0"}
+    assert words in found["source_damage"]["faults"]
+
+
+def test_no_more_changes_are_made_again_than_a_node_makes(right_bag: Path, tmp_path: Path) -> None:
+    ours = ("knee_contact", provenance_record(load_parameters({}), {}))
+    for count, refused in ((MOST_CHANGES, False), (MOST_CHANGES + 1, True)):
+        recording = recording_with(tmp_path / f"{count}.mcap", right_bag, [ours, *[("reset", {"tick": "5"})] * count])
+        with pytest.raises(UsageError, match=f"{count} changes") if refused else nullcontext():
+            read_provenance(recording)
+
+
+def test_a_change_that_cannot_be_made_is_refused(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ours = provenance_record(load_parameters({}), {})
+    changed = ("parameters_changed", {"tick": "100", "contact.dampinh": "1.0"})
+    recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), changed])
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 2
+    assert "a change after 100 ticks that cannot be made: unknown parameter contact.dampinh" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("record", [{}, {"package": "theirs"}, {"parameters": "{", "ticks_before": "0"}])

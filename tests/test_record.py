@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from mcap_ros2_support_fast.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
+from knee_contact_ros.bag_metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.cdr_in import decode_wrench_stamped
 from knee_contact_ros.cdr_out import encode_contact, encode_contact_wrench
 from knee_contact_ros.core.types import Contact, Point
@@ -151,6 +155,44 @@ def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwri
     assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
 
 
+@pytest.mark.parametrize("plant", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("nowhere")])
+@pytest.mark.parametrize("name", ["metadata.yaml", "metadata.yaml.partial"])
+def test_what_lies_where_metadata_is_to_be_holds_nothing_up(tmp_path: Path, plant: Any, name: str) -> None:
+    plant(tmp_path / name)
+    code = f"from tests.test_record import *; write(Path({str(tmp_path / 'out.mcap')!r}), [(1, CONTACT)])"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=180)
+    assert (tmp_path / "out.mcap").exists()
+    if plant is not Path.mkdir:
+        assert done.returncode == 0
+        assert (tmp_path / "metadata.yaml").is_file() == (name != "metadata.yaml")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "rec.mcap"
+    with BagWriter(path) as bag:
+        bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
+        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        path.write_text("another's")
+    assert path.read_text() == "another's"
+    assert bag.path == tmp_path / "rec_1.mcap"
+    assert len(read_bag(bag.path, {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
+    assert bag.remarks == [f"something took the name {path} meanwhile: the recording is {bag.path}"]
+    information = YAML(typ="safe").load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["relative_file_paths"] == ["rec_1.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "rec.mcap", "rec_1.mcap"]
+
+
+def test_a_file_in_the_place_of_ours_does_not_get_our_name(tmp_path: Path) -> None:
+    partial = tmp_path / "rec.mcap.partial"
+    bag = BagWriter(tmp_path / "rec.mcap", overwrite=True)
+    partial.unlink()
+    partial.write_text("another's")
+    with pytest.raises(OSError, match="was removed while it was written"):
+        bag.close()
+    assert partial.read_text() == "another's"
+
+
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot write"):
@@ -169,3 +211,17 @@ def test_the_wrench_presses_the_tibia_down() -> None:
     assert message is not None
     assert message.force == (0.0, -3.0, 0.0)
     assert message.torque == (0.0, 0.0, pytest.approx(0.005 * -3.0))
+
+
+def test_two_bags_of_a_folder_may_be_completed_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By two processes: the first one's metadata stay, and nothing fails."""
+    puts = []
+    for process, name in ((1, "left.mcap"), (2, "right.mcap")):
+        monkeypatch.setattr("os.getpid", lambda process=process: process)
+        puts.append(prepare_metadata(tmp_path, information([FileFacts(name, 0, 1, Counter())], {})))
+    for put in puts:
+        put()
+    assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]
+    assert "left.mcap" in (tmp_path / "metadata.yaml").read_text(encoding="utf-8")

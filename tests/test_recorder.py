@@ -18,7 +18,7 @@ import pytest
 from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 
-from knee_contact_ros.apart import Tell
+from knee_contact_ros.apart import MB, Queue, Tell
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.pipeline import Pipeline
@@ -31,6 +31,7 @@ from knee_contact_ros.summary import read_refused
 from tests.sinks import (
     NOTHING_LEFT,
     PATIENCE,
+    QUEUE,
     SETTINGS,
     TYPES,
     Started,
@@ -53,9 +54,11 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
                 sink.put(each)
     for data in (b"", b""):
         list(pipeline.joint_state(data))  # refused
-    sink.close(pipeline.ending())
+    sink.close(pipeline.ending(), PATIENCE)
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
-    assert sink.diagnostics() | {"process": ""} == {"backlog": "0", "dropped": "0", "written": "387", "process": ""}
+    said = {"backlog": "0", "backlog [MB]": "0.0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
+    assert sink.diagnostics() | {"process": ""} == said
+    assert sink.problem() == ("", False)
     solve(right_bag, parameters, tmp_path / "offline.mcap", lambda done, total: None)
     live, offline = (
         [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, TYPES)]
@@ -72,7 +75,7 @@ def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> No
     put(sink, range(3))
     sink.note("second", {"damping": "0"})
     put(sink, range(3, 4))
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     order: list[Any] = []
     notes = [("first", {"damping": "5000"}), ("second", {"damping": "0"})]
     with (tmp_path / "out.mcap").open("rb") as file:
@@ -96,7 +99,7 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
         put(sink, range(4000, 4010))
         assert sink.diagnostics()["backlog"] == "0"
         assert int(sink.diagnostics()["dropped"]) >= 10
-        sink.close(NOTHING_LEFT)
+        sink.close(NOTHING_LEFT, PATIENCE)
     assert sorted(started.told) == sorted([recording.failure, picture.failure])
     assert recording.failure == f"recording {path} stopped: File too large"
     assert picture.failure == f"Rerun recording {tmp_path / 'knee.rrd'} stopped: File too large"
@@ -112,7 +115,7 @@ def test_what_was_written_before_the_disk_was_full_can_be_read(started: Started,
     resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (partial.stat().st_size + 1000,) * 2)
     put(sink, range(1000, 5000))
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     numbers = readable(partial)
     assert len(numbers) >= 1000
     assert numbers == list(range(len(numbers)))
@@ -126,7 +129,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_pa
     with (tmp_path / "other").open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, 200_000_000)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     assert started.told == [sink.failure]
     assert re.fullmatch(
         rf"recording {path} has ended, complete up to here: [\d.]+ MB are free on its disk, "
@@ -155,7 +158,7 @@ def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_p
     put(sink, range(100))
     rmtree(folder)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     reason = "its file or folder was removed while it was written"
     assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
 
@@ -173,8 +176,8 @@ def test_recordings_that_were_cut_off_are_named_and_those_that_are_written_are_n
     ]
     assert started.remarks == expected * 2
     assert started.told == []
-    first.close(NOTHING_LEFT)
-    second.close(NOTHING_LEFT)
+    first.close(NOTHING_LEFT, PATIENCE)
+    second.close(NOTHING_LEFT, PATIENCE)
 
 
 def test_a_recorder_splits_and_loses_nothing(started: Started, tmp_path: Path) -> None:
@@ -183,7 +186,7 @@ def test_a_recorder_splits_and_loses_nothing(started: Started, tmp_path: Path) -
     put(sink, range(450))
     sink.note("parameters_changed", {"contact.damping": "0"})
     put(sink, range(450, 1050))
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     assert started.told == []
     assert len(list(tmp_path.glob("*.mcap"))) == 11
     assert recorded_ticks(tmp_path) == list(range(1050))
@@ -200,7 +203,7 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
     wait_until(lambda: len(recorded_ticks(tmp_path)) == 400)
     os.kill(pid(sink), signal.SIGKILL)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     assert recorded_ticks(tmp_path) == list(range(400))
     assert readable(partial) == list(range(400, 450))
 
@@ -214,28 +217,53 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
     put(sink, range(2000, 12_000))
     assert int(sink.diagnostics()["backlog"]) == backlog + 10_000  # all that `put` does
     os.kill(pid(sink), signal.SIGCONT)
-    sink.close(NOTHING_LEFT)
+    sink.close(NOTHING_LEFT, PATIENCE)
     assert (sink.failure, sink.dropped) == ("", 0)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
 
 
-def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
+@pytest.mark.parametrize(("queue", "fits"), [(Queue(1000, 1e9), 1000), (Queue(10**6, 2_200_000.0), 1100)])
+def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
     monkeypatch.setattr("knee_contact_ros.apart.LAST_WORDS", 0.2)
-    monkeypatch.setattr("knee_contact_ros.sinks.MOST_UNRECORDED", 1000)
-    sink = started.recorder(tmp_path / "out.mcap")
+    sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))
     assert settled_backlog(sink) > 0
-    put(sink, range(900, 2000))
+    put(sink, range(900, 900 + fits))
     wait_until(lambda: started.told)  # while it stands still
-    sink.close(NOTHING_LEFT)
-    assert sink.failure.endswith("out.mcap stopped: OverflowError: more than 1000 answers waited")
+    said = sink.problem()
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert said == (sink.failure, True)
+    waited = f"more waited than {queue.answers} answers (parameter record.queue) or {queue.size / MB:g} MB"
+    assert f"out.mcap stopped: {waited} (record.queue_size)" in sink.failure
     assert started.told == [sink.failure]
+
+
+@pytest.mark.parametrize("queue", [Queue(1000, 1e9), Queue(10**6, 2_200_000.0)])
+def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
+    started: Started, tmp_path: Path, queue: Queue
+) -> None:
+    sink = started.recorder(tmp_path / "out.mcap", queue=queue)
+    os.kill(pid(sink), signal.SIGSTOP)
+    number = 0
+    while sink.problem() == ("", False):
+        put(sink, range(number, number + 1))
+        number += 1
+        if settled := int(sink.diagnostics()["full [%]"]):
+            assert settled <= 26  # so soon
+    words, lost = sink.problem()
+    assert not lost
+    assert re.fullmatch(rf"recording {sink.name} is behind: \d+ answers wait, 2\d % of what may, as .*", words)
+    put(sink, range(number, number + 3000))
+    assert int(sink.diagnostics()["backlog"]) <= queue.answers
+    assert float(sink.diagnostics()["backlog [MB]"]) <= queue.size / MB + 0.1
+    os.kill(pid(sink), signal.SIGKILL)
+    sink.close(NOTHING_LEFT, PATIENCE)
 
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), Tell(print, print))
+    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), QUEUE, Tell(print, print))
     sink.wait_until_open()
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,19 @@ def test_an_output_is_replaced_only_when_asked(config: Path, right_bag: Path, tm
     assert output.read_text() == "precious"
     assert solve(right_bag, parameters, output, silent, overwrite=True).ticks == 387
     assert read_summary(output, parameters.body_weight).ticks == 387
+
+
+@pytest.mark.parametrize("way", ["itself", "a link", "a file of the folder"])
+def test_the_input_is_never_replaced(way: str, right_bag: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(right_bag, bag)
+    (file,) = bag.glob("*.mcap")
+    (tmp_path / "link.mcap").symlink_to(file)
+    before = file.read_bytes()
+    output = tmp_path / "link.mcap" if way == "a link" else file
+    with pytest.raises(UsageError, match="is the input"):
+        solve(file if way == "itself" else bag, load_parameters({}), output, silent, overwrite=True)
+    assert file.read_bytes() == before
 
 
 def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from itertools import pairwise
 from pathlib import Path
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import Any
 
 import pytest
@@ -14,12 +16,15 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.answer import Ending
 from knee_contact_ros.bag_file import BagFile
+from knee_contact_ros.bag_metadata import prepare_metadata
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.record import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.record_answers import PROVENANCE, AnswerWriter
+from knee_contact_ros.salvage.inspection import files_of
+from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.summary import read_summary
 from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.sinks import answer
+from tests.sinks import answer, recorded_ticks, wait_until
 
 MS = 1_000_000
 """[ns] between two answers"""
@@ -105,6 +110,78 @@ def test_the_same_answers_give_the_same_files(tmp_path: Path) -> None:
     assert names(tmp_path / "a") == names(tmp_path / "b")
     for name in names(tmp_path / "a"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_metadata_that_we_wrote_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes as long as to write them; and longer ones than may be read are ours all the same."""
+    monkeypatch.setattr("knee_contact_ros.bag_metadata.read_yaml", lambda *_: pytest.fail("they were read"))
+    record(tmp_path / "knee.mcap", range(400), Limits(duration=100 * MS))
+    assert len(information(tmp_path)["files"]) == 4
+
+
+def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time takes 0.25 s of a processor, so 12.5 s pass before the next one; at the end all are named."""
+    now, spent, listed = 0.0, 0.0, []
+
+    def prepare(folder: Path, content: Any, ours: Any) -> Any:
+        nonlocal spent
+        spent += 0.25
+        listed.append(len(content["files"]))
+        return prepare_metadata(folder, content, ours)
+
+    monkeypatch.setattr("knee_contact_ros.record.prepare_metadata", prepare)
+    monkeypatch.setattr("knee_contact_ros.record.MANY_FILES", 1)
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    monkeypatch.setattr("time.thread_time", lambda: spent)
+    with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=MS)) as bag:
+        writer = AnswerWriter(bag, {})
+        for number in range(36):
+            writer.write(answer(number))
+            wait_until(lambda number=number: len(list(tmp_path.glob("*.mcap"))) == number)  # the thread has done it
+            now += 1.0
+    assert [listed[0], listed[-1], len(listed)] == [1, 36, 4]
+    assert all(13 <= later - earlier <= 14 for earlier, later in pairwise(listed[:-1]))  # the thread has its own pace
+    assert len(information(tmp_path)["files"]) == 36
+
+
+def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.record.MANY_FILES", 1)
+    monkeypatch.setattr("knee_contact_ros.record.LISTING_SHARE", 1e-9)
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(301):
+        writer.write(answer(number))
+    bag._settle(wait=True)
+    bag.discard()  # a kill leaves a `.partial` beside
+    record(tmp_path / "knee_9.mcap", range(500, 510), Limits())  # another recording, whose name only looks like it
+    assert information(tmp_path)["relative_file_paths"] == ["knee.mcap"]
+    with BagReader(tmp_path) as reader:
+        assert reader.damage[0] == "metadata.yaml does not name all files that go on with knee.mcap: 2 more are read"
+    assert recorded_ticks(tmp_path) == list(range(300))
+    assert [path.name for path in files_of(tmp_path)] == ["knee.mcap", "knee_1.mcap", "knee_2.mcap"]
+
+
+def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(40), Limits(duration=MS))
+    before = getrlimit(RLIMIT_NOFILE)
+    with (tmp_path / "knee.mcap").open() as file:  # it has the next number
+        setrlimit(RLIMIT_NOFILE, (file.fileno() + 30, before[1]))
+    try:
+        assert recorded_ticks(tmp_path) == list(range(40))
+    finally:
+        setrlimit(RLIMIT_NOFILE, before)
+
+
+def test_a_recording_is_one_without_metadata(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
+    (tmp_path / "metadata.yaml").unlink()
+    assert recorded_ticks(tmp_path) == list(range(250))
+    record(tmp_path / "knee_3.mcap", range(250), Limits())
+    (tmp_path / "metadata.yaml").unlink()
+    with pytest.raises(UsageError, match="there is not one bag"):
+        recorded_ticks(tmp_path)
 
 
 def test_metadata_records_stand_where_they_were_written(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,8 @@ def node(ros_arguments: tuple[str, ...]) -> None:
         return
     from knee_contact_ros.node import run_node
 
-    run_node(list(ros_arguments))
+    if code := run_node(list(ros_arguments)):
+        sys.exit(code)
 
 
 @click.command(cls=OptionalClockRate)

@@ -92,10 +92,11 @@ def report(
     from knee_contact_ros.report.runs import Asked
     from knee_contact_ros.ros_spelling import parameters_of
     from knee_contact_ros.stream_in.names import names_in_bag
+    from knee_contact_ros.terminal import say
 
     values = parameters_of(parameter_values)
     sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
     compared = found(compare) if compare else []
     for path in run_report(Asked(files, labels, sources, given, compared, names), output):
-        click.echo(str(path))
+        say(str(path))

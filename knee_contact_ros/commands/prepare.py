@@ -48,6 +48,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     pip install 'knee-contact-ros[mesh]'.
     """
     from knee_contact_ros.profiles.run import Asked, run_fit_profile
+    from knee_contact_ros.terminal import say
 
     asked = Asked(
         mesh,
@@ -58,4 +59,4 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
         **others,
     )
     for line in run_fit_profile(asked):
-        click.echo(line)
+        say(line)

@@ -14,10 +14,12 @@ from typing import Any
 import numba
 import numpy as np
 from cffi import FFI
-from numba import carray, cfunc, njit, types
+from numba import carray, njit, types
+from numba.core.ccallback import CFunc
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
+from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.functions import ENTRY, compiled_function
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
@@ -73,11 +75,15 @@ def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..
         compiled_run(taken_up(addresses[3]), memory, sample[:1], sample[1:2], sample[2:3], sample[3:], answers)
 
     numbers = types.CPointer(types.float64)
-    signature = types.void(types.CPointer(numbers), *[types.float64] * 4)
-    pointer = cfunc(signature)(tick)
-    call = FFI().cast(TICK, pointer.address)
+    # Numba's decorators do likewise, with its own cache or none.
+    pointer: Any = CFunc(tick, ((types.CPointer(numbers), *[types.float64] * 4), types.void), locals={}, options={})
+    pointer._cache = kernel_cache(tick, kind)
+    pointer.compile()
     _KEPT.append(pointer)
-    return context.get_abi_sizeof(context.get_value_type(kind)), njit(**ENTRY)(put), call
+    lay_down: Any = njit(**ENTRY)(put)
+    lay_down._cache = kernel_cache(put, kind)
+    size = context.get_abi_sizeof(context.get_value_type(kind))
+    return size, lay_down, FFI().cast(TICK, pointer.address)
 
 
 def _pointer(context: Any, builder: Any, kind: types.Type, address: Any) -> Any:

@@ -1,39 +1,221 @@
-"""Where compiled code is kept: in the user's cache folder, by all that it depends on."""
+"""Where compiled functions are kept: in the user's cache folder, a file for each function and kind of arguments.
+
+Keeping can only help: whatever is odd about what was kept is told in one line, and the function compiled again.
+"""
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import inspect
+import logging
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+import llvmlite
 import numba
-from numba import config
+from numba import types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
+from numba.core.serialize import dumps
 
 import knee_contact_ros.core
+from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
+from knee_contact_ros.core.kernel_source import FUNCTIONS
 
-SOURCES = (Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent)
+COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
+"""Modules that the fingerprint covers"""
+CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
+KEEPING = ("cache.py", "kernel_folder.py")
+"""Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
+
+_log = logging.getLogger(__name__)
+_told: set[str] = set()
 
 
-@contextmanager
-def cache_folder() -> Iterator[None]:
-    """Let Numba keep what it compiles meanwhile under a name of our own: its own looks at one source file only."""
-    before = config.CACHE_DIR
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    config.CACHE_DIR = str(Path(home) / "knee_contact_ros" / f"kernel-{_fingerprint()}")
+def kernel_cache(function: Callable[..., Any], scene: types.Type | None = None) -> FunctionCache | NullCache:
+    """What Numba asks for the compiled form of a function before it compiles it, and gives it to afterwards.
+
+    A function that was made for a kind of `scene`, and has it in its closure, is kept for that one.
+    """
     try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+        return _KernelCache(function, scene)
+    except (OSError, RuntimeError) as error:  # no home, no source
+        _tell(error, "compiling without keeping")
+        return NullCache()
+
+
+class _Place(_CacheLocator):
+    """Numba wants to know a function's folder, and makes it; ours is looked at when something is read or written."""
+
+    def get_cache_path(self) -> str:
+        return str(_folder())
+
+    def ensure_cache_path(self) -> None:
+        pass
+
+    def get_source_stamp(self) -> str:
+        return _fingerprint()
+
+    def get_disambiguator(self) -> str:
+        return ""
+
+    @classmethod
+    def from_function(cls, _function: Any, _file: str) -> _Place:
+        return cls()
+
+
+class _Compiled(CompileResultCacheImpl):
+    _locator_classes = (_Place,)
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache of a function, with files of our own, and calm about all that goes wrong with them."""
+
+    _impl_class = _Compiled
+
+    def __init__(self, function: Callable[..., Any], scene: types.Type | None) -> None:
+        super().__init__(function)
+        self._scene = scene
+        self._cache_file = _Kernels(function, KernelFolder(_folder()))
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """What `_Kernels` calls a key: types whose sources count, the processor, and what else names the code."""
+        if self._scene is None:
+            return super()._index_key(sig, codegen)
+        return (self._scene,), codegen.magic_tuple(), str(sig)
+
+    def flush(self) -> None:
+        """Compile all again: what was kept is not looked at any more."""
+        self.disable()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was kept for a signature; None if there is nothing that can be used."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # what is whole and ours may still have been made by something else
+            _tell(error, "compiling again")
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled for a signature, if that can be done."""
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:
+            _tell(error, "what was compiled is not kept")
+
+
+class _Kernels:
+    """The files of one function, in the form in which Numba asks for them.
+
+    Numba itself has an index of all signatures beside numbered files: two processes that add to it at once can give two
+    signatures one file. Here the name of a file says all that its content depends on.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: KernelFolder) -> None:
+        self._function = function
+        self._folder = folder
+
+    def load(self, key: Any) -> Any:
+        """What was kept under a key; None if nothing was."""
+        names = self._names(key)
+        if names is None:
+            return None
+        name, start = names
+        content = self._folder.read(name)
+        if content is not None:
+            return pickle.loads(content)  # noqa: S301  it is whole, and written by this user
+        if any(other.startswith(start) for other in self._folder.names()):
+            raise DoubtError(self._folder.path, "is from another processor")
+        return None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep something under a key; what nobody uses any more goes."""
+        names = self._names(key)
+        if names is not None:
+            self._folder.write(names[0], dumps(data))
+            with suppress(OSError):
+                self._folder.remove_unused()
+
+    def _names(self, key: Any) -> tuple[str, str] | None:
+        """The name of a file, and how it starts whatever the processor; None for what cannot be found again."""
+        signature, processor, code = key
+        made_of: list[Any] = [self._function, *_named_tuples(signature)]
+        sources = _sources_elsewhere(made_of)
+        if sources is None:
+            return None
+        names = [(one.__module__, one.__qualname__) for one in made_of]
+        start = f"{self._function.__name__}-{_digest((names, str(signature), code, sources))}-"
+        return f"{start}{_digest(processor)}.kernel", start
+
+
+def _named_tuples(kinds: Iterable[Any]) -> Iterator[type]:
+    """The classes of the named tuples in a signature, those inside others too."""
+    for kind in kinds:
+        if isinstance(kind, types.BaseNamedTuple):
+            yield kind.instance_class
+        if isinstance(kind, types.BaseTuple):
+            yield from _named_tuples(kind.types)
+
+
+def _sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
+    """What compiled code depends on outside the model, a contact law of the user's for instance.
+
+    That is the files of its modules, the numbers in them (others may have defined those), and the marked functions that
+    they take from others. None if something is not in a module and file that another process finds under its name.
+    """
+    sources, waiting, seen = [], list(made_of), set[str]()
+    while waiting:
+        one = waiting.pop()
+        name = one.__module__
+        if name in seen or name.startswith(COVERED):
+            continue
+        seen.add(name)
+        module = sys.modules.get(name)
+        path = getattr(module, "__file__", None)
+        if name == "__main__" or "<locals>" in one.__qualname__ or not path or not Path(path).is_file():
+            return None
+        numbers = {key: value for key, value in vars(module).items() if isinstance(value, int | float)}
+        sources.append((name, _file_digest(Path(path)), numbers))
+        waiting += [value for value in vars(module).values() if inspect.isfunction(value) and value in FUNCTIONS]
+    return sources
+
+
+def _folder() -> Path:
+    """The folder for what is compiled from this model by this compiler."""
+    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not caches.is_absolute():  # as the XDG specification says
+        caches = Path.home() / ".cache"
+    return caches / "knee_contact_ros" / f"{PREFIX}{_fingerprint()}"
 
 
 @functools.cache
 def _fingerprint() -> str:
-    """What the compiled code depends on: the model's source and the compiler."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for folder in SOURCES:
-        for path in sorted(folder.rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    """What all compiled code depends on: the model's source, how it is compiled, and the compiler."""
+    versions = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag
+    model = sorted(CORE.rglob("*.py"))
+    if not model:
+        raise FileNotFoundError(f"{CORE} has no Python files")
+    compiling = sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)
+    return _digest((versions, [_file_digest(path) for path in (*model, *compiling)]))
+
+
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _digest(of: Any) -> str:
+    return hashlib.sha256(repr(of).encode()).hexdigest()[:16]
+
+
+def _tell(error: Exception, then: str) -> None:
+    """One line for each file, folder or error: that what cannot be read cannot be replaced either is no news."""
+    places = [str(error.path), str(error.path.parent)] if isinstance(error, DoubtError) else [repr(error)]
+    if _told.isdisjoint(places):
+        words = str(error) if isinstance(error, DoubtError) else f"{type(error).__name__}: {error}"
+        _log.warning("knee_contact_ros: compiled code: %s; %s", " ".join(words.split()), then)
+    _told.add(places[0])

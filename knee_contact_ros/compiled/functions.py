@@ -11,7 +11,7 @@ from numba import njit, types
 from numba.extending import overload_method, register_jitable
 
 from knee_contact_ros.compiled.apart import CompilerApart
-from knee_contact_ros.compiled.cache import cache_folder
+from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.core.kernel_source import ASIDE, FUNCTIONS, INLINED, METHODS
 
 OPTIONS = {"error_model": "numpy", "forceinline": False, "_nrt": True, "no_cfunc_wrapper": True}
@@ -23,15 +23,12 @@ INLINE = OPTIONS | {"forceinline": True}
 APART = OPTIONS | {"pipeline_class": CompilerApart}
 
 
+@functools.cache
 def compiled_function(function: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled form of a function; compiling, or loading, happens at its first call with new types."""
     _register()
-    made: Callable[..., Any]
-    with cache_folder():
-        try:
-            made = njit(cache=True, **ENTRY)(function)
-        except RuntimeError:  # no folder to keep it in
-            made = njit(**ENTRY)(function)
+    made: Callable[..., Any] = njit(**ENTRY)(function)
+    made._cache = kernel_cache(function)  # type: ignore[attr-defined]  # Numba's own decorator sets it likewise
     return made
 
 

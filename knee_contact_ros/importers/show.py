@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from rich import box
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros.gait_events import LOAD_PEAK, GaitEvents
@@ -17,7 +16,7 @@ from knee_contact_ros.importers.opensim_quality import Check
 from knee_contact_ros.importers.opensim_results import Files, KneeGait
 from knee_contact_ros.importers.storage import Stamps
 from knee_contact_ros.messages import NANOSECONDS
-from knee_contact_ros.terminal import WIDTH
+from knee_contact_ros.terminal import WIDTH, shown
 
 USUAL_WEIGHT = 737.068
 """[N] For the search for peaks where no model tells: the default of `body_weight`"""
@@ -33,9 +32,9 @@ def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
     rows.add_column(no_wrap=True)
     rows.add_column(overflow="fold")
     rows.add_row(f"{knee.side} knee", "")
-    rows.add_row("angle", escape(f"{knee.columns['angle']} of {files.kinematics.name}"))
+    rows.add_row("angle", shown(f"{knee.columns['angle']} of {files.kinematics.name}"))
     rows.add_row("", f"{span(knee.angles.stamps)}, {degrees.min():.1f} to {degrees.max():.1f} deg")
-    rows.add_row("reaction", escape(f"{knee.columns['reaction']} of {files.reactions.name}"))
+    rows.add_row("reaction", shown(f"{knee.columns['reaction']} of {files.reactions.name}"))
     rows.add_row("", span(knee.reactions.stamps))
     if knee.body_weight:
         rows.add_row("body weight", f"{knee.body_weight:.1f} N, of the model's mass")
@@ -55,7 +54,7 @@ def peak_table(knee: KneeGait) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     weight = knee.body_weight
     for heading in ("", "axial load [N]", f"x {SHARE:g} [N]", *(["x 0.5 [BW]"] if weight else []), "at [s]"):
-        table.add_column(escape(heading), justify="right" if heading else "left", no_wrap=True)
+        table.add_column(shown(heading), justify="right" if heading else "left", no_wrap=True)
     for name, index in peaks(knee).items():
         load = -float(knee.reactions.force[index, 1])
         in_weights = [f"{SHARE * load / weight:.2f}"] if weight else []
@@ -93,7 +92,7 @@ def show_checks(checks: Sequence[Check], fault: str = "") -> None:
     for check in checks:
         verdict = "" if check.passed else "ABOVE"
         numbers = (f"{check.peak:.3g}", f"{check.rms:.3g}", f"{check.allowed:.3g}")
-        table.add_row(escape(check.name), *numbers, check.unit, verdict)
+        table.add_row(shown(check.name), *numbers, check.unit, verdict)
     console.print(table, highlight=False)
     above = [check.name for check in checks if not check.passed]
     text = "Residuals, reserves and markers are within what the literature allows (doi:10.1115/1.4029304)."

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import inspect
-import struct
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.exceptions import McapError
-
 from knee_contact_ros import __version__
-from knee_contact_ros.build import NO_CURVES, build_model
+from knee_contact_ros.build import build_model
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, flat_parameters, known_parameters, load_parameters
@@ -119,9 +116,10 @@ def _recorded(path: Path, topic: str, label: str, asked: Asked, say: Callable[[s
     else:
         parameters = load_parameters(list(asked.parameters))
         origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
-    doubts = _doubts(parameters, provenance.curves if provenance else NO_CURVES)
+    doubts = _doubts(parameters, provenance)
     gathered = _gathered(path, topic, parameters, doubts, say(f"Reading {path.name}"))
-    return Run(label, label, path, topic, parameters, origin, _refused(path), (), None, gathered)
+    damage = provenance.damage if provenance else ()
+    return Run(label, label, path, topic, parameters, origin, _refused(path), damage, None, gathered)
 
 
 def _solved(path: Path, label: str, asked: Asked, work: Path, say: Callable[[str], Advance]) -> Run:
@@ -170,7 +168,7 @@ def _refused(path: Path) -> Counter[str]:
     """As the recording tells, if it does."""
     try:
         return read_refused(path)
-    except (McapError, OSError, ValueError, EOFError, struct.error):
+    except (OSError, ValueError):
         return Counter()
 
 
@@ -184,10 +182,10 @@ def _computed(path: Path, how: Parameters | Provenance, names: Names, work: Path
     return Run("", "", path, OWN_TOPIC, parameters, "", summary.refused, tuple(summary.damage), None, gathered)
 
 
-def _doubts(parameters: Parameters, curves: Mapping[str, str]) -> Doubts:
+def _doubts(parameters: Parameters, provenance: Provenance | None) -> Doubts:
     """What makes no sense in a recording's parameters, as far as the files that they name are at hand."""
     try:
-        return doubts_about(parameters, build_model(parameters, curves=curves))
+        return doubts_about(parameters, build_model(parameters, curves=provenance.texts() if provenance else None))
     except UsageError:
         return Doubts()
 

@@ -45,6 +45,7 @@ class Catalogue:
     def __init__(self) -> None:
         self._schemas = _Numbered[Schema]()
         self._channels = _Numbered[Channel]()
+        self._topics: set[str] = set()  # of the channels that are sure
         self._renumbered: list[str] = []
         self._unreadable = 0
 
@@ -54,10 +55,11 @@ class Catalogue:
         if isinstance(found, Schema):
             self._schemas.add(found, doubtful)
         elif isinstance(found, Channel):
-            known = self._channels.sure
-            if in_summary and found.id not in known and found.topic in {channel.topic for channel in known.values()}:
+            if in_summary and found.id not in self._channels.sure and found.topic in self._topics:
                 self._renumbered.append(found.topic)
             self._channels.add(found, doubtful)
+            if not doubtful:
+                self._topics.add(found.topic)
         elif record.opcode in {Opcode.SCHEMA, Opcode.CHANNEL} and not doubtful:
             self._unreadable += 1
 

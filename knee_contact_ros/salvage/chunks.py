@@ -11,7 +11,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from knee_contact_ros.salvage.records import CHUNK_HEAD, HEAD, LARGEST_RECORD, MESSAGE_HEAD, Record
+from knee_contact_ros.salvage.records import CHUNK_HEAD, HEAD, MESSAGE_HEAD, Record
 
 MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time [ns]"""
@@ -19,6 +19,13 @@ CHANNEL_AND_TIME = struct.Struct("<H4xQ")
 """Of a message: channel and log time [ns]"""
 STEP = 4096
 """[B] given to a decompressor at once: what it makes of them counts if all of them are right"""
+
+
+LARGEST_CHUNK = 2**28
+"""[B] uncompressed: recorders make chunks of a MB, or of a message that is larger"""
+MOST_RECORDS = 2**20
+"""In a chunk"""
+DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 
 
 class Chunk(NamedTuple):
@@ -38,6 +45,8 @@ class Unpacked(NamedTuple):
     data: bytes
     fault: str
     """What is wrong, as the end of a sentence that begins with the chunk; empty if nothing is"""
+    made: int = 0
+    """[B] that came out, also those that are left out"""
 
 
 class Message(NamedTuple):
@@ -66,20 +75,20 @@ def unpack(chunk: Chunk, *, cut: bool = False) -> Unpacked:
     What is wrong with a whole one is said: the data are then those that came out before, or those that the checksum
     does not fit.
     """
-    if chunk.size > LARGEST_RECORD:
+    if chunk.size > LARGEST_CHUNK:
         return Unpacked(b"", f"claims to hold {chunk.size} bytes")
     try:
         decompressor = _decompressor(chunk.compression)
     except KeyError:
         return Unpacked(b"", f"has the unknown compression {chunk.compression!r}")
-    data, fault = _decompressed(decompressor, chunk)
+    data, fault, made = _decompressed(decompressor, chunk)
     if cut:
-        return Unpacked(data, "is cut off")
+        return Unpacked(data, "is cut off", made)
     if not fault and len(data) != chunk.size:
         fault = f"holds {len(data)} bytes and not {chunk.size}"
     if not fault and chunk.checksum and zlib.crc32(data) != chunk.checksum:
         fault = "does not fit its checksum"
-    return Unpacked(data, fault)
+    return Unpacked(data, fault, made)
 
 
 class _Plain:
@@ -100,7 +109,7 @@ def _decompressor(compression: str) -> _Plain | zstandard.ZstdDecompressionObj |
 
 def _decompressed(
     decompressor: _Plain | zstandard.ZstdDecompressionObj | lz4.frame.LZ4FrameDecompressor, chunk: Chunk
-) -> tuple[bytes, str]:
+) -> Unpacked:
     """What comes out of a decompressor, no more than the chunk claims to hold, and what went wrong."""
     parts: list[bytes] = []
     size = 0
@@ -109,43 +118,48 @@ def _decompressed(
             part = decompressor.decompress(chunk.data[begin : begin + STEP])
             size += len(part)
             if size > chunk.size:
-                return b"".join(parts), f"holds more than {chunk.size} bytes"
+                return Unpacked(b"".join(parts), f"holds more than {chunk.size} bytes", size)
             parts.append(part)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
-        return b"".join(parts), f"does not decompress ({' '.join(str(error).split())})"
-    return b"".join(parts), ""
+        return Unpacked(b"".join(parts), f"does not decompress ({' '.join(str(error).split())})", size)
+    if getattr(decompressor, "unused_data", b""):  # others would go on with it
+        return Unpacked(b"".join(parts), "goes on behind its end", size)
+    return Unpacked(b"".join(parts), "", size)
 
 
 class Contents(NamedTuple):
-    """Where the messages of a chunk are, and its other records."""
+    """Where the messages of a chunk are, and its schemas and channels."""
 
     messages: dict[int, tuple[int, int]]
     """Channel and log time [ns] by offset"""
     others: list[Record]
+    records: int
+    """How many, of all kinds"""
     end: int
     """[B] up to which the data are records"""
 
 
-def contents_of(data: bytes) -> Contents:
-    """What a chunk's data hold, without a copy of every message."""
+def contents_of(data: bytes, most: int) -> Contents:
+    """What a chunk's data hold, without a copy of every message; one record more than `most` at most."""
     messages: dict[int, tuple[int, int]] = {}
-    others = []
-    position, end, head_size, kind = 0, len(data), HEAD.size, int(Opcode.MESSAGE)
+    others: list[Record] = []
+    position, end, head_size, kind, count = 0, len(data), HEAD.size, int(Opcode.MESSAGE), 0
     head, channel_and_time = (
         HEAD.unpack_from,
         CHANNEL_AND_TIME.unpack_from,
     )  # by names: every message of a bag comes here
-    while position + head_size <= end:
+    while position + head_size <= end and count <= most:
         opcode, length = head(data, position)
         following = position + head_size + length
-        if following > end:
+        if following > end or not opcode:
             break
+        count += 1
         if opcode == kind and length >= MESSAGE_HEAD:
             messages[position] = channel_and_time(data, position + head_size)
-        else:
+        elif opcode in DECLARATIONS:
             others.append(Record(opcode, position, data[position + HEAD.size : following]))
         position = following
-    return Contents(messages, others, position)
+    return Contents(messages, others, count, position)
 
 
 def records_in(data: bytes) -> Iterator[Record]:

@@ -7,8 +7,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
-from ruamel.yaml import YAML
+
+from knee_contact_ros.yaml_file import LARGEST_METADATA, BadYamlError, parse_yaml, read_yaml
 
 METADATA = "metadata.yaml"
 
@@ -41,11 +43,11 @@ class FolderMetadata(NamedTuple):
 def read_metadata(folder: Path) -> tuple[FolderMetadata | None, list[str]]:
     """What `metadata.yaml` says, None if it is of no use, and what is wrong with it."""
     try:
-        content = YAML(typ="safe", pure=True).load((folder / METADATA).read_text(encoding="utf-8"))
+        content = read_yaml(folder / METADATA, LARGEST_METADATA)
         return _understood(content["rosbag2_bagfile_information"]), []
     except FileNotFoundError:
         return None, [f"{METADATA} is missing"]
-    except Exception:  # whatever a broken file provokes in the parser
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError):
         return None, [f"{METADATA} cannot be read"]
 
 
@@ -62,7 +64,7 @@ def _understood(content: dict[str, Any]) -> FolderMetadata:
         )
         topics[declared.topic] = declared, int(entry["message_count"])
     compressed = str(content.get("compression_mode") or "").lower()
-    files = [Path(name).name for name in content["relative_file_paths"]]
+    files = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
     return FolderMetadata(files, "" if compressed == "none" else compressed, topics)
 
 
@@ -92,6 +94,10 @@ def _same(one: Declared, other: Declared) -> bool:
     if one.digest and other.digest and one.digest != other.digest:
         return False
     try:
-        return parse_qos(one.qos) == parse_qos(other.qos)
+        return _qos(one.qos) == _qos(other.qos)
     except Exception:  # whatever broken text provokes in the parser
         return False
+
+
+def _qos(text: Any) -> list[Qos]:
+    return parse_qos(parse_yaml(text) or [] if isinstance(text, str) else text)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import re
+import os
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.regular_file import open_regular
+from knee_contact_ros.salvage.compressed_files import check_compressed
+from knee_contact_ros.salvage.continuing import NUMBERED, as_one_recording, in_order, later_files
 from knee_contact_ros.salvage.folder_metadata import METADATA, Declared, contradictions, read_metadata
 from knee_contact_ros.salvage.mcap_file import McapFile
 from knee_contact_ros.salvage.records import MAGIC
 from knee_contact_ros.salvage.scan import Advance
 from knee_contact_ros.salvage.sqlite_file import SqliteFile
+from knee_contact_ros.yaml_file import BadYamlError, parse_yaml
 
+MOST_TOPICS, LARGEST_QOS = 2000, 2**15
+"""Of a file, and characters of a topic's quality of service: each takes its time"""
 SQLITE_MAGIC = b"SQLite format 3\x00"
-NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
-"""Name of a file in a rosbag2 folder"""
 
 
 class Inspection(NamedTuple):
@@ -47,10 +52,12 @@ def declarations(file: McapFile | SqliteFile) -> dict[int, Declared]:
     """A file's topics by number."""
     if isinstance(file, SqliteFile):
         return {number: Declared(*topic) for number, topic in file.topics.items()}
-    declared = {}
+    declared, texts = {}, {0: ""}  # of many channels with one schema, the definition is decoded once
     for number, (channel, schema) in file.streams.items():
         qos = channel.metadata.get("offered_qos_profiles", "")
-        text = schema.data.decode("utf-8", "replace") if schema and schema.encoding == "ros2msg" else ""
+        if schema and schema.id not in texts:
+            texts[schema.id] = schema.data.decode("utf-8", "replace") if schema.encoding == "ros2msg" else ""
+        text = texts[schema.id if schema else 0]
         type_name = schema.name if schema else ""
         declared[number] = Declared(channel.topic, type_name, channel.message_encoding, qos, definition=text)
     return declared
@@ -60,31 +67,55 @@ def inspect(path: Path) -> Inspection | None:
     """Look into all files of a bag; None if it is of a kind that this package leaves to others.
 
     Raises:
-        UsageError: it is not clear which files are the bag's.
+        UsageError: it is not clear which files are the bag's, or they hold too much.
         OSError: a file cannot be read.
     """
     if not path.is_dir():
         file = open_file(path)
-        return None if file is None else Inspection([file], list(file.faults), "")
+        return None if file is None else Inspection([file], [*file.faults, *strange_topics(file)], "")
     metadata, faults = read_metadata(path)
     if metadata and metadata.compressed == "file":
+        check_compressed([path / name for name in metadata.files])
         return None
     names = metadata.files if metadata else []
-    if not any((path / name).is_file() for name in names):
+    if not any(is_there(path / name) for name in names):
         faults += [f"{name} is missing" for name in names]
         names = guessed(path)
+    elif unlisted := later_files(path, names[0], names):
+        faults.append(f"{METADATA} does not name all files that go on with {names[0]}: {len(unlisted)} more are read")
+        names = [*names, *unlisted]
     files = []
     for name in names:
-        file = open_file(path / name) if (path / name).is_file() else None
+        file = open_file(path / name) if is_there(path / name) else None
         if file is None:
-            faults.append(f"{name} is missing" if not (path / name).exists() else f"{name} is no file of a bag")
+            faults.append(f"{name} is no file of a bag" if os.path.lexists(path / name) else f"{name} is missing")
             continue
         files.append(file)
-        faults += [f"{name}: {fault}" for fault in file.faults]
+        faults += [f"{name}: {fault}" for fault in (*file.faults, *strange_topics(file))]
     found = Inspection(files, faults, metadata.compressed if metadata else "")
     if metadata:
         faults += contradictions(metadata.topics, [(declarations(file), file.counts) for file in files])
     return found
+
+
+def strange_topics(file: McapFile | SqliteFile) -> list[str]:
+    """What rosbags, which takes a file as it is, would read too long in its topics."""
+    topics = declarations(file).values()
+    if len(topics) > MOST_TOPICS:
+        return [f"it declares {len(topics)} topics; at most {MOST_TOPICS} are read in the ordinary way"]
+    strange = sorted({topic.topic for topic in topics if isinstance(topic.qos, str) and not _is_qos(topic.qos)})
+    return [f"the quality of service of {strange[0]} cannot be read"] if strange else []
+
+
+@lru_cache(maxsize=256)
+def _is_qos(text: str) -> bool:
+    if len(text) > LARGEST_QOS:
+        return False
+    try:
+        parse_yaml(text)
+    except BadYamlError:
+        return False
+    return True
 
 
 def files_of(bag: Path) -> list[Path]:
@@ -96,12 +127,33 @@ def files_of(bag: Path) -> list[Path]:
     if not bag.is_dir():
         return [bag]
     metadata, _ = read_metadata(bag)
-    return [bag / name for name in (metadata.files if metadata else guessed(bag))]
+    listed = metadata.files if metadata else []
+    if not any(is_there(bag / name) for name in listed):
+        return [bag / name for name in guessed(bag)]
+    return [bag / name for name in (*listed, *later_files(bag, listed[0], listed))]
+
+
+def refuse_input(bag: Path, output: Path) -> None:
+    """Refuse an output that is the bag, or one of its files: there is no way back from replacing that.
+
+    Raises:
+        UsageError: it is.
+    """
+    if is_there(output) and any(is_there(path) and output.samefile(path) for path in files_of(bag)):
+        raise UsageError(f"{output} is the input: it is never touched; choose another name")
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is one; of a name that is too long there is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def open_file(path: Path, advance: Advance = lambda _done, _total: None) -> McapFile | SqliteFile | None:
     """A file by its beginning, or else by its name; None if it is of another kind."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         beginning = file.read(len(SQLITE_MAGIC))
     if beginning.startswith(MAGIC):
         return McapFile(path, advance)
@@ -123,8 +175,10 @@ def guessed(folder: Path) -> list[str]:
         return names
     numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
     bags = {(match[1], match[3]) for match in numbered}
-    if len(bags) != 1 or len(numbered) != len(names):
-        raise UsageError(
-            f"{folder / METADATA} is of no use, and there is not one bag beside it: give the .mcap or .db3 file instead"
-        )
-    return [match[0] for match in sorted(numbered, key=lambda match: int(match[2]))]
+    if len(bags) == 1 and len(numbered) == len(names):
+        return in_order(names)
+    if recording := as_one_recording(folder, names):
+        return recording
+    raise UsageError(
+        f"{folder / METADATA} is of no use, and there is not one bag beside it: give the .mcap or .db3 file instead"
+    )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Collection, Iterator
+from itertools import accumulate
 from pathlib import Path
 from typing import IO, Any
 
 from mcap.records import Attachment, Metadata
 
+from knee_contact_ros.regular_file import open_regular
 from knee_contact_ros.salvage.catalogue import Stream
 from knee_contact_ros.salvage.chunks import Message, is_message, read_chunk, read_message, records_in, unpack
 from knee_contact_ros.salvage.promises import broken_promises, found_counts
@@ -29,7 +31,7 @@ class McapFile:
         """
         self.path = path
         self.size = path.stat().st_size
-        self._file = path.open("rb")
+        self._file = open_regular(path)
         try:
             self._scan = Scan(self._file, self.size, advance)
             self.faults = [*self._scan.faults, *self._scan.catalogue.faults(), *broken_promises(self._file, self._scan)]
@@ -73,6 +75,16 @@ class McapFile:
         """Smallest and largest log time [ns] of the messages found."""
         segments = self._scan.segments
         return (min(s.first for s in segments), max(s.last for s in segments)) if segments else None
+
+    @property
+    def at_once(self) -> int:
+        """Bytes that are unpacked at a time at most, when messages are read in the order of time."""
+        sizes = {chunk.offset: chunk.size for chunk in self._scan.chunks}
+        ends = []
+        for segment in self._scan.segments:
+            size = segment.end - segment.offset if segment.loose else sizes.get(segment.offset, 0)
+            ends += [(segment.first, size), (segment.last + 1, -size)]
+        return max(accumulate(size for _, size in sorted(ends)), default=0)
 
     def by_time(self, channels: Collection[int]) -> Iterator[Message]:
         """The messages of some channels in the order of log time; equal times as in the file."""

@@ -38,7 +38,10 @@ def broken_promises(file: IO[bytes], scan: Scan) -> list[str]:
 
 def found_counts(scan: Scan) -> Counter[int]:
     """Messages by channel."""
-    return sum((segment.counts for segment in scan.segments), Counter[int]())
+    counts = Counter[int]()
+    for segment in scan.segments:
+        counts.update(segment.counts)
+    return counts
 
 
 def _statistics_fit(scan: Scan) -> bool:

@@ -47,6 +47,10 @@ LARGEST_RECORD = 2**30
 """[B] that is ever read at once"""
 BLOCK = 2**20
 """[B] that are searched at once"""
+MOST_READ = 4
+"""Times the file's size that may be read of what looks like records, and is none"""
+LONGEST_ALONE = 2**16
+"""[B] of a record that is searched for and not followed by another one"""
 PARSERS: dict[int, Any] = {
     Opcode.HEADER: Header,
     Opcode.FOOTER: Footer,
@@ -141,10 +145,11 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hol
     """All that a file of `size` [B] holds behind its magic, in order."""
     file.seek(0)
     position = len(MAGIC) if file.read(len(MAGIC)) == MAGIC else 0
+    search = _Search(file, size)
     while position < size:
         found = record_at(file, position, size) or _cut_chunk_at(file, position, size)
-        if found is None or _swallows_others(file, found, size):
-            following = _next_record(file, position + 1, size)
+        if found is None or search.finds_others_in(found):
+            following = search.next_record(position + 1, size)
             yield Hole(position, following - position, following == size)
             position = following
             continue
@@ -152,6 +157,63 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hol
         position = found.end if isinstance(found, Record) else size
         if isinstance(found, Record) and found.opcode == Opcode.FOOTER:
             position += magic_at(file, position)
+
+
+class _Search:
+    """For records behind what is none; no byte is searched twice, and what only looks like records is read to a limit.
+
+    Behind that limit nothing is found any more, so that no file takes longer than in proportion to its size.
+    """
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self._file, self._size = file, size
+        self._left = MOST_READ * size + BLOCK  # [B] of what may be read in vain
+        self._searched: dict[Collection[int], tuple[int, int]] = {}  # from where to where, by the kinds left out
+
+    def finds_others_in(self, found: Record | CutChunk) -> bool:
+        """Whether a message or a chunk is not as long as it says: others begin in it, and none behind it."""
+        if not isinstance(found, Record) or _continues(self._file, found, self._size):
+            return False
+        others = self.next_record(found.offset + 1, found.end, IN_CHUNKS if found.opcode == Opcode.CHUNK else ())
+        self._left -= len(found.content) if others < found.end else 0
+        return others < found.end
+
+    def next_record(self, offset: int, end: int, but: Collection[int] = ()) -> int:
+        """Where the next record begins that is followed by another one, but for some kinds; `end` if there is none."""
+        begin, until = self._searched.get(but, (offset, offset))
+        if not begin <= offset <= until:
+            begin = until = offset
+        found = self._look(max(offset, until), end, but) if until < end else until
+        self._searched[but] = begin, max(found, until)
+        return min(found, end)
+
+    def _look(self, offset: int, end: int, but: Collection[int]) -> int:
+        while offset < end and self._left > 0:
+            block = _read(self._file, offset, min(BLOCK + HEAD.size, self._size - offset))
+            for candidate in CANDIDATE.finditer(block, 0, min(BLOCK, end - offset) + HEAD.size):
+                begin = offset + candidate.start()
+                if self._is_record(begin, but):
+                    return begin
+                if self._left <= 0:
+                    break
+            offset += BLOCK
+        return end
+
+    def _is_record(self, offset: int, but: Collection[int]) -> bool:
+        head = _head_at(self._file, offset)
+        if head is None:
+            return False
+        opcode, length = head
+        if offset + HEAD.size + length > self._size:
+            return _cut_chunk_at(self._file, offset, self._size) is not None
+        if length > LONGEST_ALONE and not _is_followed(self._file, offset + HEAD.size + length, self._size):
+            return False
+        record = record_at(self._file, offset, self._size)
+        if record is not None and opcode not in but and _continues(self._file, record, self._size):
+            return True
+        if record is not None or opcode != Opcode.CHUNK:  # of a chunk that is none, only the head was read
+            self._left -= length
+        return False
 
 
 def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
@@ -165,34 +227,17 @@ def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
     return record
 
 
-def _swallows_others(file: IO[bytes], found: Record | CutChunk, size: int) -> bool:
-    """Whether a message or a chunk is not as long as it says: others' records begin in it, and none behind it."""
-    if not isinstance(found, Record) or _continues(file, found, size):
-        return False
-    return _next_record(file, found.offset + 1, size, IN_CHUNKS if found.opcode == Opcode.CHUNK else ()) < found.end
-
-
-def _next_record(file: IO[bytes], offset: int, size: int, but: Collection[int] = ()) -> int:
-    """Where the next record begins that is followed by another one, but for some kinds; `size` if there is none."""
-    while offset < size:
-        block = _read(file, offset, min(BLOCK + HEAD.size, size - offset))
-        for candidate in CANDIDATE.finditer(block):
-            begin = offset + candidate.start()
-            record = record_at(file, begin, size)
-            if record is not None and record.opcode not in but and _continues(file, record, size):
-                return begin
-            if record is None and _cut_chunk_at(file, begin, size) is not None:
-                return begin
-        offset += BLOCK
-    return size
-
-
 def _continues(file: IO[bytes], record: Record, size: int) -> bool:
     """Whether a message or a chunk is followed by a record; the others tell by themselves that they are records."""
-    if record.opcode not in {Opcode.MESSAGE, Opcode.CHUNK} or record.end == size:
+    return record.opcode not in {Opcode.MESSAGE, Opcode.CHUNK} or _is_followed(file, record.end, size)
+
+
+def _is_followed(file: IO[bytes], end: int, size: int) -> bool:
+    """Whether what ends at `end` is followed by the head of a record, or by nothing."""
+    if end == size:
         return True
-    head = _head_at(file, record.end)
-    return head is not None and (head[0] in KNOWN or head[0] >= PRIVATE) and record.end + HEAD.size + head[1] <= size
+    head = _head_at(file, end)
+    return head is not None and (head[0] in KNOWN or head[0] >= PRIVATE) and end + HEAD.size + head[1] <= size
 
 
 def _cut_chunk_at(file: IO[bytes], offset: int, size: int) -> CutChunk | None:

@@ -14,8 +14,8 @@ from mcap.writer import CompressionType, Writer
 from knee_contact_ros.bag_file import CHUNK_SIZE, LIBRARY
 from knee_contact_ros.bag_metadata import prepare_metadata
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.outputs import is_being_written
-from knee_contact_ros.salvage.inspection import open_file
+from knee_contact_ros.outputs import is_being_written, rename_new
+from knee_contact_ros.salvage.inspection import MOST_TOPICS, open_file
 from knee_contact_ros.salvage.mcap_file import McapFile
 from knee_contact_ros.salvage.recovered_metadata import ROSBAG2, information, rosbag2_record
 from knee_contact_ros.salvage.source import in_a_line
@@ -81,11 +81,11 @@ def recover(
         partial = _claim(output)
         try:
             _write(partial, output.name, found, lambda done: advance(found.size + done, 2 * found.size))
-            partial.replace(output)
+            describe = _prepared(output, found)
+            _put(partial, output, overwrite)
         finally:
             partial.unlink(missing_ok=True)
-        if found.profile == "ros2":
-            prepare_metadata(output.parent, information(output.name, found))()
+        describe()
         return result
     finally:
         found.close()
@@ -99,7 +99,7 @@ def _check(source: Path, output: Path, overwrite: bool) -> None:
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
     if output.exists() and output.samefile(source):
         raise UsageError(f"{output} is the input: it is never touched; choose another name")
-    if output.is_dir() or (output.exists() and not overwrite):
+    if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or give --overwrite")
 
 
@@ -156,11 +156,31 @@ def _write(partial: Path, name: str, found: McapFile, advance: Callable[[int], N
                 writer.add_message(channel, entry.log_time, entry.data, entry.publish_time, entry.sequence)
             advance(offset)
         writer.add_metadata(RECOVERED, _origin(found))
-        if found.profile == "ros2":
+        if _is_described(found):
             writer.add_metadata(ROSBAG2, rosbag2_record(name, found))
         writer.finish()  # type: ignore[no-untyped-call]
         file.flush()
         os.fsync(file.fileno())
+
+
+def _put(partial: Path, output: Path, overwrite: bool) -> None:
+    if overwrite:
+        partial.replace(output)
+        return
+    try:
+        rename_new(partial, output)
+    except FileExistsError:
+        raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
+
+
+def _prepared(output: Path, found: McapFile) -> Callable[[], object]:
+    """What puts `metadata.yaml` beside, written while nothing is in its place yet."""
+    return prepare_metadata(output.parent, information(output.name, found)) if _is_described(found) else lambda: None
+
+
+def _is_described(found: McapFile) -> bool:
+    """Whether `metadata.yaml` is written: for ROS 2, and for so many topics that others read it."""
+    return found.profile == "ros2" and len(found.streams) <= MOST_TOPICS
 
 
 def _declare(writer: Writer, found: McapFile) -> dict[int, int]:

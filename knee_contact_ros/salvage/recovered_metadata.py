@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from knee_contact_ros.bag_metadata import FileFacts, to_yaml, with_topics
 from knee_contact_ros.salvage.mcap_file import McapFile
+from knee_contact_ros.yaml_file import BadYamlError, parse_yaml
 
 ROSBAG2 = "rosbag2"
 """Name of the metadata record in which rosbag2 keeps the same"""
@@ -50,6 +48,6 @@ def _topics(found: McapFile) -> list[dict[str, Any]]:
 def _qos(text: str) -> Any:
     """Quality of service as version 9 has it; empty if it is none."""
     try:
-        return YAML(typ="safe", pure=True).load(text) or []
-    except YAMLError:
+        return parse_yaml(text) or []
+    except BadYamlError:
         return []

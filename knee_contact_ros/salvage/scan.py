@@ -10,12 +10,18 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
 from knee_contact_ros.salvage.catalogue import Catalogue
-from knee_contact_ros.salvage.chunks import MESSAGE, contents_of, read_chunk, unpack
+from knee_contact_ros.salvage.chunks import MESSAGE, MOST_RECORDS, Chunk, Unpacked, contents_of, read_chunk, unpack
 from knee_contact_ros.salvage.records import HEAD, CutChunk, Hole, Record, magic_at, parsed, read_records
 from knee_contact_ros.salvage.segments import ChunkFacts, Pending, Segment
 
 FOOTER_SIZE = 29
 """[B]"""
+MOST_GROWTH = 200
+"""Times the file's size that its chunks may hold altogether; recordings of motion take a tenth at best"""
+LITTLE = 2**26
+"""[B] that they may hold whatever the file's size"""
+LITTLE_RECORDS = 2**21
+"""Records that the chunks of a file may hold whatever its size; of more, each takes a byte of the file"""
 LONGEST_RUN = 2**20
 """[B] of messages outside chunks that are read at once"""
 Advance = Callable[[int, int], None]
@@ -48,6 +54,8 @@ class Scan:
         self._run: Pending | None = None
         self._behind_hole = False
         self._index_fits = False  # a message index may come here
+        self._unpacking = max(MOST_GROWTH * size, LITTLE)  # [B] that chunks may still hold
+        self._records = size + LITTLE_RECORDS  # that chunks may still hold
         for piece in read_records(file, size):
             self._take(piece)
             advance(piece.offset, size)
@@ -114,13 +122,18 @@ class Scan:
     def _chunk(self, offset: int, content: bytes, *, cut: bool) -> None:
         chunk = read_chunk(content)
         self.compression = chunk.compression if self.compression is None else self.compression
-        data, fault = unpack(chunk, cut=cut)
+        data, fault, made = self._unpacked(chunk, cut)
+        self._unpacking -= made
         if not cut:
             length = HEAD.size + len(content)
             self.chunks.append(ChunkFacts(offset, length, chunk.compression, len(chunk.data), chunk.size))
         pending = Pending(offset, offset + HEAD.size + len(content), checked=bool(chunk.checksum), cut=cut)
-        contents = contents_of(data)
+        most = min(MOST_RECORDS, self._records)
+        contents = contents_of(data, most)
+        self._records -= contents.records
         pending.messages = contents.messages
+        if contents.records > most:
+            fault, cut = f"holds more than {most} records", False
         usable = cut or not fault
         for record in contents.others:
             self.catalogue.add(record, doubtful=not usable)
@@ -135,6 +148,11 @@ class Scan:
                 f"the chunk at byte {offset} ends in {len(data) - contents.end} bytes that are no records"
             )
         self._pending = pending
+
+    def _unpacked(self, chunk: Chunk, cut: bool) -> Unpacked:
+        if chunk.size > self._unpacking:
+            return Unpacked(b"", f"is one too many: they hold more than {MOST_GROWTH} times the file")
+        return unpack(chunk, cut=cut)
 
     def _index(self, record: Record) -> None:
         if not self._index_fits:

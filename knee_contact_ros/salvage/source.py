@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import NamedTuple, Protocol
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.printable import printable
 from knee_contact_ros.salvage.folder_metadata import Declared
 from knee_contact_ros.salvage.inspection import Inspection, declarations, inspect
+from knee_contact_ros.salvage.mcap_file import McapFile
 from knee_contact_ros.stream_in.mcap_file import open_reader
 
+MOST_AT_ONCE = 2**28
+"""[B] of chunks that are unpacked at a time"""
 MOST_SAID = 3
 """Faults that are told in a line"""
 
@@ -99,11 +104,17 @@ def open_bag(path: Path) -> Opened:
         UsageError: nothing of it can be read.
     """
     try:
+        _allow_many_files(path)
         found = inspect(path)
     except OSError as error:
         raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
     if found is None:
         return Opened(_ordinary(path), [])
+    try:
+        _bounded(path, found)
+    except UsageError:
+        found.close()
+        raise
     if not found.faults:
         try:
             reader = _ordinary(path)
@@ -119,6 +130,23 @@ def open_bag(path: Path) -> Opened:
         raise
 
 
+def _allow_many_files(path: Path) -> None:
+    """Have as many files open as a folder's may be, twice; a shell's limit is 1024, and may be raised by anybody."""
+    soft, hard = getrlimit(RLIMIT_NOFILE)
+    if path.is_dir() and 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
+        setrlimit(RLIMIT_NOFILE, (hard, hard))
+
+
+def _bounded(path: Path, found: Inspection) -> None:
+    """Refuse what would take more memory than any recording."""
+    most = max((file.at_once for file in found.files if isinstance(file, McapFile)), default=0)
+    if most > MOST_AT_ONCE:
+        raise UsageError(
+            f"bag {path}: its chunks lie over each other in time, so that {most} bytes would be unpacked at once; "
+            f"at most {MOST_AT_ONCE} are"
+        )
+
+
 def _salvaged(path: Path, found: Inspection) -> Opened:
     faults = in_a_line(found.faults)
     if found.compressed:
@@ -131,7 +159,7 @@ def _salvaged(path: Path, found: Inspection) -> Opened:
 def in_a_line(faults: Sequence[str]) -> str:
     """The first faults, and how many more there are."""
     more = len(faults) - MOST_SAID
-    return "; ".join(faults[:MOST_SAID]) + (f"; and {more} more" if more > 0 else "")
+    return printable("; ".join(faults[:MOST_SAID])) + (f"; and {more} more" if more > 0 else "")
 
 
 def _ordinary(path: Path) -> Reader:

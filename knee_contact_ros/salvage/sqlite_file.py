@@ -85,7 +85,10 @@ class SqliteFile:
         if fault:
             self.faults.append(f"sqlite finds it damaged: {fault}")
         try:
-            self.topics = _topics(database)
+            self.topics, strange = _topics(database)
+            self.faults += [f"topic {number} has a name or type that is no text" for number in strange]
+            if not fault and (others := _strange_rows(database)):
+                self.faults.append(fault := f"{others} rows are no messages")
             self.counts.update(self._walked(database).topics if fault else _counts(database))
         except UNREADABLE as error:
             self.faults.append(f"the tables are not those of rosbag2, or cannot be read: {_said(error)}")
@@ -101,9 +104,11 @@ class SqliteFile:
         return self._rows
 
 
+KINDS = "typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+"""Of what a row of a message has"""
+STRANGE_ROWS = f"SELECT count(*) FROM messages WHERE NOT ({KINDS})"  # noqa: S608
 ROWS = (
-    "SELECT topic_id, timestamp, id FROM messages NOT INDEXED WHERE id >= ? AND typeof(topic_id) = 'integer' "
-    "AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob' "
+    f"SELECT topic_id, timestamp, id FROM messages NOT INDEXED WHERE id >= ? AND {KINDS} "  # noqa: S608
     "AND substr(data, length(data), 1) IS NOT NULL ORDER BY id"  # reads a long message to its end
 )
 ONE_ROW = "SELECT topic_id, timestamp, data FROM messages NOT INDEXED WHERE id = ?"
@@ -151,12 +156,21 @@ def _integrity(database: apsw.Connection) -> str:
     return "" if found and found[0] == "ok" else " ".join(str(found and found[0]).split())[:LONGEST_FAULT]
 
 
-def _topics(database: apsw.Connection) -> dict[int, Topic]:
+def _topics(database: apsw.Connection) -> tuple[dict[int, Topic], list[int]]:
+    """By number; and the numbers of those that are left out, for they are not made of texts."""
     columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
     qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
     digest = "type_description_hash" if "type_description_hash" in columns else "''"
     rows = database.execute(f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics")  # noqa: S608
-    return {int(number): Topic(*map(str, rest)) for number, *rest in rows}
+    found = {int(number): rest for number, *rest in rows}
+    strange = [number for number, rest in found.items() if not all(isinstance(value, str) for value in rest[:3])]
+    return {number: Topic(*map(str, rest)) for number, rest in found.items() if number not in strange}, strange
+
+
+def _strange_rows(database: apsw.Connection) -> int:
+    """How many rows are no messages."""
+    row = database.execute(STRANGE_ROWS).fetchone()
+    return int(row[0]) if row else 0
 
 
 def _counts(database: apsw.Connection) -> dict[int, int]:

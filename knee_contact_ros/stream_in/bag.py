@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+import zstandard
 from rosbags.interfaces import Connection, MessageDefinition
 
 from knee_contact_ros.errors import UsageError
@@ -18,6 +19,8 @@ from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """The topics that drive the model, by their absolute names, and their types."""
+LARGEST_MESSAGE = 2**24
+"""[B] of a message that was compressed by itself"""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """How compressed bytes begin; a message never does"""
 
@@ -66,6 +69,7 @@ class BagReader:
             damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
             raise UsageError(f"{error}{damage}") from None
         self._topics = {names.get(topic, topic): topic for topic in types}
+        self._packed = self._take_compressed_messages()
         self._in_order_of_time()
         self._refuse_compressed_messages()
 
@@ -102,7 +106,8 @@ class BagReader:
         asked = self._stored(topics or self._connections)
         try:
             for connection, log_time, data in self._reader.messages(asked, start, stop):
-                yield RawMessage(self._topics[absolute(connection.topic)], log_time, bytes(data)), connection.msgdef
+                message = unpacked(bytes(data)) if self._packed else bytes(data)
+                yield RawMessage(self._topics[absolute(connection.topic)], log_time, message), connection.msgdef
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
 
@@ -153,6 +158,14 @@ class BagReader:
         """The files of a split bag; metadata.yaml may list the tenth before the second."""
         self._storages().sort(key=lambda storage: storage.metadata.start_time)
 
+    def _take_compressed_messages(self) -> bool:
+        """Whether the messages of a folder are compressed one by one; the library then leaves them as they are."""
+        storage: Any = getattr(self._reader, "storage", None)
+        if getattr(getattr(storage, "metadata", None), "compression_mode", None) != "message":
+            return False
+        storage.metadata = storage.metadata._replace(compression_mode=None)
+        return True
+
     def _refuse_compressed_messages(self) -> None:
         """A file of a bag whose messages are compressed one by one does not tell so; its folder does."""
         first = next(self.raw_messages(), None) if self.path.is_file() else None
@@ -162,6 +175,19 @@ class BagReader:
 
     def _storages(self) -> list[Any]:
         return getattr(getattr(self._reader, "storage", None), "storages", [])  # a file by itself has none
+
+
+def unpacked(data: bytes) -> bytes:
+    """A message that was compressed by itself.
+
+    Raises:
+        ValueError: it claims to be larger than any of our topics.
+        zstandard.ZstdError: it cannot be unpacked.
+    """
+    size = zstandard.frame_content_size(data)
+    if size > LARGEST_MESSAGE:
+        raise ValueError(f"a message claims to have {size} bytes; at most {LARGEST_MESSAGE} are read")
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:

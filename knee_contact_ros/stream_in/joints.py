@@ -5,10 +5,10 @@ from __future__ import annotations
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.messages import deserialize
 from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.printable import listed
 from knee_contact_ros.stream_in.bag import BagReader
 from knee_contact_ros.stream_in.decode import Decoder
 from knee_contact_ros.stream_in.samples import RefusedSampleError
-from knee_contact_ros.stream_in.topics_in_bag import listed
 from knee_contact_ros.topics import JOINT_STATES
 
 

@@ -17,7 +17,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from rich.markup import escape
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -31,7 +30,7 @@ from knee_contact_ros.stream_in.lateness import Lateness
 from knee_contact_ros.stream_in.names import OWN_NAMES, Names
 from knee_contact_ros.stream_in.player import Player
 from knee_contact_ros.stream_in.read_ahead import ReadAhead, quick_switching
-from knee_contact_ros.terminal import Bar, progress
+from knee_contact_ros.terminal import Bar, progress, say
 from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
 QOS = QoSProfile(depth=1000)
@@ -117,7 +116,7 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
         opened.enter_context(unwinding_on_signals())
         reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
         if reader.damage:
-            click.echo(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
+            say(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
         span = span_of(reader, timing)
         with joining():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
@@ -126,7 +125,7 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
             opened.callback(node.destroy_node)
         replayer = Replayer(node, clock=timing.clock is not None)
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
-            click.echo(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
+            say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
         time.sleep(timing.delay)
         play(reader, span, replayer, timing)
 
@@ -200,7 +199,7 @@ def description(name: str, rate: float, paused: bool) -> str:
     """What stands beside the bar."""
     state = "Paused" if paused else "Replaying"
     keys = f" ({HELP})" if has_terminal() else ""
-    return escape(f"{state} {name} at rate {rate:.3g}{keys}")
+    return f"{state} {name} at rate {rate:.3g}{keys}"
 
 
 @contextmanager

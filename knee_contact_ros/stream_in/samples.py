@@ -9,6 +9,7 @@ from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
 from knee_contact_ros.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.parameters import Knee, Load
+from knee_contact_ros.printable import listed, printable
 
 LAST_STAMP = 2**31 * SECOND - 1
 """The last one [ns] that a ROS message can hold"""
@@ -18,7 +19,7 @@ class RefusedSampleError(Exception):
     """A sample that cannot be used; `reason` is the counter's name, the text says what is wrong."""
 
     def __init__(self, reason: str, text: str) -> None:
-        super().__init__(text)
+        super().__init__(printable(text))
         self.reason = reason
 
 
@@ -71,7 +72,7 @@ def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = Fals
 def _position(message: JointState, joint: str) -> float:
     """Position of a joint in a JointState [rad or m]; raises RefusedSampleError if it has none that is finite."""
     if joint not in message.name:
-        known = ", ".join(message.name)
+        known = listed(message.name)
         raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
     index = message.name.index(joint)
     if index >= len(message.position):

@@ -8,11 +8,9 @@ from pathlib import Path
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.printable import listed
 from knee_contact_ros.stream_in.names import absolute
 from knee_contact_ros.topics import INPUTS, MESSAGE_TYPES
-
-SHOWN = 20
-"""How many names an error lists"""
 
 
 def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
@@ -62,9 +60,3 @@ def namespaces(there: Mapping[str, str]) -> list[str]:
         for space in candidates
         if space and all(there.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in INPUTS)
     ]
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names with commas; a long list is cut."""
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more

@@ -11,9 +11,11 @@ import rerun as rr
 
 from knee_contact_ros.drawing import Drawing
 from knee_contact_ros.errors import UsageError
-from knee_contact_ros.outputs import claim, open_claimed
+from knee_contact_ros.outputs import claim, open_claimed, take_name
+from knee_contact_ros.view.gate import Gate
 from knee_contact_ros.view.layout import blueprint
 from knee_contact_ros.view.piped import PipedFile
+from knee_contact_ros.view.visitors import unguessable_address
 from knee_contact_ros.view.window import LOCALHOST
 
 APPLICATION = "knee_contact_ros"
@@ -25,6 +27,8 @@ class Outlet(Protocol):
     """Takes a recording."""
 
     recording: rr.RecordingStream
+    name: str
+    """Of the file; empty if it is none"""
 
     def flush(self) -> None:
         """Leave nothing for later."""
@@ -45,7 +49,8 @@ class RerunFile:
         Raises:
             UsageError: see `claim` and `open_claimed`.
         """
-        self.path = path
+        self.path, self._overwrite = path, overwrite
+        self.name = str(path)
         self._partial = claim(path, overwrite)
         self._file = PipedFile(open_claimed(self._partial))
         self.recording = rr.RecordingStream(APPLICATION)
@@ -70,7 +75,8 @@ class RerunFile:
         self.recording.flush()
         self.recording.disconnect()
         self._file.close()
-        self._partial.replace(self.path)
+        self.path = take_name(self._partial, self.path, self._overwrite)
+        self.name = str(self.path)
 
     def discard(self) -> None:
         """Give up: leave no file behind."""
@@ -81,8 +87,12 @@ class RerunFile:
 class Served:
     """A server on this machine, to which viewers connect; without any, and with one that stands still, all goes on."""
 
+    name = ""
+
     def __init__(self, port: int, drawings: Sequence[Drawing], recording_id: str | None = None) -> None:
-        """Listen on the loopback interface.
+        """Listen on the loopback interface; pages of other sites are refused (403).
+
+        Rerun's own server answers everybody, so it gets an address that nobody can guess.
 
         Recordings of one `recording_id` are one in a viewer that is connected to several servers.
 
@@ -91,8 +101,11 @@ class Served:
         """
         refuse_taken(port)
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
-        server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
+        inner = unguessable_address()
+        inner_port = free_port(inner)
+        server = rr.GrpcServerSink(bind_ip=inner, port=inner_port, server_memory_limit=SERVED_MEMORY)
         self.recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
+        self._gate = Gate(port, (inner, inner_port))
 
     def flush(self) -> None:
         """Hand over what waits to the server."""
@@ -102,8 +115,16 @@ class Served:
         """Serve no more; viewers keep what they have."""
         self.recording.flush()
         self.recording.disconnect()
+        self._gate.close()
 
     discard = close
+
+
+def free_port(address: str) -> int:
+    """A port that nobody listens on at an address of this machine."""
+    with socket.socket() as probe:
+        probe.bind((address, 0))
+        return int(probe.getsockname()[1])
 
 
 def refuse_taken(port: int, name: str = "parameter rerun.port") -> None:

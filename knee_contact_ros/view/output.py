@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.answer import Ending
 from knee_contact_ros.drawing import Drawing, Serving, shown
+from knee_contact_ros.outputs import all_names, refuse_impossible
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window
@@ -22,10 +24,22 @@ PAUSE = 0.0005
 class Viewer:
     """Shows answers in batches."""
 
-    def __init__(self, outlet: Outlet, scene: Scene, period: float, window: Window | None = None) -> None:
-        """`period` [s] is how long a batch waits to be full; `window` the viewer on this machine, if one was opened."""
-        self.period = period
+    def __init__(
+        self,
+        outlet: Outlet,
+        scene: Scene,
+        period: float,
+        remarks: Sequence[str] = (),
+        window: Window | None = None,
+    ) -> None:
+        """Show on an outlet.
+
+        `period` [s] is how long a batch waits to be full, `remarks` are what the user shall know of the beginning, and
+        `window` is the viewer on this machine, if one was opened.
+        """
+        self.period, self.name = period, outlet.name
         self._outlet, self._scene, self._window = outlet, scene, window
+        self._remarks = tuple(remarks)
         self._batch: list[tuple[Any, ...]] = []
 
     def write(self, row: tuple[Any, ...]) -> None:
@@ -49,14 +63,16 @@ class Viewer:
         return ""
 
     def news(self) -> tuple[str, ...]:
-        """That the viewer on this machine is gone."""
-        return self._window.news() if self._window else ()
+        """The remarks, once, and that the viewer on this machine is gone."""
+        news, self._remarks = self._remarks, ()
+        return news + (self._window.news() if self._window else ())
 
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
         """Show what waits and complete it."""
         self._show()
         self._scene.finish()
         self._outlet.close()
+        self.name = self._outlet.name
 
     def discard(self) -> None:
         """Leave nothing behind."""
@@ -76,12 +92,17 @@ def open_output(path: Path | None, serving: Serving, drawing: Drawing) -> Viewer
     Raises:
         UsageError: see `RerunFile`, `Served` and `open_window`.
     """
+    remarks = []
     if path:
-        outlet: Outlet = RerunFile(path, [drawing], latency=True)
+        refuse_impossible(path)
+        name = next(all_names(path))
+        if name != path:
+            remarks.append(f"{path} is there already: this Rerun recording is {name}")
+        outlet: Outlet = RerunFile(name, [drawing], latency=True)
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
         drawings = [drawing._replace(knee=name) for name in serving.knees or [drawing.knee]]
         outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
     window = open_window(address(serving.port)) if serving.window and not path else None
     scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path)
-    return Viewer(outlet, scene, FILE_PERIOD if path else LIVE_PERIOD, window)
+    return Viewer(outlet, scene, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)

@@ -10,7 +10,6 @@ import numpy as np
 
 from knee_contact_ros.build import build_model
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.curves import curve_texts
 from knee_contact_ros.drawing import Drawing, Shown, drawing_of
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters
@@ -18,6 +17,9 @@ from knee_contact_ros.provenance import Change, read_provenance
 from knee_contact_ros.stream_in.answers import Answers, answer_blocks, answer_topics
 from knee_contact_ros.topics import KNEE, knee_name
 from knee_contact_ros.view.sagittal import Pictures
+
+LONGEST_NAME = 80
+"""Characters of a knee's name"""
 
 
 class RecordedKnee(NamedTuple):
@@ -91,14 +93,15 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 def _name(topic: str, recording: str, alone: bool) -> str:
     name = knee_name(topic)
-    return name.replace("/", "_") if name != KNEE or alone else recording
+    name = name.replace("/", "_") if name != KNEE or alone else recording
+    return "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
 
 
 def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> RecordedKnee:
     provenance = read_provenance(path)
     if provenance:
         parameters = provenance.parameters
-    model = build_model(parameters, curves=curve_texts(parameters, provenance.curves if provenance else {}))
+    model = build_model(parameters, curves=provenance.texts() if provenance else None)
     changes = provenance.changes if provenance else ()
     return RecordedKnee(
         path, topic, model, drawing_of(model, name, parameters.body_weight), changes, provenance is not None

@@ -17,20 +17,21 @@ from knee_contact_ros.outputs import refuse_existing
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.processes import end, interrupted_by_sigterm, signals_later
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, Change
+from knee_contact_ros.salvage.inspection import refuse_input
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.answers import answer_topics
-from knee_contact_ros.terminal import progress
+from knee_contact_ros.terminal import progress, say
 from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile, refuse_taken
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import (
     ANY_PORT,
-    LOCAL,
     LOCALHOST,
     connect_command,
     ending,
     executable,
+    hidden,
     refuse_blind,
     start,
 )
@@ -81,12 +82,14 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
         work = Path(folder)
         knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
         path = way.save or work / "knee_contact.rrd"
+        for source in sources:
+            refuse_input(Path(source), path)
         draw(knees, path, way.overwrite)
         for knee in knees:
             if not knee.known:
-                click.echo(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
+                say(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
         if way.save:
-            click.echo(f"Rerun file   {way.save}")
+            say(f"Rerun file   {way.save}")
         else:
             present(path, way)
 
@@ -96,7 +99,7 @@ def present(path: Path, way: Way) -> None:
     if way.serve:
         serve(path, way.port)
     else:
-        look([str(executable()), *LOCAL, *ANY_PORT, str(path)])
+        look([str(executable()), *hidden(), str(path)])
 
 
 def drawn_already(sources: Sequence[str], way: Way) -> Path:
@@ -168,14 +171,15 @@ def note_of(change: Change) -> tuple[str, dict[str, str]]:
 def serve(path: Path, port: int) -> None:
     """Show a file to browsers and viewers on this machine until Ctrl-C.
 
-    Rerun serves the page only: while it serves a file it keeps a whole processor busy.
+    Rerun serves the page only, which holds nothing of the file: while it serves a file it keeps a whole processor busy,
+    and answers whoever asks.
     """
     web = port + 1
     with suppress(KeyboardInterrupt), served(path, port, page=web) as scene:
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        look([str(executable()), *LOCAL, *ANY_PORT, "--serve-web", "--web-viewer-port", str(web), scene])
+        look([str(executable()), "--bind", LOCALHOST, *ANY_PORT, "--serve-web", "--web-viewer-port", str(web), scene])
 
 
 def look(command: Sequence[str]) -> None:

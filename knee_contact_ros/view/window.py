@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.view.visitors import unguessable_address
 
 LOCALHOST = "127.0.0.1"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -20,7 +21,6 @@ MEMORY = "1GB"
 BEHIND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
 """Before the command of a viewer beside a node: it may wait, a tick may not; and it heeds signals that the process of a
 scene does not"""
-LOCAL = ("--bind", LOCALHOST)
 ANY_PORT = ("--port", "0")
 """Of the viewer's own server: with a port that is taken it would take the other for a viewer and send it its data"""
 
@@ -64,6 +64,11 @@ def executable() -> Path:
     return path
 
 
+def hidden() -> tuple[str, ...]:
+    """Where the viewer's own server listens: it answers whoever finds it."""
+    return "--bind", unguessable_address(), *ANY_PORT
+
+
 def refuse_blind(instead: str) -> None:
     """Tell that a viewer could not be seen, and what to do `instead`.
 
@@ -88,7 +93,7 @@ def ending(code: int, log: IO[bytes]) -> str:
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """What opens a viewer that shows what is served at some addresses."""
-    return [*BEHIND, str(executable()), *LOCAL, *ANY_PORT, "--memory-limit", MEMORY, *addresses]
+    return [*BEHIND, str(executable()), *hidden(), "--memory-limit", MEMORY, *addresses]
 
 
 def start(command: Sequence[str], log: IO[bytes], start_new_session: bool = False) -> subprocess.Popen[bytes]:

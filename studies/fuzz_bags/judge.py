@@ -140,7 +140,7 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
     for topic, _, data in inputs:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
         answers += list(feed(data))
-    answers += list(pipeline.give_up())
+    answers += list(pipeline.finish())
     return [pair for a in answers for pair in (("/knee_contact", a.message), ("/knee_contact/wrench", a.wrench))]
 
 

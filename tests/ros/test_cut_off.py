@@ -24,9 +24,10 @@ def test_little_is_lost_whatever_is_killed(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.read_text().splitlines() if "|" in line]
     found = {row[0]: row[1:] for row in rows[2:]}
-    assert set(found) == {"node", "recorder", "both"}
+    assert set(found) == {"node", "recorder", "both", "both, beside busy processes"}
     for kills, _, _, largest, holes, _ in found.values():
         assert (kills, holes) == ("1", "0")
         assert float(largest) <= LARGEST
     assert found["node"][-1] == "complete"
-    assert found["recorder"][-1] == found["both"][-1] == "the last one `.partial`, 0 complete"
+    others = {found[what][-1] for what in set(found) - {"node"}}
+    assert others == {"the last one `.partial`, 0 complete"}

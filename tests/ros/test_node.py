@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,10 +13,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
+from diagnostic_msgs.msg import DiagnosticArray
+from rosgraph_msgs.msg import Clock
 
 import knee_contact_ros
 from knee_contact_ros.core.types import Contact, Status
@@ -23,20 +22,12 @@ from knee_contact_ros.parameters import load_parameters
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.ros.conftest import NodeProcess, Peer, call
+from tests.messages import RosMessages
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer
+from tests.ros.faults import many_joints
+from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
 
 Start = Callable[..., NodeProcess]
-STEP = 5_000_000
-STAMPS = np.arange(40) * STEP
-ANGLES = 0.2 + 0.3 * np.sin(STAMPS * 3e-9)
-AXIAL = 1500.0 + 900.0 * np.sin(STAMPS * 2e-8)
-
-
-def send_all(peer: Peer) -> None:
-    """Publish the little series above and wait for its answers."""
-    for stamp, angle, axial in zip(STAMPS.tolist(), ANGLES.tolist(), AXIAL.tolist(), strict=True):
-        peer.send(stamp, angle, axial)
-    peer.wait_until(lambda: len(peer.contacts) == len(STAMPS) and len(peer.wrenches) == len(STAMPS))
 
 
 @pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml"])
@@ -159,6 +150,38 @@ def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     assert output.count("nothing received on /exo/joint_states") == 1
 
 
+def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "use_sim_time:=true")
+    peer.wait_for_node()
+    stamps: list[int] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: stamps.append(m.header.stamp.sec), 10)
+    clock = peer.node.create_publisher(Clock, "/clock", 10)
+    peer.wait_until(clock.get_subscription_count)
+    clock.publish(Clock(clock=RosMessages.Time(sec=12_345)))
+    peer.wait_until(lambda: 12_345 in stamps)
+    peer.send(STEP, 0.2, 1000.0)
+    peer.wait_until(lambda: peer.contacts and peer.wrenches)
+    assert [peer.contacts[0].header.stamp.nanosec, peer.wrenches[0].header.stamp.nanosec] == [STEP, STEP]
+
+
+def test_what_only_ros_can_decode_is_counted(peer: Peer, start_node: Start) -> None:
+    start_node()
+    peer.wait_for_node()
+    many_joints(peer, STEP)
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("decoded by ROS") == "1")
+
+
+def test_a_node_that_stood_still_says_by_how_much_it_is_late(peer: Peer, start_node: Start) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    send_all(peer)
+    node.process.send_signal(signal.SIGSTOP)
+    peer.spin(0.6)
+    node.process.send_signal(signal.SIGCONT)
+    peer.wait_until(lambda: float(peer.diagnostics.get("knee_contact: ticks", {}).get("lag max [ms]", "0")) >= 500.0)
+    assert "the node is behind by up to" in peer.problems["knee_contact: ticks"]
+
+
 def test_simulated_time_that_stands_still_does_not_stop_the_node(peer: Peer, start_node: Start) -> None:
     start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
     peer.wait_for_node()
@@ -168,25 +191,17 @@ def test_simulated_time_that_stands_still_does_not_stop_the_node(peer: Peer, sta
     peer.wait_until(lambda: "knee_contact: ticks" in peer.diagnostics)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
-    recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
-    node = start_node(
-        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}"
-    )  # fmt: skip
-    peer.wait_for_node()
-    send_all(peer)
-    peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
-    peer.spin(0.3)
-    code, output = node.stop(number)
-    assert code == 0, output
-    assert "40 ticks, 0 samples refused" in output
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
-    messages = read_bag(recording.parent, {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()})
-    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in MESSAGE_TYPES}
-    assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
-    recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
-    assert recorded == [contact.penetration_depth for contact in peer.contacts]
+def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) -> None:
+    recording = tmp_path / "bag.mcap"
+    node = f"{sys.executable} -m knee_contact_ros.cli node --ros-args -p record.path:={recording}"
+    with subprocess.Popen(["/bin/sh", "-c", f"exec {node} <&- >&- 2>&-"]) as process:
+        try:
+            peer.wait_for_node()
+            send_all(peer)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE)
+    assert (process.returncode, recording.exists()) == (0, True)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +212,11 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
         (["-p", "contact.dampin:=1.0"], "unknown parameter contact.dampin; did you mean contact.damping?"),
         (["-p", "femur.geometry:=profile", "-p", "femur.profile:=nowhere.csv"], "cannot read nowhere.csv"),
         (["-p", "record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap"),
+        (["-p", "rerun.mode:=file", "-p", "rerun.path:=/dev/null/no.rrd"], "cannot write /dev/null/no.rrd"),
         (["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot read the parameter file"),
+        (["-p", "record.path:=/tmp/kn\udce9e.mcap"], r"'record.path:=/tmp/kn\udce9e.mcap' is no UTF-8"),
+        (["-p", "qos_overrides./knee_contact.publisher.depth:=seven"], "knee_contact.publisher.depth: 'seven' is not"),
+        (["-p", "qos_overrides./diagnostics.publisher.depth:=-1"], "/diagnostics.publisher.depth: -1 is not allowed"),
     ],
 )
 def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[str], words: str) -> None:
@@ -207,70 +226,27 @@ def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[
     assert words in output
 
 
-def test_an_existing_recording_is_not_overwritten(start_node: Start, tmp_path: Path) -> None:
-    (tmp_path / "out.mcap").write_text("precious")
-    code, output = start_node("-p", f"record.path:={tmp_path / 'out.mcap'}").wait()
-    assert (code, (tmp_path / "out.mcap").read_text()) == (2, "precious")
-    assert "exists already" in output
+def test_what_is_there_is_not_overwritten(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    recording, picture = tmp_path / "out.mcap", tmp_path / "out.rrd"
+    for path in (recording, picture):
+        path.write_text("precious")
+    node = start_node("-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}")
+    peer.wait_for_node()
+    send_all(peer)
+    code, output = node.stop()
+    assert (code, recording.read_text(), picture.read_text()) == (0, "precious", "precious")
+    assert f"{recording} is there already: this recording is {tmp_path / 'out_1.mcap'}" in output
+    assert f"{picture} is there already: this Rerun recording is {tmp_path / 'out_1.rrd'}" in output
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"out.mcap", "out_1.mcap", "metadata.yaml", "out.rrd", "out_1.rrd"}
 
 
 def test_outputs_are_opened_all_or_none(start_node: Start, tmp_path: Path) -> None:
-    (tmp_path / "old.rrd").touch()
-    code, output = start_node(
-        "-p", f"record.path:={tmp_path / 'new.mcap'}",
-        "-p", "rerun.mode:=file", "-p", f"rerun.path:={tmp_path / 'old.rrd'}",
-    ).wait()  # fmt: skip
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, output = start_node(
+            "-p", f"record.path:={tmp_path / 'new.mcap'}", "-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}",
+        ).wait()  # fmt: skip
     assert code == 2
-    assert "old.rrd exists already" in output
-    assert [path.name for path in tmp_path.iterdir()] == ["old.rrd"]
-
-
-def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "autostart:=false")
-
-    def state() -> int:
-        return call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id
-
-    def change(transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return call(peer, ChangeState, "/knee_contact/change_state", request).success
-
-    def set_parameter(name: str, value: object) -> tuple[bool, str]:
-        parameter = Parameter(name, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        result = call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0]
-        return result.successful, result.reason
-
-    assert state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert set_parameter("contact.damping", -5.0) == (
-        False,
-        "parameter contact.damping: -5.0 is not allowed; it should be greater than or equal to 0",
-    )
-    assert set_parameter("contact.damping", 0.0) == (True, "")
-    assert set_parameter("femur.profile", "nowhere.csv") == (True, "")
-    assert set_parameter("femur.geometry", "profile") == (True, "")
-    assert not change(Transition.TRANSITION_CONFIGURE)  # there is no such profile
-    assert state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert set_parameter("femur.geometry", "circle") == (True, "")
-    assert change(Transition.TRANSITION_CONFIGURE)
-    refusal = "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
-    assert set_parameter("femur.geometry", "profile") == (False, refusal)
-    assert change(Transition.TRANSITION_ACTIVATE)
-    peer.wait_for_node()
-    send_all(peer)
-    undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
-    assert undamped.penetration_depth.tolist() == [contact.penetration_depth for contact in peer.contacts]
-    assert change(Transition.TRANSITION_DEACTIVATE)
-    assert state() == State.PRIMARY_STATE_INACTIVE
-    peer.wait_until(lambda: not peer.force.get_subscription_count())
-    assert change(Transition.TRANSITION_CLEANUP)
-    assert set_parameter("tibia.slope", 0.0) == (True, "")
-    assert change(Transition.TRANSITION_CONFIGURE)
-    assert change(Transition.TRANSITION_ACTIVATE)
-    peer.wait_for_node()
-    peer.contacts.clear()
-    peer.wrenches.clear()
-    send_all(peer)
-    assert peer.contacts[0].status == 0
-    assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
-    assert state() == State.PRIMARY_STATE_FINALIZED
+    assert f"parameter rerun.port: {port} on 127.0.0.1: Address already in use" in output
+    assert not list(tmp_path.iterdir())

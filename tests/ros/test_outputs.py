@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,12 +13,16 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from knee_contact_ros.node_outputs import MOST_ENDING
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer, call
+from tests.sinks import wait_until
 
 Start = Callable[..., NodeProcess]
 STEP = 5_000_000
+LONGEST_END = 5.0
+"""[s] that a node takes to end at most"""
 CONTACTS = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 
 
@@ -57,8 +62,16 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     if number == signal.SIGKILL:
         peer.wait_until(lambda: peer.problems.get(f"knee_contact: {output}", "ok") != "ok")
         walk(peer, 220, 20)
-    code, said = node.stop()
-    assert code == 0
+        stopped = call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request())
+        assert not stopped.success
+        assert stopped.message
+    begun = time.monotonic()
+    code, said = node.stop(signal.SIGTERM)
+    took = time.monotonic() - begun
+    given_up = number == signal.SIGSTOP
+    assert code == given_up
+    assert said.count("its process stood still when it was to end") == given_up
+    assert took < 3 * LONGEST_END  # other tests may slow it down
     assert "out." in said  # it says what has become of the file
     assert "Traceback" not in said
     assert not child.is_running()
@@ -100,27 +113,96 @@ def test_a_recording_begins_and_ends_on_demand(peer: Peer, start_node: Start, tm
         assert ask(peer, "start") == (True, f"recording to {tmp_path}/{name}/out.mcap")
         assert ask(peer, "start")[0] is False
         walk(peer, begin, 30)
+        peer.wait_until(lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "30")
         assert ask(peer, "stop") == (True, f"{tmp_path}/{name}/out.mcap will be complete in a moment")
         walk(peer, begin + 30, 20)
-    assert ask(peer, "start")[0] is False  # it is being completed, or is there
+    wait_until((tmp_path / "b" / "out.mcap").exists)
+    following = (True, f"recording to {tmp_path}/b/out_1.mcap")  # the other one is there
+    peer.wait_until(lambda: ask(peer, "start") == following)  # the node may not have heard of that yet
     assert node.stop()[0] == 0
     assert stamps(tmp_path / "a" / "out.mcap") == list(range(10, 40))
     assert stamps(tmp_path / "b" / "out.mcap") == list(range(60, 90))
     assert len(peer.contacts) == 110
 
 
-def test_a_recording_that_cannot_begin_is_told_and_another_may(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_a_recording_that_ends_at_once_has_the_name_it_began_with(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    """Also before its process has said that it is open."""
+    (tmp_path / "out.mcap").touch()
+    node = start_node()
+    peer.wait_for_node()
+    set_path(peer, f"{tmp_path}/out.mcap")
+    assert ask(peer, "start") == (True, f"recording to {tmp_path}/out_1.mcap")
+    assert ask(peer, "stop") == (True, f"{tmp_path}/out_1.mcap will be complete in a moment")
+    assert node.stop()[0] == 0
+    assert (tmp_path / "out_1.mcap").exists()
+
+
+def test_a_recording_that_cannot_begin_is_refused_with_the_reason_and_another_may(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     (tmp_path / "file").touch()
     node = start_node()
     peer.wait_for_node()
-    set_path(peer, f"{tmp_path}/file/out.mcap")
-    assert ask(peer, "start")[0] is True  # its process finds out
-    peer.wait_until(lambda: "cannot write" in peer.problems.get("knee_contact: recorder", ""))
+    for name, reason in {
+        "file/out.mcap": "Not a directory",
+        "": "Is a directory",
+        f"{'n' * 300}.mcap": "File name too long",
+        f"{'n' * 250}.mcap": "File name too long",
+        f"{'deep/' * 1000}out.mcap": "File name too long",
+    }.items():
+        path = tmp_path / name
+        set_path(peer, str(path))
+        assert ask(peer, "start") == (False, f"cannot write {path}: {reason}")
     walk(peer, 0, 10)
     set_path(peer, f"{tmp_path}/out.mcap")
     assert ask(peer, "start")[0] is True
     walk(peer, 10, 10)
+    wait_until((tmp_path / "out.mcap.partial").exists)
     code, said = node.stop()
     assert code == 0
-    assert said.count(f"cannot write {tmp_path}/file/out.mcap") == 1
+    assert "Traceback" not in said
     assert stamps(tmp_path / "out.mcap") == list(range(10, 20))
+
+
+def test_no_more_recordings_than_four_are_being_completed(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    set_path(peer, f"{tmp_path}/out.mcap")
+    for number in range(MOST_ENDING):
+        assert ask(peer, "start")[0] is True
+        walk(peer, 10 * number, 10)
+        (child,) = [process for process in children(node) if process.status() != psutil.STATUS_STOPPED]
+        told = {"written": "10", "process": str(child.pid)}
+        peer.wait_until(lambda told=told: told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items())
+        child.suspend()
+        assert ask(peer, "stop")[0] is True
+    assert ask(peer, "start") == (
+        False,
+        f"{MOST_ENDING} recordings are still being completed; try again when one is",
+    )
+    for child in children(node):
+        child.resume()
+    peer.wait_until(lambda: ask(peer, "start")[0])
+    assert node.stop()[0] == 0
+    complete = sorted(tmp_path.glob("*.mcap"))[:MOST_ENDING]
+    assert [stamps(path) for path in complete] == [[*range(10 * i, 10 * i + 10)] for i in range(MOST_ENDING)]
+
+
+def test_recordings_that_are_begun_and_ended_in_a_row_are_bounded_in_number(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    set_path(peer, f"{tmp_path}/out.mcap")
+    refused = set()
+    for _ in range(40):
+        begun, words = ask(peer, "start")
+        if begun:
+            assert ask(peer, "stop")[0] is True
+        else:
+            refused.add(words)
+        assert len(children(node)) <= MOST_ENDING + 1
+    assert [words for words in refused if "has yet to be opened" in words]
+    assert node.stop()[0] in (0, 1)  # 1: the machine was too busy to complete the last of them in time

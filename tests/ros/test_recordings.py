@@ -89,8 +89,8 @@ def test_disks_in_trouble_end_recordings_and_not_the_node(
     assert not full.exists()
 
     remount(small_disk, "ro")
-    assert ask(peer, "start", small_disk / "knee.mcap")[0] is True  # its process finds out
-    peer.wait_until(lambda: "Read-only file system" in problem(peer))
+    refused = f"cannot write {small_disk}/knee.mcap: Read-only file system"
+    assert ask(peer, "start", small_disk / "knee.mcap") == (False, refused)
     walk(peer, sent, 20)
 
     assert ask(peer, "start", folder / "knee.mcap")[0] is True
@@ -104,7 +104,6 @@ def test_disks_in_trouble_end_recordings_and_not_the_node(
     assert code == 0
     for words in (
         f"recording {full} stopped: No space left on device",
-        f"cannot write {small_disk}/knee.mcap: Read-only file system",
         f"recording {folder}/knee.mcap stopped: its file or folder was removed while it was written",
     ):
         assert said.count(words) == 1
@@ -152,18 +151,21 @@ def test_what_was_cut_off_is_named_at_the_next_start(peer: Peer, start_node: Sta
     other = start_node("-r", "__ns:=/other")
     peer.wait_for_node()
     walk(peer, 0, 20)
-    being_written = f"{partial} is being written by another process; choose another name"
-    assert ask(peer, "start", path, "/other/knee_contact") == (False, being_written)
+    going_on = (True, f"recording to {tmp_path / 'knee_1.mcap'}")
+    assert ask(peer, "start", path, "/other/knee_contact") == going_on
+    wait_until((tmp_path / "knee_1.mcap.partial").exists)
+    assert ask(peer, "stop", path, "/other/knee_contact")[0] is True
+    wait_until((tmp_path / "knee_1.mcap").exists)
     (recorder,) = psutil.Process(node.process.pid).children(recursive=True)
     for process in (node.process, recorder):
         process.send_signal(signal.SIGKILL)
     node.wait()
     recorder.wait(30.0)
-    refused = f"{cut_off}; then move it away, or choose another name"
-    assert ask(peer, "start", path, "/other/knee_contact") == (False, refused)
-    assert ask(peer, "start", tmp_path / "next.mcap", "/other/knee_contact")[0] is True
+    assert ask(peer, "start", path, "/other/knee_contact") == (True, f"recording to {tmp_path / 'knee_2.mcap'}")
+    wait_until((tmp_path / "knee_2.mcap.partial").exists)
     code, said = other.stop()
     assert code == 0
+    assert said.count(f"{path} is there already: this recording is {tmp_path / 'knee_2.mcap'}") == 1
     assert ["WARN" in line for line in said.splitlines() if cut_off in line] == [True]
-    assert (tmp_path / "next.mcap").exists()
+    assert (tmp_path / "knee_2.mcap").exists()
     assert partial.exists()

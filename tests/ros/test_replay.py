@@ -220,3 +220,17 @@ def test_a_bag_that_has_lost_its_messages_is_told(start, gait: list[RawMessage],
     assert replay.returncode == 2
     assert "no message can be read of it" in errors
     assert "387 of 387 messages are missing on /joint_states" in errors
+
+
+def test_of_a_bag_that_was_cut_off_all_that_can_be_read_is_played(
+    ear: Ear, start, right_bag: Path, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag.mcap"
+    whole = (right_bag / "gait2354_right_0.mcap").read_bytes()
+    bag.write_bytes(whole[: len(whole) // 2])
+    _, errors = ear.listen_to(start(bag, "--rate", "10"))
+    (line,) = errors.splitlines()
+    assert f"bag {bag} is damaged" in line
+    readable = by_topic(raw_inputs(bag))
+    assert ear.heard == readable
+    assert 100 < len(readable[FORCE]) < 387

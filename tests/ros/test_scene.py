@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from ipaddress import ip_address
 from pathlib import Path
 
 import psutil
@@ -33,9 +34,9 @@ def shown_to(state: ViewerState) -> int:
 
 
 def listeners(process: psutil.Process) -> set[str]:
-    """Addresses on which a process and its children accept connections."""
+    """Addresses on which a process and its children accept connections; 127.0.0.1 for all of the loopback interface."""
     return {
-        connection.laddr.ip
+        LOOPBACK if ip_address(connection.laddr.ip).is_loopback else connection.laddr.ip
         for one in (process, *process.children(recursive=True))
         for connection in one.net_connections("tcp")
         if connection.status == psutil.CONN_LISTEN
@@ -121,9 +122,9 @@ def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidd
     try:
 
         def state() -> ViewerState | None:
-            ports = [one.laddr.port for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+            places = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
             try:
-                return ViewerClient.connect(f"rerun+http://{LOOPBACK}:{ports[0]}/proxy").get_state()
+                return ViewerClient.connect(f"rerun+http://{places[0].ip}:{places[0].port}/proxy").get_state()
             except (IndexError, RuntimeError, ConnectionError, ValueError):
                 return None
 

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros import load_model
 from knee_contact_ros.build import retuned
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters import load_parameters
+from knee_contact_ros.parameters import known_parameters, load_parameters
 from knee_contact_ros.provenance import read_provenance
-from knee_contact_ros.session import SILENCE
 from knee_contact_ros.solve import solve
 from knee_contact_ros.stream_in.bag import BagReader, RawMessage
 from knee_contact_ros.topics import MESSAGE_TYPES
 from tests.messages import RosMessages, header
-from tests.ros.conftest import NodeProcess, Peer, call
+from tests.ros.conftest import NodeProcess, Peer, call, change_state
+from tests.ros.faults import stalled_subscriber
 
 Start = Callable[..., NodeProcess]
 MILLISECOND = 1_000_000
@@ -89,6 +91,22 @@ def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None
     assert set_parameters(peer, {"fidelity.budget": 7})[0] is False
 
 
+def test_what_may_change_is_what_is_documented_and_nothing_else(peer: Peer, start_node: Start) -> None:
+    """Each parameter is set to the value that it has."""
+    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    (sentence,) = re.findall(
+        r"\*\*Parameters\*\* that may change between two ticks: (.*?)\. The motion", page, re.DOTALL
+    )
+    named, section = set(), ""
+    for name in re.findall("`([a-z_.0-9]+)`", sentence):
+        section = section if name.startswith(".") else name.partition(".")[0]
+        named.add(section + name if name.startswith(".") else name)
+    start_node("-p", "autostart:=true")
+    peer.wait_for_node()
+    values = {name: default for name, (default, _) in known_parameters().items()}
+    assert {name for name, value in values.items() if set_parameters(peer, {name: value})[0]} == named
+
+
 def test_a_live_recording_is_computed_again_from_itself(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     """With what happened to the node between two ticks: the same bytes."""
     recording, redone = tmp_path / "live.mcap", tmp_path / "redone.mcap"
@@ -129,9 +147,69 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     (listening,) = peer.node.get_subscriptions_info_by_topic("/joint_states")
     (other,) = peer.node.get_subscriptions_info_by_topic("/joint_reaction_force")
     (speaking,) = peer.node.get_publishers_info_by_topic("/knee_contact")
+    (beside,) = peer.node.get_publishers_info_by_topic("/knee_contact/wrench")
     assert listening.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert other.qos_profile.reliability == ReliabilityPolicy.RELIABLE
     assert speaking.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert beside.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    angles = "knee_contact: joint_states"
+    peer.wait_until(lambda: peer.diagnostics.get(angles, {}).get("reliability") == "best effort")
+
+
+def test_a_reliability_that_is_given_stays(peer: Peer, start_node: Start) -> None:
+    """Whoever cannot be heard by that is named."""
+    node = start_node("-p", "qos_overrides./joint_states.subscription.reliability:=reliable")
+    peer.wait_for_node()
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = peer.node.create_publisher(JointState, "joint_states", best_effort)
+    other = peer.node.create_publisher(WrenchStamped, "joint_reaction_force", best_effort)
+    force = "knee_contact: joint_reaction_force"
+    peer.wait_until(lambda: peer.diagnostics.get(force, {}).get("reliability") == "best effort")
+    peer.wait_until(other.get_subscription_count)
+    assert not publisher.get_subscription_count()
+    assert peer.diagnostics["knee_contact: joint_states"]["reliability"] == "reliable"
+    _, output = node.stop()
+    assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
+    assert output.count("a publisher of /joint_reaction_force is best effort; listening likewise") == 1
+
+
+def test_a_reliability_that_is_given_before_configure_stays_too(peer: Peer, start_node: Start) -> None:
+    """And in the next life, when rclpy has declared the other one's by itself."""
+    node = start_node("-p", "autostart:=false")
+    assert set_parameters(peer, {"qos_overrides./joint_states.subscription.reliability": "reliable"}) == (True, "")
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publishers = [
+        peer.node.create_publisher(JointState, "joint_states", best_effort),
+        peer.node.create_publisher(WrenchStamped, "joint_reaction_force", best_effort),
+    ]
+    force, angle = "knee_contact: joint_reaction_force", "knee_contact: joint_states"
+    for _ in range(2):
+        peer.diagnostics.clear()
+        assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+        assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+        peer.wait_until(lambda: peer.diagnostics.get(force, {}).get("reliability") == "best effort")
+        assert peer.diagnostics[angle]["reliability"] == "reliable"
+        assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+        assert change_state(peer, Transition.TRANSITION_CLEANUP)
+    _, output = node.stop()
+    assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 2
+    assert len(publishers) == 2
+
+
+def test_a_subscriber_that_stands_still_takes_nothing_from_the_others(peer: Peer, start_node: Start) -> None:
+    """At 200 Hz for five seconds, which is a hundred times what its queue holds."""
+    start_node("-p", "pairing.wait:=10.0")
+    peer.wait_for_node()
+    stalled_subscriber(peer, 0)
+    try:
+        for i in range(1000):
+            peer.send(i * 5 * MILLISECOND, 0.2, 900.0)
+            peer.spin(0.004)
+        peer.wait_until(lambda: len(peer.contacts) == 1000)
+    finally:
+        peer.stalled[0].kill()
+        peer.stalled[0].communicate()
+    assert {contact.status for contact in peer.contacts} == {0}
 
 
 def test_a_stream_that_stops_is_named_and_flagged_when_it_comes_back(peer: Peer, start_node: Start) -> None:
@@ -145,6 +223,44 @@ def test_a_stream_that_stops_is_named_and_flagged_when_it_comes_back(peer: Peer,
     peer.wait_until(lambda: "silent" not in peer.problems["knee_contact: ticks"])
 
 
+def test_an_angle_whose_clock_is_set_back_goes_on(peer: Peer, start_node: Start) -> None:
+    """By 150 ms, and for good: the answers follow the newest angle, flagged, and all is well again after a reset."""
+    start_node()
+    peer.wait_for_node()
+    stamps = range(0, 2000 * MILLISECOND, 5 * MILLISECOND)
+    for stamp in stamps:
+        shift = 150 * MILLISECOND if stamp >= 1000 * MILLISECOND else 0
+        peer.send_angle(10**9 + stamp - shift, stamp * 1e-10)
+        peer.send_force(10**9 + stamp, 900.0)
+        peer.spin(0.004)
+    peer.wait_until(lambda: len(peer.contacts) == len(stamps))
+    flexion = np.array([contact.flexion_angle for contact in peer.contacts])
+    status = {contact.status for contact in peer.contacts[-100:]}
+    assert (np.diff(flexion[-150:]) >= 0.0).all()
+    assert flexion[-1] == pytest.approx(0.2, abs=1e-3)  # the newest one, to a sample or two
+    assert status == {Status.INPUT_HELD | Status.STALE_INPUT}
+    peer.wait_until(lambda: "stamps of joint_states lie 0.1" in peer.problems.get("knee_contact: pairing", ""))
+    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    peer.contacts.clear()
+    for stamp in range(0, 50 * MILLISECOND, 5 * MILLISECOND):
+        peer.send(stamp, 0.3, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
+
+
+def test_a_force_is_not_given_up_while_it_has_not_waited_too_long(peer: Peer, start_node: Start) -> None:
+    """Angles that come 50 ms late: some forces wait all the time, none of them longer than `pairing.wait`."""
+    start_node("-p", "pairing.wait:=1.0")
+    peer.wait_for_node()
+    for i in range(400):
+        peer.send_force(i * 5 * MILLISECOND, 900.0)
+        if i >= 10:
+            peer.send_angle((i - 10) * 5 * MILLISECOND, 0.2)
+        peer.spin(0.004)
+    peer.wait_until(lambda: len(peer.contacts) >= 390)
+    assert {contact.status for contact in peer.contacts[:390]} == {0}
+
+
 def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None:
     """Answers that come later than the deadline are counted; one that waits for its angle is late, too."""
     start_node("-p", "deadline:=0.05", "-p", "pairing.wait:=0.3")
@@ -155,41 +271,26 @@ def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None
     peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("missed deadlines") == "1")
 
 
-def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start) -> None:
-    node = start_node("-p", "autostart:=false")
-    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        assert call(peer, ChangeState, "/knee_contact/change_state", request).success
-        peer.spin(SILENCE + 0.5 if transition == Transition.TRANSITION_CONFIGURE else 2.0)
-    _, output = node.stop()
-    assert "active, listening to" in output
-    assert "nothing received" not in output
-
-
-def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "autostart:=false", "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps")
-
-    def change(transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return call(peer, ChangeState, "/knee_contact/change_state", request).success
-
-    def state() -> int:
-        return call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id
-
-    assert change(Transition.TRANSITION_CONFIGURE)
-    assert not change(Transition.TRANSITION_ACTIVATE)
-    assert state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert change(Transition.TRANSITION_CONFIGURE)
-    assert change(Transition.TRANSITION_CLEANUP)
-
-
-def test_a_node_that_cannot_be_activated_ends(start_node: Start, tmp_path: Path) -> None:
-    node = start_node(
-        "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps", "-p", f"record.path:={tmp_path}/a.mcap"
-    )
+@pytest.mark.parametrize(
+    ("override", "value", "words", "files"),
+    [
+        ("joint_states.subscription.reliability", "perhaps", "cannot listen: ", {"a.mcap", "metadata.yaml"}),
+        ("joint_reaction_force.subscription.depth", "many", "cannot listen: ", {"a.mcap", "metadata.yaml"}),
+        ("knee_contact.publisher.reliability", "perhaps", "a topic cannot be offered: ", set()),
+        ("knee_contact/wrench.publisher.depth", "[1, 2]", "a topic cannot be offered: ", set()),
+    ],
+)
+def test_a_qos_that_is_none_ends_the_node_and_is_named(
+    start_node: Start, tmp_path: Path, override: str, value: str, words: str, files: set[str]
+) -> None:
+    node = start_node("-p", f"qos_overrides./{override}:={value}", "-p", f"record.path:={tmp_path}/a.mcap")
     code, output = node.wait()
     assert code == 2
-    assert "could not be activated" in output.splitlines()[-1]
+    assert words in output
+    assert f"qos_overrides./{override}: " in output.partition(words)[2]
+    assert value in output.partition(words)[2]
+    assert "Traceback" not in output
+    assert {path.name for path in tmp_path.iterdir()} == files
 
 
 def test_what_makes_no_sense_is_told(peer: Peer, start_node: Start) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -141,6 +145,13 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
     assert raw_inputs(output)
 
 
+def test_a_link_that_leads_nowhere_is_in_the_way(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(UsageError, match="exists already"):
+        recover(cut, tmp_path / "out.mcap")
+    assert (tmp_path / "out.mcap").is_symlink()
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [(None, "is not there"), (b"text", "is no MCAP file"), (b"", "is no MCAP file"), (b"SQLite format 3\0", "sqlite3")],
@@ -154,6 +165,53 @@ def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, wo
     with pytest.raises(UsageError, match="is a folder"):
         recover(tmp_path, tmp_path / "o" / "out.mcap")
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize("call", ["open", "write", "fsync"])
+def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
+    cut: Path, watching: Path, tmp_path: Path, call: str
+) -> None:
+    """The output that is to be replaced and what lies beside stay as they were, unless all of it could be written."""
+    folder = tmp_path / "full"
+    folder.mkdir()
+    output, log = folder / "bag.mcap", tmp_path / "log"
+    environment = {"LD_PRELOAD": str(watching), "WATCHED_FOLDER": str(folder), "WATCHED_LOG": str(log)}
+    command = [sys.executable, "-m", "knee_contact_ros.cli", "recover", str(cut), str(output), "--overwrite"]
+    failed = 0
+    while True:
+        output.write_text("precious")
+        environment["WATCHED_FAULT"] = f"{call}:{failed + 1}:{errno.ENOSPC}"
+        done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            break
+        failed += 1
+        refused = call == "open" and failed == 1  # there is no place for it
+        assert (done.returncode, done.stdout) == (2 if refused else 1, ""), done.stderr
+        assert done.stderr.startswith("knee-contact: ")
+        assert done.stderr.count("\n") == 1
+        assert {path.name for path in folder.iterdir()} == {"bag.mcap"}
+        assert output.read_text() == "precious"
+    assert failed
+    assert {path.name for path in folder.iterdir()} == {"bag.mcap", "metadata.yaml"}
+    assert raw_inputs(output)
+
+
+def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    output = tmp_path / "bag.mcap"
+    with pytest.raises(UsageError, match="has appeared meanwhile"):
+        recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
+    assert output.read_text() == "precious"
+    recover(cut, output, advance=lambda _done, _total: output.write_text("old") and None, overwrite=True)
+    assert raw_inputs(output)
+
+
+def test_another_recovery_of_the_same_name_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / "bag.mcap.recovering"
+    theirs.write_text("theirs")
+    with pytest.raises(UsageError, match="another recovery is running, or was cut off"):
+        recover(cut, tmp_path / "bag.mcap")
+    assert theirs.read_text() == "theirs"
+    assert not (tmp_path / "bag.mcap").exists()
 
 
 def test_a_recording_from_before_later_fields_keeps_its_definition(old_recording: Path, tmp_path: Path) -> None:

@@ -80,3 +80,19 @@ def test_texts_that_are_none_are_a_fault(database: Path) -> None:
     found, faults = read(database)
     assert found == []
     assert faults[0].startswith("the tables are not those of rosbag2, or cannot be read: ")
+
+
+def test_rows_that_are_no_messages_are_left_out(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (1, 5, 'text'), (1, 'noon', x'00')")
+        connection.commit()
+    assert read(database) == (WRITTEN, ["2 rows are no messages"])
+
+
+def test_a_topic_that_is_no_text_is_left_out(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("UPDATE topics SET name = x'ff00' WHERE id = 1")
+        connection.commit()
+    found, faults = read(database)
+    assert 0 < len(found) < len(WRITTEN)
+    assert faults[0] == "topic 1 has a name or type that is no text"

@@ -25,11 +25,14 @@ class Answer(NamedTuple):
     """The page that may read it"""
 
 
-def asked(address: str, place: str | None = None, origin: str = "", method: str = "GET") -> Answer:
-    """Ask the server of an address for it, or for another place."""
+def asked(
+    address: str, place: str | None = None, origin: str = "", method: str = "GET", host: str | None = None
+) -> Answer:
+    """Ask the server of an address for it, or for another place, or by another name."""
     parts = urlsplit(address)
     connection = HTTPConnection(parts.netloc, timeout=30.0)
-    connection.request(method, parts.path if place is None else place, headers={"Origin": origin})
+    headers = ({"Origin": origin} if origin else {}) | ({} if host is None else {"Host": host})
+    connection.request(method, parts.path if place is None else place, headers=headers)
     answer = connection.getresponse()
     content, headers = answer.read(), answer.headers
     connection.close()
@@ -54,7 +57,25 @@ def test_only_our_page_may_read_it(tmp_path: Path) -> None:
     with served(path, free_port(), page=9999) as address:
         for origin in ("http://127.0.0.1:9999", "http://localhost:9999"):
             assert asked(address, origin=origin).reader == origin
-        assert asked(address, origin="http://example.org").reader is None
+        for origin in ("http://example.org", "http://example.org:9999", "http://127.0.0.1:9998", "null"):
+            assert asked(address, origin=origin)[0::3] == (403, None)
+
+
+@pytest.mark.parametrize("name", ["example.org", "127.0.0.1.example.org", "localhost.", "127.0.0.2", ""])
+def test_who_asks_by_another_name_is_refused(tmp_path: Path, name: str) -> None:
+    """As a page does whose owner lets its name point to this machine."""
+    path = tmp_path / "knee.rrd"
+    path.write_bytes(b"knee")
+    with served(path, free_port(), page=9999) as address:
+        port = urlsplit(address).port
+        for host in (f"{name}:{port}", name):
+            for method in ("GET", "HEAD"):
+                answer = asked(address, host=host, method=method)
+                assert answer.status == 403
+                assert b"knee" not in answer.content
+        for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"LOCALHOST:{port}", f"[::1]:{port}"):
+            assert asked(address, host=host).content == b"knee"
+        assert asked(address, host="127.0.0.1:1").status == 403
 
 
 @pytest.mark.parametrize("place", ["/", "/other.rrd", "/../knee.rrd", "/knee.rrd/.."])

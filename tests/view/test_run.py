@@ -10,6 +10,7 @@ import sys
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from ipaddress import ip_address
 from pathlib import Path
 
 import numpy as np
@@ -180,6 +181,9 @@ def test_a_port_that_is_taken_is_told(osteoarthritic: Path, capsys: pytest.Captu
 def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
     (tmp_path / "old.rrd").write_text("old")
     assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"]) == 0
+    before = osteoarthritic.read_bytes()
+    assert main(["view", str(osteoarthritic), "--save", str(osteoarthritic), "--overwrite"]) == 2
+    assert osteoarthritic.read_bytes() == before
     assert len(column(tmp_path / "old.rrd", "/knee/curves/flexion", "Scalars:scalars")) == 387
 
 
@@ -235,8 +239,8 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         def newest() -> int:
             listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
             with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
-                assert {place.ip for place in listening} <= {"127.0.0.1"}
-                state = ViewerClient.connect(f"rerun+http://127.0.0.1:{listening[0].port}/proxy").get_state()
+                assert all(ip_address(place.ip).is_loopback for place in listening)
+                state = ViewerClient.connect(f"rerun+http://{listening[0].ip}:{listening[0].port}/proxy").get_state()
                 return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
             return 0
 

@@ -1,0 +1,312 @@
+"""An hour at 1 kHz with a fault every ten seconds, beside a busy process: what is lost, and is it computed again alike?
+
+python -m studies.fault_soak [--minutes N] [--seed S] [--output FILE]
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import psutil
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from knee_contact_ros.cdr_in import SECOND, decode_joint_state
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.demo import RECORDING, node_process
+from knee_contact_ros.graph import private_graph
+from knee_contact_ros.latency.candidates import PARAMETERS
+from knee_contact_ros.latency.driver import QOS, Driver, joined
+from knee_contact_ros.latency.samples import rests, samples
+from knee_contact_ros.messages import deserialize
+from knee_contact_ros.parameters import Parameters
+from knee_contact_ros.provenance import read_provenance
+from knee_contact_ros.solve import solve
+from knee_contact_ros.stream_in.bag import BagReader, RawMessage
+from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from studies.cut_off import busy
+from studies.report import Section, machine, save
+from tests.messages import RosMessages, header
+from tests.ros.conftest import call
+from tests.ros.faults import FAULTS, Fault
+
+RATE = 1000.0
+"""[Hz]"""
+BETWEEN = 10_000
+"""Good samples from one fault to the next"""
+PATIENCE = 60.0
+"""How long [s] to wait for what must come"""
+SETTLED = 0.1
+"""The part of the run after which memory must not grow"""
+LEFT_OUT = ("time jumps back", "best-effort publisher joins", "stop of no recording")
+"""A bag is read in the order of its stamps, so time that jumps back is not computed again as it came; and who listens
+as best effort may miss samples, which is then nobody's fault. A recording is being written, and not to be stopped."""
+MB = 1e6
+TEXT = """\
+The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file, `pairing.wait` 7 s) at 1 kHz beside one busy
+process. Every 10 000 samples something goes wrong, drawn at random from the streams' part of the table in
+[node.md](../node.md), or its recorder or viewer stands still for two seconds. Lost: good samples without an answer.
+Flagged: answers between a fault and the next one whose status is not 0.
+
+At the end the recording is computed again from itself, and the bytes of its `knee_contact` messages are compared, but
+for those from a force that was answered without its angle to the next start from rest (what was not there in time live
+is there offline), and for the bit INPUT_REJECTED (what was refused is not recorded). Memory is that of the node's own
+process."""
+
+
+class Peered(Driver):
+    """A driver that faults can use as they use the tests' peer."""
+
+    def __init__(self, node: Any, executor: Any) -> None:
+        super().__init__(node, executor)
+        self.node = node
+        self.angle, self.force = (
+            node.create_publisher(kind, topic, QOS)
+            for kind, topic in ((JointState, JOINT_STATES), (WrenchStamped, JOINT_REACTION_FORCE))
+        )
+        self._angle, self._force = self.angle, self.force
+        self.contacts: list[bytes] = []
+        """Answers since the fault"""
+        self.diagnostics: dict[str, dict[str, str]] = {}
+        self.problems: dict[str, str] = {}
+        self.stalled: list[subprocess.Popen[str]] = []
+        self.node_process = 0
+        self.between = 0.0
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    @property
+    def stamp(self) -> int:
+        """Of the next good sample [ns]."""
+        return self._stamp
+
+    def pass_time(self, duration: int) -> None:
+        """Have the stamps go on later [ns]."""
+        self._stamp += duration
+
+    def spin(self, seconds: float) -> None:
+        """Handle what comes for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._spin(0.02)
+
+    def wait_until(self, done: Callable[[], Any]) -> None:
+        """Handle what comes until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            if time.monotonic() > deadline:
+                raise TimeoutError("it did not happen in time")
+            self._spin(0.05)
+
+    def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
+        """Publish a flexion angle [rad] at a stamp [ns]."""
+        self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
+
+    def send_force(self, stamp: int, axial: float) -> None:
+        """Publish an axial compression [N] at a stamp [ns]."""
+        wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=0.0, y=-axial, z=0.0))
+        self.force.publish(WrenchStamped(header=header(RosMessages, stamp, "tibia_r"), wrench=wrench))
+
+    def _on_contact(self, data: bytes) -> None:
+        super()._on_contact(data)
+        self.contacts.append(data)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.diagnostics[status.name] = {value.key: value.value for value in status.values}
+            self.problems[status.name] = status.message
+
+
+class Stretch(NamedTuple):
+    """From one fault to the next."""
+
+    fault: str
+    first: int
+    """Stamp [ns] of its first good sample"""
+    samples: int
+    lost: int
+    slowest: float
+    """Latency [s]"""
+    memory: int
+    """[B] of the node afterwards"""
+
+
+def stood_still(which: str) -> Fault:
+    """The process of an output gets no time for two seconds."""
+
+    def inject(peer: Any, _stamp: int) -> None:
+        number = int(peer.diagnostics[f"knee_contact: {which}"]["process"])
+        os.kill(number, signal.SIGSTOP)
+        peer.stalled.append(subprocess.Popen(["/bin/sh", "-c", f"sleep 2; kill -CONT {number}; exec sleep 60"]))
+
+    return Fault(f"{which} stands still", inject)
+
+
+def soak(peer: Peered, stretches: int, dice: random.Random) -> list[Stretch]:
+    """Good samples, a fault, good samples, and so on."""
+    faults = [fault for fault in FAULTS if fault.name not in LEFT_OUT]
+    faults += [stood_still("recorder"), stood_still("viewer")]
+    node, found, fault = psutil.Process(peer.node_process), [], Fault("none yet", lambda _peer, _stamp: None)
+    for number in range(stretches):
+        first = peer.stamp
+        run = peer.run(RATE, BETWEEN)
+        found.append(
+            Stretch(fault.name, first, run.published, run.lost, 1e-9 * max(run.latencies), node.memory_info().rss)
+        )
+        click.echo(f"{number + 1} of {stretches}: {found[-1]}", err=True)
+        for process in peer.stalled:
+            process.kill()
+            process.wait()
+        peer.stalled.clear()
+        fault = dice.choice(faults)
+        peer.contacts.clear()
+        peer.between = angle_between(peer)
+        step = round(SECOND / RATE)
+        fault.inject(peer, peer.stamp - step // 2)  # type: ignore[arg-type]
+        if fault.name == "angle lost":  # what was held live is there offline
+            call(peer, Trigger, "/knee_contact/reset", Trigger.Request())  # type: ignore[arg-type]
+        peer.spin(0.05)
+        peer.pass_time(fault.shift)
+    return found
+
+
+def angle_between(peer: Peered) -> float:
+    """The flexion angle half way from the last good sample to the next one: samples begin anew in each stretch."""
+    number = len(rests(RATE))
+    coming = samples(RATE, peer.stamp)
+    every = [next(coming).angle for _ in range(number)]
+    ends = [decode_joint_state(every[index % number]) for index in (0, BETWEEN - 1)]
+    return sum(end.position[0] for end in ends if end) / len(ends)
+
+
+class Again(NamedTuple):
+    """What a recording says, and what comes of it."""
+
+    answers: int
+    computed: int
+    compared: int
+    different: int
+    flags: list[Counter[str]]
+    """Bits in the status of the answers of each stretch"""
+
+
+def again(recording: Path, firsts: Sequence[int]) -> Again:
+    """Compute a recording again; `firsts` are the stamps [ns] with which stretches begin."""
+    offline = recording.with_name("offline.mcap")
+    solve(recording, read_provenance(recording) or Parameters(), offline, lambda _done, _total: None)
+    types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
+    answers = computed = compared = different = stretch = 0
+    flags: list[Counter[str]] = [Counter() for _ in firsts]
+    held = False
+    with BagReader(recording, types) as one, BagReader(offline, types) as other:
+        for mine, theirs in zip_longest(one.raw_messages(), other.raw_messages()):
+            answers += mine is not None
+            computed += theirs is not None
+            if mine is None or theirs is None:
+                different += 1
+                continue
+            status = Status(status_of(mine))
+            while stretch + 1 < len(firsts) and mine.log_time >= firsts[stretch + 1] - SECOND // round(RATE):
+                stretch += 1
+            flags[stretch].update(bit.name or "" for bit in status)
+            held = (held or bool(status & Status.INPUT_HELD)) and not status & Status.TIME_RESET
+            compared += not held
+            different += not held and not alike(mine, theirs)
+    return Again(answers, computed, compared, different, flags)
+
+
+def status_of(message: RawMessage) -> int:
+    """The bits of an answer."""
+    return int(deserialize(message.data, KNEE_CONTACT).status)
+
+
+def alike(live: RawMessage, offline: RawMessage) -> bool:
+    """Whether two answers have the same bytes; what the node has refused is not in its recording."""
+    if live == offline:
+        return True
+    one, other = (deserialize(message.data, KNEE_CONTACT) for message in (live, offline))
+    one.status &= ~Status.INPUT_REJECTED
+    return live.log_time == offline.log_time and one == other
+
+
+def rows(stretches: Sequence[Stretch], flags: Sequence[Counter[str]]) -> list[list[str]]:
+    """By fault."""
+    table = []
+    for fault in sorted({stretch.fault for stretch in stretches}):
+        of = [number for number, stretch in enumerate(stretches) if stretch.fault == fault]
+        flagged = sum((flags[number] for number in of), Counter[str]())
+        said = ", ".join(f"{name} {count / len(of):.3g}" for name, count in sorted(flagged.items()))
+        lost = sum(stretches[number].lost for number in of)
+        slowest = max(stretches[number].slowest for number in of)
+        table.append([fault, str(len(of)), str(lost), said or "-", f"{1e3 * slowest:.0f}"])
+    return table
+
+
+def figures(stretches: Sequence[Stretch], found: Again, refused: str) -> list[list[str]]:
+    """Of all."""
+    settled = stretches[round(SETTLED * len(stretches)) :]
+    memory = [stretch.memory / MB for stretch in settled]
+    return [
+        ["good samples", str(sum(stretch.samples for stretch in stretches))],
+        ["lost", str(sum(stretch.lost for stretch in stretches))],
+        ["faults", str(len(stretches) - 1)],
+        ["samples refused", refused],
+        ["answers recorded", str(found.answers)],
+        ["answers computed again", str(found.computed)],
+        ["compared", str(found.compared)],
+        ["not identical", str(found.different)],
+        [f"node's memory after {100 * SETTLED:g} % of the time [MB]", f"{memory[0]:.1f}"],
+        ["its largest growth since then [MB]", f"{max(memory) - memory[0]:.1f}"],
+    ]
+
+
+@click.command()
+@click.option("--minutes", default=60.0, show_default=True)
+@click.option("--seed", default=0, show_default=True)
+@click.option("--busy", "beside", default=1, show_default=True, help="Busy processes beside.")
+@click.option(
+    "--output", type=click.Path(path_type=Path), default=Path("docs/studies/fault_soak.md"), show_default=True
+)
+def main(minutes: float, seed: int, beside: int, output: Path) -> None:
+    """Measure and write the page."""
+    dice = random.Random(seed)  # noqa: S311  (no secret)
+    with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
+        os.environ.update(environment)
+        work, more = Path(folder) / "node", Path(folder) / "more.yaml"
+        work.mkdir()
+        more.write_text("/**:\n  ros__parameters:\n    pairing:\n      wait: 7.0\n", encoding="utf-8")
+        with joined(Peered) as peer, node_process([PARAMETERS, more], work, PATIENCE) as child:
+            peer.wait_for_node(child.check)
+            peer.node_process = child.process.pid
+            peer.wait_until(lambda: "knee_contact: viewer" in peer.diagnostics)
+            with busy(beside):
+                stretches = soak(peer, round(60.0 * minutes * RATE / BETWEEN), dice)
+                peer.spin(2.0)
+                refused = peer.diagnostics["knee_contact: refused samples"]["total"]
+            call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request())  # type: ignore[arg-type]
+            peer.wait_until((work / RECORDING).exists)
+            peer.wait_until(lambda: peer.diagnostics["knee_contact: viewer"]["backlog"] == "0")
+        found = again(work / RECORDING, [stretch.first for stretch in stretches])
+    header_ = ("fault before", "times", "lost", "answers flagged, per time", "slowest answer [ms]")
+    sections = [
+        Section("", TEXT, ("whole run", "value"), figures(stretches, found, refused)),
+        Section("By fault", "", header_, rows(stretches, found.flags)),
+    ]
+    command = f"python -m studies.fault_soak --minutes {minutes:g} --seed {seed} --busy {beside}"
+    save(output, "Faults at 1 kHz", command, sections, machine())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""Random disturbances of the stamps: what every good sample gets, against a plain account of what it must get.
+
+python -m studies.pairing [--disturbances N] [--seed S] [--output FILE]
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import click
+
+from studies.pairing.judging import IN_A_WORLD, Breach, Judged, judged
+from studies.pairing.world import KINDS, LATENCIES, MAX_GAP, MS, PERIODS, WAIT
+from studies.report import Section, machine, save
+
+SHOWN = 20
+TEXT = f"""\
+Two sensors with periods of {", ".join(f"{p / MS:g}" for p in PERIODS)} ms, a jitter of 20 %, latencies of
+{", ".join(f"{t / MS:g}" for t in LATENCIES)} ms and clocks of their own; `pairing.max_gap` and `pairing.wait` of
+{MAX_GAP / MS:g} and {WAIT / MS:g} ms. Disturbances come one by one, or three of them within a fraction of `max_gap`.
+
+Breaches, of which there must be none: a good force that is not answered, or twice; an answer without a flag whose angle
+is not that between two good neighbours; a good angle that is not recorded; a wrong force that is answered without a
+flag; an answer that is flagged, or comes later than its angle, although all disturbances had time to heal: `max_gap`,
+one sample, and what is on its way or waits. While three disturbances come upon each other, good samples may be lost.
+
+Lost are good samples whose clock was set back by less than `max_gap`, so that they seem late, and forces before the
+first angle. A stamp that is less than three steps ahead, or not ahead of the other stream, is no surprise to a pairing,
+and not among the disturbances."""
+HEADER = (
+    "disturbance", "times", "breaches", "answers flagged, per time", "good samples lost, per time",
+)  # fmt: skip
+
+
+class Sum:
+    """Of many worlds."""
+
+    def __init__(self) -> None:
+        self.breaches: list[tuple[int, Breach]] = []
+        self.disturbances: Counter[str] = Counter()
+        self.flagged: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter()
+
+    def add(self, seed: int, judged: Judged) -> None:
+        """Take a world into account."""
+        self.breaches += [(seed, breach) for breach in judged.breaches]
+        self.disturbances += judged.disturbances
+        self.flagged += judged.flagged
+        self.lost += judged.lost
+
+    def row(self, kind: str) -> list[str]:
+        """One line of the table."""
+        times = max(self.disturbances[kind], 1)
+        breaches = sum(breach.kind == kind for _, breach in self.breaches)
+        return [
+            kind.replace("_", " "), str(self.disturbances[kind]), str(breaches), f"{self.flagged[kind] / times:.2f}",
+            f"{self.lost[kind] / times:.2f}",
+        ]  # fmt: skip
+
+
+@click.command()
+@click.option("--disturbances", default=100_000, show_default=True)
+@click.option("--seed", default=0, show_default=True)
+@click.option("--workers", default=2, show_default=True)
+@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/pairing.md"), show_default=True)
+def main(disturbances: int, seed: int, workers: int, output: Path) -> None:
+    """Measure and write the table."""
+    seeds, total = range(seed, seed + disturbances // IN_A_WORLD), Sum()
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        for number, found in pool.map(judged, seeds, chunksize=20):
+            total.add(number, found)
+    for number, breach in total.breaches[:SHOWN]:
+        click.echo(f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True)
+    command = f"python -m studies.pairing --disturbances {disturbances} --seed {seed}"
+    save(output, "Pairing", command, [Section("", TEXT, HEADER, [total.row(kind) for kind in KINDS])], machine())
+
+
+if __name__ == "__main__":
+    main()

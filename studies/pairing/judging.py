@@ -1,0 +1,237 @@
+"""What every good sample must get, said plainly and after the event, and where a pairing does otherwise."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+from collections import Counter, defaultdict
+from typing import NamedTuple
+
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters import Pairing
+from knee_contact_ros.stream_in.samples import AngleSample, LoadSample
+from knee_contact_ros.synchronise import PairedSample, Synchroniser
+from studies.pairing.world import (
+    ANGLE,
+    LOAD,
+    MAX_GAP,
+    SECOND,
+    WAIT,
+    Arrival,
+    Disturbance,
+    World,
+    angle_at,
+    healing_time,
+)
+
+TOLERANCE = 1e-9
+"""[rad] Rounding of an interpolation: a few ulp of 1, times what the ratio of two differences of stamps may add"""
+BRIDGED = 3
+"""So many times in a row a clock may be set while its samples seem to be late"""
+LOOK = 10_000_000
+"""How often [ns] the caller looks whether a load waits too long"""
+IN_A_WORLD = 12
+"""Disturbances"""
+FLAGS = ~int(Status.INPUT_REJECTED)
+"""Bits of a status that say something of the answer itself; a plain number, as enumerations are slow"""
+KEPT_ASIDE = 512
+"""Samples that may be kept aside at most: as many as `MAX_GAP` holds, and some"""
+
+
+class Answer(NamedTuple):
+    """A load's answer."""
+
+    pair: PairedSample
+    given: int
+    """True time [ns]"""
+
+
+class Breach(NamedTuple):
+    """Where a pairing is wrong."""
+
+    what: str
+    arrival: Arrival
+    kind: str
+    """Of the last disturbance before"""
+
+
+class Judged(NamedTuple):
+    """What a world's disturbances have cost."""
+
+    breaches: list[Breach]
+    disturbances: Counter[str]
+    """By kind; so are the others"""
+    flagged: Counter[str]
+    """Good loads whose answer is flagged"""
+    lost: Counter[str]
+    """Good samples that are refused: their clock was set back, or angles had not begun"""
+
+
+def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
+    """Answers by the number of their load's arrival; how often each angle's arrival was handed on; most kept aside."""
+    synchroniser = Synchroniser(Pairing(max_gap=MAX_GAP / SECOND, wait=WAIT / SECOND))
+    answers: dict[int, list[Answer]] = defaultdict(list)
+    handed: Counter[int] = Counter()
+    aside, look = 0, 0
+
+    def keep(pairs: list[PairedSample], now: int) -> None:
+        for pair in pairs:
+            answers[pair.load.message].append(Answer(pair, now))  # type: ignore[index]
+            handed.update(angle.message for angle in pair.angles)  # type: ignore[misc]
+
+    for number, arrival in enumerate(world.arrivals):
+        while look < arrival.arrives:
+            keep(synchroniser.give_up((look - WAIT) / SECOND), look)
+            look += LOOK
+        if arrival.stream == ANGLE:
+            angle = AngleSample(arrival.stamp, angle_at(arrival.taken), number)  # type: ignore[arg-type]
+            keep(synchroniser.push_angle(angle), arrival.arrives)
+        else:
+            load = LoadSample(arrival.stamp, 0.0, "", number, arrival.arrives / SECOND)  # type: ignore[arg-type]
+            keep(synchroniser.push_load(load), arrival.arrives)
+        aside = max(aside, len(synchroniser.angle_time.aside), len(synchroniser.load_time.aside))
+    keep(synchroniser.finish(), world.now)
+    handed.update(angle.message for angle in synchroniser.rest())  # type: ignore[misc]
+    return answers, handed, aside
+
+
+def judged(seed: int) -> tuple[int, Judged]:
+    """The seed, and what becomes of its world; every other one is crowded."""
+    crowded = 1 if seed % 2 else 3
+    return seed, judge(World(seed, IN_A_WORLD // crowded, crowded))
+
+
+def judge(world: World) -> Judged:
+    """Hold what the synchroniser makes of a world against the account."""
+    answers, handed, aside = run(world)
+    account = Account(world)
+    found = Judged([], Counter(d.kind for d in world.disturbances), Counter(), Counter())
+    for number, arrival in enumerate(world.arrivals):
+        given, before = answers.get(number, []), account.before(arrival)
+        kind = before.kind if before else ""
+        what = account.of_load(arrival, given) if arrival.stream == LOAD else account.of_angle(arrival, handed[number])
+        if what:
+            found.breaches.append(Breach(what, arrival, kind))
+        if not arrival.good:
+            continue
+        found.lost[kind] += not (given or handed[number])
+        if before and given and not _unflagged(given[0]) and arrival.taken < account.end:
+            found.flagged[kind] += 1
+    if aside > KEPT_ASIDE:
+        found.breaches.append(Breach(f"{aside} samples kept aside", world.arrivals[-1], ""))
+    return found
+
+
+class Account:
+    """What good samples must get."""
+
+    def __init__(self, world: World) -> None:
+        self._disturbances, self._crowded = world.disturbances, world.crowded > 1
+        self._begins = [disturbance.begins for disturbance in world.disturbances]
+        self._heals = healing_time(world.sensors)
+        self._latency = max(sensor.latency for sensor in world.sensors)
+        self.end = world.now - self._heals
+        """True time [ns] before which samples are followed by others"""
+        self._good: dict[int, list[Arrival]] = defaultdict(list)  # angles by the setting of their clock
+        self._latest: dict[tuple[int, int], int] = {}  # of a stream's earlier settings the largest stamp
+        latest: Counter[int] = Counter()
+        for arrival in world.arrivals:
+            if not arrival.good:
+                continue
+            if arrival.stream == ANGLE:
+                self._good[arrival.setting].append(arrival)
+            self._latest.setdefault((arrival.stream, arrival.setting), latest[arrival.stream])
+            latest[arrival.stream] = arrival.stamp
+        bridges = [
+            bridge
+            for before, after in itertools.combinations(sorted(self._good), 2)
+            if after <= before + BRIDGED and (bridge := _bridge(self._good[before], self._good[after]))
+        ]
+        self._good |= {-1 - number: bridge for number, bridge in enumerate(bridges)}
+        self._stamps = {setting: [angle.stamp for angle in angles] for setting, angles in self._good.items()}
+
+    def of_load(self, load: Arrival, given: list[Answer]) -> str:
+        """What is wrong with a load's answers; empty if nothing is."""
+        if not load.good:
+            return "a wrong load is answered without a flag" if any(_unflagged(answer) for answer in given) else ""
+        if len(given) > 1:
+            return "answered twice"
+        if not given:
+            return "" if self._may_be_lost(load) or self._lies_before_angles(load) else "not answered"
+        (answer,) = given
+        if _unflagged(answer) and not self._is_right(load, answer):
+            return "a wrong angle without a flag"
+        return self._of_quiet(load, answer) if self._quiet(load.taken) else ""
+
+    def _of_quiet(self, load: Arrival, answer: Answer) -> str:
+        """The same where nothing is disturbed any more."""
+        if not _unflagged(answer):
+            return f"flagged {Status(answer.pair.status)!r} long after"
+        return "" if answer.given <= self._possible(load) else "answered late"
+
+    def of_angle(self, angle: Arrival, handed: int) -> str:
+        """What is wrong with how often an angle was handed on to be recorded; empty if nothing is."""
+        if handed > 1:
+            return "handed on twice"
+        if angle.good and not handed:
+            return "" if self._may_be_lost(angle) else "an angle is lost"
+        return ""
+
+    def before(self, arrival: Arrival) -> Disturbance | None:
+        """The last disturbance before an arrival."""
+        number = bisect.bisect_right(self._begins, arrival.arrives)
+        return self._disturbances[number - 1] if number else None
+
+    def _quiet(self, taken: int) -> bool:
+        """Whether all disturbances before had time to heal, and none comes soon."""
+        return taken < self.end and all(
+            taken > d.ends + self._heals or taken < d.begins - self._heals for d in self._disturbances
+        )
+
+    def _may_be_lost(self, arrival: Arrival) -> bool:
+        """Whether a good sample may be refused: it seems late, or comes amid faults that none can tell apart."""
+        return self._overlaps(arrival) or (self._crowded and not self._quiet(arrival.taken))
+
+    def _overlaps(self, arrival: Arrival) -> bool:
+        """Whether its clock was set back by so little that its stamp only seems to be late."""
+        return 0 <= self._latest[arrival.stream, arrival.setting] - arrival.stamp <= MAX_GAP
+
+    def _lies_before_angles(self, load: Arrival) -> bool:
+        """Whether it lies before all angles of a clock that has just been set, or of the beginning."""
+        near = (angles for angles in self._good.values() if abs(angles[0].taken - load.taken) <= self._heals)
+        return any(load.stamp < angles[0].stamp for angles in near)
+
+    def _is_right(self, load: Arrival, answer: Answer) -> bool:
+        """Whether its angle lies between two good neighbours of one setting of the clock."""
+        return any(
+            value is not None and abs(value - answer.pair.angle) <= TOLERANCE
+            for value in (self._between(load.stamp, setting) for setting in self._good)
+        )
+
+    def _between(self, stamp: int, setting: int) -> float | None:
+        stamps, angles = self._stamps[setting], self._good[setting]
+        after = bisect.bisect_left(stamps, stamp)
+        if after == len(stamps) or (after == 0 and stamps[0] != stamp):
+            return None
+        value = angle_at(angles[after].taken)
+        if stamps[after] == stamp:
+            return value
+        part = (stamp - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+        before = angle_at(angles[after - 1].taken)
+        return before + part * (value - before)
+
+    def _possible(self, load: Arrival) -> int:
+        """True time [ns] by which it can be answered: its own arrival, or that of the first angle at or after it."""
+        settings = [s for s, stamps in self._stamps.items() if stamps[0] <= load.stamp <= stamps[-1]]
+        after = [self._good[s][bisect.bisect_left(self._stamps[s], load.stamp)] for s in settings]
+        near = [angle for angle in after if abs(angle.taken - load.taken) <= self._heals]
+        return max(load.arrives, *(angle.arrives for angle in near)) if near else load.arrives
+
+
+def _bridge(before: list[Arrival], after: list[Arrival]) -> list[Arrival]:
+    """The neighbours where a clock was set: ahead it looks like a pause, and back like samples that are late."""
+    return [before[-1], *[angle for angle in after if angle.stamp > before[-1].stamp][:1]]
+
+
+def _unflagged(answer: Answer) -> bool:
+    return not answer.pair.status & FLAGS

@@ -1,0 +1,154 @@
+"""Memory while something stands still: an input, the recorder, the viewer, a subscriber.
+
+python -m studies.standing_still [--seconds N] [--output FILE]
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import psutil
+
+from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.demo import node_process
+from knee_contact_ros.errors import UsageError
+from knee_contact_ros.graph import private_graph
+from knee_contact_ros.latency.candidates import PARAMETERS
+from knee_contact_ros.latency.driver import joined
+from studies.fault_soak import PATIENCE, Peered
+from studies.report import Section, machine, save
+
+RATE = 1000.0
+"""[Hz]"""
+LOOK = 5.0
+"""How often [s] to look at the memory"""
+FULL = 75.0
+"""Time [s] after which every queue is full that will be: `record.queue` takes half a minute at 1 kHz"""
+JOINTS = (*(f"joint_{number}" for number in range(11)), "knee")
+MB = 1e6
+TEXT = """\
+The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file) at 1 kHz, JointStates of 12 joints, while
+something stands still all the time. Memory is that of the node's own process: when all queues are full that will be
+(75 s), and at most until the end. An error or a warning in `/diagnostics` says which it is, and an exit code other than
+0 that a file was given up."""
+HEADER = ("stands still", "seconds", "answers", "after 75 s [MB]", "growth since then [MB]", "/diagnostics", "exit")
+
+
+class Case(NamedTuple):
+    """What stands still."""
+
+    name: str
+    angles: bool = True
+    forces: bool = True
+    stop: str = ""
+    """The output whose process is stopped"""
+    listener: bool = False
+    """Whether a subscriber is stopped"""
+    entry: str = ""
+    """Of /diagnostics, that says so"""
+
+
+CASES = (
+    Case("nothing"),
+    Case("the forces", forces=False, entry="pairing"),
+    Case("the angles", angles=False, entry="joint_states"),
+    Case("the recorder", stop="recorder", entry="recorder"),
+    Case("the viewer", stop="viewer", entry="viewer"),
+    Case("a subscriber", listener=True),
+)
+
+
+def feed(peer: Peered, case: Case, seconds: float, look: Callable[[], None]) -> None:
+    """Publish what does not stand still, on schedule."""
+    begin, due = time.perf_counter(), LOOK
+    for number in range(round(seconds * RATE)):
+        stamp = peer.stamp + round(number * SECOND / RATE)
+        angle = 0.3 + 0.2 * (number % 1000) * 1e-3
+        if case.angles:
+            values = (*(0.0,) * (len(JOINTS) - 1), angle)
+            peer.angle.publish(encode_joint_state(JointState(stamp, "", JOINTS, values, values, ())))
+        if case.forces:
+            peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_r", (0.0, -900.0, 0.0), (0.0,) * 3)))
+        passed = time.perf_counter() - begin
+        if passed >= due:
+            look()
+            due += LOOK
+        while (left := number / RATE - (time.perf_counter() - begin)) > 0.0:
+            peer.spin(min(left, 0.001))
+
+
+@contextmanager
+def stopped_listener(wanted: bool) -> Iterator[None]:
+    """A reliable subscriber that reads no more."""
+    if not wanted:
+        yield
+        return
+    code = "import time; from tests.ros.listener import listen; listen()"
+    listener = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        if listener.stdout:
+            listener.stdout.readline()
+        listener.send_signal(signal.SIGSTOP)
+        yield
+    finally:
+        listener.kill()
+        listener.wait()
+
+
+def row(case: Case, seconds: float, work: Path) -> list[str]:
+    """Run a case."""
+    work.mkdir()
+    memory: list[tuple[float, float]] = []
+    answers, said, code = 0, "", 0
+    with suppress(UsageError), joined(Peered) as peer, node_process([PARAMETERS], work, PATIENCE) as child:
+        peer.wait_for_node(child.check)
+        process, begin = psutil.Process(child.process.pid), time.monotonic()
+        entries = [f"knee_contact: {name}" for name in ("recorder", "viewer")]
+        peer.wait_until(lambda: all(entry in peer.diagnostics for entry in entries))
+        if case.stop:
+            os.kill(int(peer.diagnostics[f"knee_contact: {case.stop}"]["process"]), signal.SIGSTOP)
+        peer.contacts.clear()
+        with stopped_listener(case.listener):
+            feed(
+                peer, case, seconds,
+                lambda: memory.append((time.monotonic() - begin, process.memory_info().rss / MB)),
+            )  # fmt: skip
+            peer.spin(1.5)
+        answers, said = len(peer.contacts), peer.problems.get(f"knee_contact: {case.entry}", "-")
+        child.process.send_signal(signal.SIGINT)
+        code = child.process.wait(PATIENCE)
+    full = [amount for at, amount in memory if at >= FULL] or [memory[-1][1]]
+    growth = max(full) - full[0]
+    return [case.name, f"{seconds:g}", str(answers), f"{full[0]:.1f}", f"{growth:.1f}", said, str(code)]
+
+
+@click.command()
+@click.option("--seconds", default=300.0, show_default=True)
+@click.option(
+    "--output", type=click.Path(path_type=Path), default=Path("docs/studies/standing_still.md"), show_default=True
+)
+def main(seconds: float, output: Path) -> None:
+    """Measure and write the page."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
+        os.environ.update(environment)
+        for number, case in enumerate(CASES):
+            rows.append(row(case, seconds, Path(folder) / str(number)))
+            click.echo(" | ".join(rows[-1]), err=True)
+    save(output, "Standing still", f"python -m studies.standing_still --seconds {seconds:g}",
+         [Section("", TEXT, HEADER, rows)], machine())  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""Recordings with metadata records of anybody's, by the writer of the MCAP project."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+
+def recording_with(
+    path: Path,
+    source: Path,
+    metadata: Iterable[tuple[str, dict[str, str]]] = (),
+    name: Callable[[str], str] = str,
+    frame: Callable[[bytes], bytes] = bytes,
+) -> Path:
+    """The messages of a bag's only file, under other names and with other bytes, and metadata records behind them."""
+    (file,) = [source] if source.is_file() else source.glob("*.mcap")
+    with file.open("rb") as stream, path.open("wb") as output:
+        writer, schemas, channels = Writer(output), dict[int, int](), dict[int, int]()
+        writer.start(profile="ros2", library="somebody's")
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    name(channel.topic), channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            writer.add_message(channels[channel.id], message.log_time, frame(message.data), message.publish_time)
+        for record, values in metadata:
+            writer.add_metadata(record, values)
+        writer.finish()
+    return path

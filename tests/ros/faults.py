@@ -1,0 +1,350 @@
+"""What may go wrong between two good samples, and what it costs: the table of docs/node.md, as far as streams go."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState as RosJointState
+from std_srvs.srv import Trigger
+
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages import typestore
+from knee_contact_ros.node import MEANINGLESS
+from tests.messages import PlainMessages, RosMessages, header
+from tests.ros.conftest import Peer, call
+
+STEP = 5_000_000
+HALF = 12
+"""Good samples before a fault, and as many after it"""
+SECOND = 1_000_000_000
+OK, REJECTED = Status.OK, Status.INPUT_REJECTED
+
+
+class Sample(NamedTuple):
+    """A good sample and the status that its answer must have."""
+
+    stamp: int
+    angle: float
+    axial: float
+    status: int = OK
+
+
+class Fault(NamedTuple):
+    """Something that goes wrong between two good samples."""
+
+    name: str
+    inject: Callable[[Peer, int], list[Sample] | None]
+    """Do it at a stamp [ns]; returns samples that must be answered beside the good ones"""
+    counters: tuple[str, ...] = ()
+    """Reasons of the samples that it makes the node refuse"""
+    status: int = OK
+    """Of the first good sample after it"""
+    shift: int = 0
+    """By how much the stamps jump there [ns]"""
+
+
+def joint_state(peer: Peer, stamp: int, **positions: float) -> None:
+    peer.angle.publish(
+        RosJointState(header=header(RosMessages, stamp, ""), name=list(positions), position=list(positions.values()))
+    )
+
+
+def bytes_of(stamp: int, angle: float) -> bytes:
+    return encode_joint_state(JointState(stamp, "", ("knee",), (angle,), (), ()))
+
+
+def force_bytes(stamp: int, axial: float) -> bytes:
+    return encode_wrench_stamped(WrenchStamped(stamp, "tibia_r", (0.0, -axial, 0.0), (0.0, 0.0, 0.0)))
+
+
+def without_position(peer: Peer, stamp: int) -> None:
+    peer.angle.publish(RosJointState(header=header(RosMessages, stamp, ""), name=["hip", "knee"], position=[0.1]))
+
+
+def other_order(peer: Peer, stamp: int) -> None:
+    """On the straight line between its neighbours, so that it changes nothing."""
+    joint_state(peer, stamp, ankle=0.1, knee=peer.between, hip=-0.2)
+
+
+def many_joints(peer: Peer, stamp: int) -> None:
+    others = {f"joint_{i}": 0.0 for i in range(5000)}  # more than our own decoder takes
+    joint_state(peer, stamp, **others, knee=peer.between)
+
+
+def big_endian(peer: Peer, stamp: int) -> None:
+    state = typestore().types["sensor_msgs/msg/JointState"]
+    position, none = np.array([peer.between]), np.zeros(0)
+    message = state(header(PlainMessages(), stamp, ""), ["knee"], position, none, none)
+    peer.angle.publish(bytes(typestore().serialize_cdr(message, state.__msgtype__, little_endian=False)))
+
+
+def lost_angle(peer: Peer, stamp: int) -> list[Sample]:
+    """The angle at this stamp does not come: after a while its force is answered with the last angle."""
+    peer.send_force(stamp, 700.0)
+    answered = len(peer.contacts)
+    peer.wait_until(lambda: len(peer.contacts) == answered + 1)
+    return [Sample(stamp, angle_at(HALF - 1), 700.0, Status.INPUT_HELD)]
+
+
+def parameter_storm(peer: Peer, _stamp: int) -> None:
+    client = peer.node.create_client(SetParameters, "/knee_contact/set_parameters")
+    peer.wait_until(client.service_is_ready)
+    change = Parameter("fidelity.budget", value=0).to_parameter_msg()
+    for _ in range(40):  # in parts, for a service forgets what is asked by more than ten at once
+        calls = [client.call_async(SetParameters.Request(parameters=[change])) for _ in range(5)]
+        peer.wait_until(lambda calls=calls: all(call.done() for call in calls))
+        assert all(call.result().results[0].successful for call in calls)
+    peer.node.destroy_client(client)
+
+
+def refused_parameter(peer: Peer, _stamp: int) -> None:
+    client = peer.node.create_client(SetParameters, "/knee_contact/set_parameters")
+    peer.wait_until(client.service_is_ready)
+    changes = [Parameter("femur.geometry", value="profile"), Parameter("contact.damping", value=-1.0)]
+    call = client.call_async(SetParameters.Request(parameters=[change.to_parameter_msg() for change in changes]))
+    peer.wait_until(call.done)
+    reasons = [result.reason for result in call.result().results]
+    assert "femur.geometry cannot change while the node is configured" in reasons[0]
+    assert "contact.damping" in reasons[1]
+    peer.node.destroy_client(client)
+
+
+def unfit_transitions(peer: Peer, _stamp: int) -> None:
+    """Such as to configure what is active, or what there is not."""
+    for transition in (*range(10), 99, 255):
+        if transition not in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
+            request = ChangeState.Request(transition=Transition(id=transition))
+            assert not call(peer, ChangeState, "/knee_contact/change_state", request).success
+    labelled = ChangeState.Request(transition=Transition(label="dance"))
+    assert not call(peer, ChangeState, "/knee_contact/change_state", labelled).success
+
+
+def stamps_stand_still(peer: Peer, stamp: int) -> None:
+    for _ in range(5):
+        peer.send_angle(stamp - STEP // 2, 0.9)
+
+
+def both_wrong(peer: Peer, stamp: int) -> None:
+    """One driver for both."""
+    peer.send_angle(stamp - 100 * SECOND, 0.9)
+    peer.send_force(stamp - 100 * SECOND, 9.0)
+
+
+def lying_length(peer: Peer, stamp: int) -> None:
+    """The name's length says 4 GB."""
+    data = bytes_of(stamp, 0.9)
+    peer.angle.publish(data.replace(struct.pack("<I", 5) + b"knee\0", struct.pack("<I", 2**32 - 1) + b"knee\0"))
+
+
+def no_text(peer: Peer, stamp: int) -> None:
+    """Names that are no UTF-8; the joint that counts is not among them."""
+    peer.angle.publish(bytes_of(stamp, 0.9).replace(b"knee\0", b"\xff\xfe\xfd\xfc\0"))
+
+
+def odd_lengths(peer: Peer, stamp: int) -> None:
+    names, positions = ("hip", "knee", "ankle"), (NAN, peer.between, INF)
+    peer.angle.publish(encode_joint_state(JointState(stamp, "x" * 10_000, names, positions, (1.0,), ())))
+
+
+def one_joint_twice(peer: Peer, stamp: int) -> None:
+    """The first one counts."""
+    peer.angle.publish(encode_joint_state(JointState(stamp, "", ("knee", "knee"), (peer.between, 9.0), (), ())))
+
+
+def other_numbers(peer: Peer, stamp: int) -> list[Sample]:
+    """What is not asked for may be anything."""
+    peer.angle.publish(bytes_of(stamp, peer.between))
+    peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_l", (INF, -700.0, NAN), (NAN, NAN, -INF))))
+    return [Sample(stamp, peer.between, 700.0)]
+
+
+def publisher_with_its_own_clock(peer: Peer, stamp: int) -> None:
+    """Somebody else publishes angles too, a minute ahead."""
+    node = Node("other")
+    publisher = node.create_publisher(RosJointState, "joint_states", QoSProfile(depth=10))
+    peer.wait_until(publisher.get_subscription_count)
+    publisher.publish(bytes_of(stamp + 60 * SECOND, 0.9))
+    peer.spin(0.2)
+    node.destroy_node()
+
+
+def nodes_come_and_go(peer: Peer, _stamp: int) -> None:
+    for number in range(10):
+        node = Node(f"guest_{number}")
+        publisher = node.create_publisher(RosJointState, "joint_states", QoSProfile(depth=10))
+        peer.spin(0.02)
+        node.destroy_publisher(publisher)
+        node.destroy_node()
+
+
+def trigger(peer: Peer, service: str, times: int, success: bool) -> None:
+    for _ in range(times):
+        assert call(peer, Trigger, f"/knee_contact/{service}", Trigger.Request()).success is success
+
+
+def nonsense_for_parameters(peer: Peer, _stamp: int) -> None:
+    """Names there are not, types that are wrong, a value not set."""
+    values = [Parameter("contact.dampping", value=1.0), Parameter("contact.damping", value="much"),
+              Parameter("femur.mass", value=[1.0, 2.0]), Parameter("fidelity.tolerance", value=NAN),
+              Parameter("contact.damping")]  # fmt: skip
+    for value in values:
+        request = SetParameters.Request(parameters=[value.to_parameter_msg()])
+        (result,) = call(peer, SetParameters, "/knee_contact/set_parameters", request).results
+        assert not result.successful
+        assert result.reason
+
+
+def signalled(*numbers: signal.Signals) -> Callable[[Peer, int], None]:
+    """Signals that mean nothing to the node."""
+
+    def send(peer: Peer, _stamp: int) -> None:
+        for number in numbers:
+            os.kill(peer.node_process, number)
+        peer.spin(0.3)
+
+    return send
+
+
+def frozen(peer: Peer, stamp: int) -> list[Sample]:
+    """The machine gives the node no time for half a second."""
+    os.kill(peer.node_process, signal.SIGSTOP)
+    samples = [Sample(stamp + i, peer.between, 600.0) for i in range(50)]
+    for sample in samples:
+        peer.angle.publish(bytes_of(sample.stamp, sample.angle))
+        peer.force.publish(force_bytes(sample.stamp, sample.axial))
+    peer.spin(0.5)
+    os.kill(peer.node_process, signal.SIGCONT)
+    return samples
+
+
+def clock_jump(peer: Peer, _stamp: int) -> None:
+    """Nobody computes with /clock: answers depend on stamps alone."""
+    publisher = peer.node.create_publisher(Clock, "/clock", 10)
+    for seconds in (100, 5, 10_000):
+        publisher.publish(Clock(clock=RosMessages.Time(sec=seconds)))
+    peer.spin(0.1)
+    peer.node.destroy_publisher(publisher)
+
+
+def stalled_subscriber(peer: Peer, _stamp: int) -> None:
+    """Somebody else listens, reliably, and then reads no more."""
+    code = "import time; from tests.ros.listener import listen; listen()"
+    listener = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert listener.stdout
+    assert listener.stdout.readline() == "listening\n"
+    listener.send_signal(signal.SIGSTOP)
+    peer.stalled.append(listener)
+
+
+def other_publisher(peer: Peer, stamp: int) -> None:
+    """A best-effort publisher joins; what it sends counts as well."""
+    node = Node("other")
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = node.create_publisher(RosJointState, "joint_states", best_effort)
+    state = peer.diagnostics
+    peer.wait_until(lambda: state.get("knee_contact: joint_states", {}).get("reliability") == "best effort")
+    peer.wait_until(publisher.get_subscription_count)
+    peer.wait_until(peer.angle.get_subscription_count)
+    publisher.publish(bytes_of(stamp, peer.between))
+    peer.spin(0.2)
+    node.destroy_node()
+
+
+def far_ahead(peer: Peer, stamp: int) -> None:
+    for i in range(3):
+        peer.send_angle(stamp + 10**16 + i * STEP, 0.9)
+
+
+def burst(peer: Peer, stamp: int) -> list[Sample]:
+    """Hundreds of samples at once: more than are computed while they come."""
+    samples = [Sample(stamp + i, peer.between, 600.0) for i in range(300)]
+    for sample in samples:
+        peer.angle.publish(bytes_of(sample.stamp, sample.angle))
+    for sample in samples:
+        peer.force.publish(force_bytes(sample.stamp, sample.axial))
+    return samples
+
+
+def nothing(_peer: Peer, _stamp: int) -> None:
+    """The fault lies in the stamps."""
+
+
+NAN, INF = float("nan"), float("inf")
+FAULTS = [
+    Fault("angle NaN", lambda p, t: p.send_angle(t, NAN), ("not_finite",), REJECTED),
+    Fault("angle infinite", lambda p, t: p.send_angle(t, -INF), ("not_finite",), REJECTED),
+    Fault("force NaN", lambda p, t: p.send_force(t, NAN), ("not_finite",), REJECTED),
+    Fault("force infinite", lambda p, t: p.send_force(t, INF), ("not_finite",), REJECTED),
+    Fault("angle beyond 10 rad", lambda p, t: p.send_angle(t, 57.3), ("out_of_range",), REJECTED),
+    Fault("force beyond 1e6 N", lambda p, t: p.send_force(t, 2e6), ("out_of_range",), REJECTED),
+    Fault("joint missing", lambda p, t: p.send_angle(t, 0.2, joint="elbow"), ("joint_missing",), REJECTED),
+    Fault("joint without position", without_position, ("joint_missing",), REJECTED),
+    Fault("empty joint state", joint_state, ("joint_missing",), REJECTED),
+    Fault("joints in another order", other_order),
+    Fault("thousands of joints", many_joints),
+    Fault("angle doubled", lambda p, t: p.send_angle(t - STEP // 2, 0.9), ("angle_not_in_order",), REJECTED),
+    Fault("force doubled", lambda p, t: p.send_force(t - STEP // 2, 9.0), ("load_not_in_order",), REJECTED),
+    Fault("angle stamp ahead", lambda p, t: p.send_angle(t + SECOND // 5, 0.9), ("angle_off_time",), REJECTED),
+    Fault("force stamp ahead", lambda p, t: p.send_force(t + SECOND // 5, 9.0), ("load_off_time",), REJECTED),
+    Fault("angle stamp a little ahead", lambda p, t: p.send_angle(t + 8 * STEP, 0.9), ("angle_off_time",), REJECTED),
+    Fault("angle stamp behind", lambda p, t: p.send_angle(t - SECOND // 5, 0.9), ("angle_off_time",), REJECTED),
+    Fault("force stamp behind", lambda p, t: p.send_force(t - SECOND // 5, 9.0), ("load_off_time",), REJECTED),
+    Fault("angle stamps of a year to come", far_ahead, 3 * ("angle_off_time",), REJECTED),
+    Fault("angle late", lambda p, t: p.send_angle(t - 2 * STEP, 0.9), ("angle_not_in_order",), REJECTED),
+    Fault("force late", lambda p, t: p.send_force(t - 2 * STEP, 9.0), ("load_not_in_order",), REJECTED),
+    Fault("bytes that are no message", lambda p, t: p.angle.publish(b"\x00\x01\x00\x00nonsense"), ("undecodable",),
+          REJECTED),
+    Fault("truncated message", lambda p, t: p.force.publish(force_bytes(t, 1.0)[:-9]), ("undecodable",), REJECTED),
+    Fault("stamp before 1970", lambda p, t: p.force.publish(struct.pack("<4siI", b"\x00\x01\x00\x00", -5, 0)
+                                                            + force_bytes(t, 1.0)[12:]), ("bad_stamp",), REJECTED),
+    Fault("time jumps ahead", nothing, status=Status.STALE_INPUT, shift=1000 * SECOND),
+    Fault("angle stamps stand still", stamps_stand_still, 5 * ("angle_not_in_order",), REJECTED),
+    Fault("stamp not set", lambda p, _: p.send_angle(0, 0.9), ("angle_off_time",), REJECTED),
+    Fault("one wrong stamp in both streams at once", both_wrong, ("angle_off_time", "load_off_time"), REJECTED),
+    Fault("second publisher with its own clock", publisher_with_its_own_clock, ("angle_off_time",), REJECTED),
+    Fault("nodes come and go", nodes_come_and_go),
+    Fault("no content", lambda p, _: p.angle.publish(b"\0\1\0\0"), ("undecodable",), REJECTED),
+    Fault("a length that lies", lying_length, ("undecodable",), REJECTED),
+    Fault("a name that is no text", no_text, ("joint_missing",), REJECTED),
+    Fault("fields of odd lengths, other joints not finite", odd_lengths),
+    Fault("one joint twice", one_joint_twice),
+    Fault("numbers that do not matter not finite, another frame", other_numbers),
+    Fault("big-endian message", big_endian),
+    Fault("streams pause", nothing, status=Status.STALE_INPUT, shift=SECOND // 2),
+    Fault("time jumps back", nothing, status=Status.TIME_RESET, shift=-SECOND // 2),
+    Fault("angle lost", lost_angle),
+    Fault("burst of samples", burst),
+    Fault("/clock jumps", clock_jump),
+    Fault("parameter storm", parameter_storm),
+    Fault("parameters refused", refused_parameter),
+    Fault("life cycle request that does not fit", unfit_transitions),
+    Fault("nonsense for parameters", nonsense_for_parameters),
+    Fault("reset storm", lambda p, _: trigger(p, "reset", 20, success=True), status=Status.TIME_RESET),
+    Fault("start of a recording without a name", lambda p, _: trigger(p, "start_recording", 5, success=False)),
+    Fault("stop of no recording", lambda p, _: trigger(p, "stop_recording", 5, success=False)),
+    Fault("signals that mean nothing", signalled(*MEANINGLESS)),
+    Fault("node frozen", frozen),
+    Fault("subscriber stops reading", stalled_subscriber),
+    Fault("best-effort publisher joins", other_publisher),
+]  # fmt: skip
+
+
+def angle_at(number: float) -> float:
+    """Linear, so that a sample in between changes nothing."""
+    return 0.2 + 0.01 * number

@@ -1,0 +1,66 @@
+"""The real kernel, kept and damaged: what a loss of power leaves stops neither `load_model` nor the node."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.ros.conftest import NodeProcess
+
+PARAMETERS = {
+    "contact.law": "kelvin_voigt",
+    "femur.geometry": "circle",
+    "tibia.geometry": "plane",
+    "fidelity.level": "quasi_static",
+}
+"""What compiles quickest"""
+RUN = """
+import json, sys
+import knee_contact_ros
+from numba.core.event import install_recorder
+model = knee_contact_ros.load_model(json.loads(sys.argv[1]), compiled=True)
+with install_recorder("numba:run_pass") as passes:
+    series = model.run([0.0, 0.01], [0.3, 0.4], [700.0, 900.0])
+    stream = model.stream()
+    depths = [stream.tick(0.0, 0.3, 700.0).penetration_depth, stream.tick(0.01, 0.4, 900.0).penetration_depth]
+assert depths == series.penetration_depth.tolist()
+print(series.tobytes().hex(), not passes.buffer)
+"""
+
+
+def run() -> tuple[str, bool, str]:
+    """Answers of a process of its own, whether it compiled nothing for run and stream, and what it said."""
+    command = [sys.executable, "-c", RUN, json.dumps(PARAMETERS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    answers, loaded = done.stdout.split()
+    return answers, loaded == "True", done.stderr
+
+
+def test_a_kernel_that_was_not_written_to_its_end_is_compiled_again(
+    start_node: Callable[..., NodeProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    answers, loaded, said = run()
+    assert (loaded, said) == (False, "")
+    kept = {path.name.partition("-")[0]: path for path in tmp_path.glob("knee_contact_ros/kernel-*/*")}
+    assert sorted(kept) == ["put", "run", "tick"]
+    path = kept["tick"]
+    whole = path.read_bytes()
+    path.write_bytes(b"")
+    node = start_node(*(word for name, value in PARAMETERS.items() for word in ("-p", f"{name}:={value}")))
+    lines: list[str] = []
+    for line in node.process.stdout or ():
+        lines.append(line)
+        if "active, listening" in line:
+            break
+    code, rest = node.stop()
+    assert code == 0, "".join(lines) + rest
+    (line,) = [line for line in lines if str(path) in line]
+    assert line == f"knee_contact_ros: compiled code: {path} is damaged; compiling again\n"
+    assert len(path.read_bytes()) == pytest.approx(len(whole), rel=0.01)
+    assert run() == (answers, True, "")

@@ -1,0 +1,206 @@
+"""The managed node: its states, what each transition answers, completes and forgets, and what ends the process."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+from knee_contact_ros.msg import KneeContact
+from lifecycle_msgs.msg import State, Transition
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+import knee_contact_ros
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.session import SILENCE
+from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
+from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
+
+Start = Callable[..., NodeProcess]
+MILLISECOND = 1_000_000
+
+
+def answers_in(recording: Path) -> list[KneeContact]:
+    """The `knee_contact` messages of a recording."""
+    with BagReader(recording, {"/knee_contact": MESSAGE_TYPES["knee_contact"]}) as bag:
+        return [deserialize_message(message.data, KneeContact) for message in bag.raw_messages()]
+
+
+def has_received(peer: Peer, topic: str, number: int) -> bool:
+    """Whether the node says that so many samples of a topic have come."""
+    return peer.diagnostics.get(f"knee_contact: {topic}", {}).get("received") == str(number)
+
+
+def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    node = start_node("-p", "autostart:=false", "-p", "record.path:=/proc/no/where.mcap")
+
+    def set_parameter(name: str, value: object) -> tuple[bool, str]:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        result = call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0]
+        return result.successful, result.reason
+
+    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert set_parameter("contact.damping", -5.0) == (
+        False,
+        "parameter contact.damping: -5.0 is not allowed; it should be greater than or equal to 0",
+    )
+    assert set_parameter("contact.damping", 0.0) == (True, "")
+    assert set_parameter("femur.profile", "nowhere.csv") == (True, "")
+    assert set_parameter("femur.geometry", "profile") == (True, "")
+    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)  # there is no such profile
+    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert set_parameter("femur.geometry", "circle") == (True, "")
+    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)  # nor such a folder
+    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert set_parameter("record.path", str(tmp_path / "first.mcap")) == (True, "")
+    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+    refusal = "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
+    assert set_parameter("femur.geometry", "profile") == (False, refusal)
+    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    send_all(peer)
+    undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
+    assert undamped.penetration_depth.tolist() == [contact.penetration_depth for contact in peer.contacts]
+    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    assert state_of(peer) == State.PRIMARY_STATE_INACTIVE
+    peer.wait_until(lambda: not peer.force.get_subscription_count())
+    assert change_state(peer, Transition.TRANSITION_CLEANUP)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.mcap", "metadata.yaml"]
+    assert not psutil.Process(node.process.pid).children()
+    peer.wait_until(lambda: not peer.node.count_publishers("knee_contact"))
+    assert set_parameter("tibia.slope", 0.0) == (True, "")
+    assert set_parameter("record.path", str(tmp_path / "second.mcap")) == (True, "")
+    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    peer.contacts.clear()
+    peer.wrenches.clear()
+    send_all(peer)
+    assert peer.contacts[0].status == 0
+    assert change_state(peer, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert state_of(peer) == State.PRIMARY_STATE_FINALIZED
+    first = answers_in(tmp_path / "first.mcap")
+    assert [answer.penetration_depth for answer in first] == undamped.penetration_depth.tolist()
+    assert answers_in(tmp_path / "second.mcap") == peer.contacts
+    _, output = node.stop()
+    assert output.count("cannot write /proc/no/where.mcap") == 1
+
+
+def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, start_node: Start) -> None:
+    """Forces before the last tick are answered from rest, and said so."""
+    start_node()
+    peer.wait_for_node()
+    for i in range(10):
+        peer.send(10**10 + i * 5 * MILLISECOND, 0.2, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        assert change_state(peer, transition)
+    peer.wait_for_node()
+    peer.contacts.clear()
+    for i in range(10):
+        peer.send(i * 5 * MILLISECOND, 0.3, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
+
+
+def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, start_node: Start) -> None:
+    """The forces come first, at an earlier time; their angle comes in time."""
+    start_node("-p", "pairing.wait:=5.0")
+    peer.wait_for_node()
+    for i in range(10):
+        peer.send(10**10 + i * 5 * MILLISECOND, 0.2, 900.0)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        assert change_state(peer, transition)
+    peer.wait_for_node()
+    peer.contacts.clear()
+    for i in range(10):
+        peer.send_force(i * 5 * MILLISECOND, 900.0)
+    peer.spin(0.3)
+    for i in range(10):
+        peer.send_angle(i * 5 * MILLISECOND, 0.7)
+    peer.wait_until(lambda: len(peer.contacts) == 10)
+    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
+    assert {contact.flexion_angle for contact in peer.contacts} == {0.7}
+
+
+def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "autostart:=false", "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps")
+
+    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+    assert not change_state(peer, Transition.TRANSITION_ACTIVATE)
+    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+    assert change_state(peer, Transition.TRANSITION_CLEANUP)
+
+
+def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start) -> None:
+    node = start_node("-p", "autostart:=false")
+    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        assert change_state(peer, transition)
+        peer.spin(SILENCE + 0.5 if transition == Transition.TRANSITION_CONFIGURE else 2.0)
+    _, output = node.stop()
+    assert "active, listening to" in output
+    assert "nothing received" not in output
+
+
+def test_nothing_is_said_of_the_time_when_nobody_listened(peer: Peer, start_node: Start) -> None:
+    """Neither a pause of that length, nor a rate that is spread over it, nor silence."""
+    node = start_node()
+    peer.wait_for_node()
+    send_all(peer)
+    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    peer.spin(SILENCE + 0.5)
+    peer.diagnostics.clear()
+    peer.contacts.clear()
+    peer.wrenches.clear()
+    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    send_all(peer)
+    peer.wait_until(lambda: peer.diagnostics)
+    for topic in ("joint_states", "joint_reaction_force"):
+        values = peer.diagnostics[f"knee_contact: {topic}"]
+        assert float(values["longest pause [ms]"]) < 1e3 * SILENCE
+        received = float(values["received"]) - len(STAMPS)
+        assert float(values["rate [Hz]"]) > received / SILENCE
+    assert "nothing received" not in node.stop()[1]
+
+
+def test_forces_that_wait_are_answered_before_the_streams_are_left(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    """At a reset, when the node is deactivated and when it ends; one recording goes through all of it."""
+    recording = tmp_path / "all.mcap"
+    node = start_node("-p", "pairing.wait:=10.0", "-p", f"record.path:={recording}")
+    peer.wait_for_node()
+
+    def leave_one_waiting(stamp: int) -> None:
+        answered = len(peer.contacts)
+        peer.send(stamp, 0.2, 900.0)
+        peer.wait_until(lambda: len(peer.contacts) == answered + 1)
+        peer.send_force(stamp + 5 * MILLISECOND, 900.0)
+        peer.wait_until(lambda: has_received(peer, "joint_reaction_force", answered + 2))
+
+    leave_one_waiting(0)
+    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    peer.wait_until(lambda: len(peer.contacts) == 2)
+    leave_one_waiting(200 * MILLISECOND)
+    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    peer.wait_until(lambda: len(peer.contacts) == 4)
+    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    peer.wait_for_node()
+    leave_one_waiting(400 * MILLISECOND)
+    code, _ = node.stop(signal.SIGTERM)
+    assert code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.mcap", "metadata.yaml"]
+    anew = Status.TIME_RESET
+    answers = answers_in(recording)
+    assert [answer.status for answer in answers] == [0, Status.INPUT_HELD, *[anew, Status.INPUT_HELD] * 2]
+    assert answers[:4] == peer.contacts[:4]

@@ -1,0 +1,72 @@
+"""Signals: those that end the node do so in whatever state it is, with its files completed; others do nothing."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.stream_in.bag import read_bag
+from knee_contact_ros.topics import MESSAGE_TYPES
+from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.series import STAMPS, STEP, send_all
+
+Start = Callable[..., NodeProcess]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
+    recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
+    node = start_node(
+        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}"
+    )  # fmt: skip
+    peer.wait_for_node()
+    send_all(peer)
+    peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
+    peer.spin(0.3)
+    code, output = node.stop(number)
+    assert code == 0, output
+    assert "40 ticks, 0 samples refused" in output
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
+    messages = read_bag(recording.parent, {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()})
+    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in MESSAGE_TYPES}
+    assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
+    recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
+    assert recorded == [contact.penetration_depth for contact in peer.contacts]
+
+
+def test_a_node_that_compiles_ends_without_a_kernel(
+    start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
+    assert node.process.stdout
+    while "making the model ready" not in node.process.stdout.readline():
+        pass
+    while not (tmp_path / "bag").exists():  # the recorder's process starts while the model compiles
+        pass
+    code, output = node.stop(signal.SIGTERM)
+    assert code == 0, output
+    assert "Traceback" not in output
+    assert not list(tmp_path.glob("cache/**/run-*"))
+    assert not list(tmp_path.glob("bag/*.partial"))
+
+
+def test_a_node_outlives_its_terminal_where_it_was_asked_to(
+    peer: Peer, start_node: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `nohup` asks: by ignoring SIGHUP, which its children inherit."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        node = start_node()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    peer.wait_for_node()
+    node.process.send_signal(signal.SIGHUP)
+    peer.spin(0.3)
+    send_all(peer)
+    code, output = node.stop(signal.SIGTERM)
+    assert code == 0, output
+    assert "40 ticks" in output
