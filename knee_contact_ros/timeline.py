@@ -113,14 +113,20 @@ class Timeline(Generic[S]):
 
     def _put_aside(self, sample: S, other: Timeline[Any]) -> list[S]:
         """Keep a sample for later; give those that are believed with it."""
-        behind = self.aside[-1].stamp - sample.stamp if self.aside else -1
-        if behind == 0 or (0 < behind <= self._max_gap and len(self.aside) > 1):
-            self._refuse(f"{self._name}_not_in_order")
-            return []
-        if behind > 0 or len(self.aside) >= self._most:
+        if self.aside and sample.stamp <= self.aside[-1].stamp:
+            if self._is_late_aside(sample.stamp):
+                self._refuse(f"{self._name}_not_in_order")
+                return []
+            self.drop_aside()
+        if len(self.aside) >= self._most:
             self.drop_aside()
         self.aside.append(sample)
         return self.believe(self._believable(other))
+
+    def _is_late_aside(self, stamp: int) -> bool:
+        """Whether it belongs to those kept aside, and comes after a later one; else the stream does not go on there."""
+        first, newest = self.aside[0].stamp, self.aside[-1].stamp
+        return stamp == newest or (len(self.aside) > 1 and stamp >= max(first - self.far, newest - self._max_gap))
 
     def _believable(self, other: Timeline[Any]) -> int:
         """With how many of those kept aside, the oldest ones, the stream goes on."""

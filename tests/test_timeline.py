@@ -68,6 +68,13 @@ def test_a_sample_far_ahead_is_refused_when_the_stream_goes_on_as_before() -> No
     assert stream.take(110) == [110]
 
 
+def test_three_samples_ahead_are_refused_although_the_next_one_is_far_from_the_last_one_too() -> None:
+    stream = running()
+    assert [stream.take(stamp) for stamp in (170, 180, 190, 130, 140)] == [[], [], [], [], []]
+    assert stream.refused == {"angle_off_time": 3}
+    assert stream.take(150, Stream(*range(100, 160, 10))) == [130, 140, 150]
+
+
 @pytest.mark.parametrize("behind", [150, 5000])
 def test_a_sample_far_behind_is_refused_when_the_stream_goes_on_as_before(behind: float) -> None:
     stream = running()

@@ -16,7 +16,8 @@ from studies.pairing.judging import IN_A_WORLD, Breach, Judged, judged
 from studies.pairing.world import KINDS, LATENCIES, MAX_GAP, MS, PERIODS, WAIT
 from studies.report import Section, machine, save
 
-SHOWN = 20
+SHOWN = 3
+"""Breaches of a world"""
 TEXT = f"""\
 Two sensors with periods of {", ".join(f"{p / MS:g}" for p in PERIODS)} ms, a jitter of 20 %, latencies of
 {", ".join(f"{t / MS:g}" for t in LATENCIES)} ms and clocks of their own; `pairing.max_gap` and `pairing.wait` of
@@ -72,8 +73,8 @@ def main(disturbances: int, seed: int, workers: int, output: Path) -> None:
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         for number, found in pool.map(judged, seeds, chunksize=20):
             total.add(number, found)
-    for number, breach in total.breaches[:SHOWN]:
-        click.echo(f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True)
+            for breach in found.breaches[:SHOWN]:
+                click.echo(f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True)
     command = f"python -m studies.pairing --disturbances {disturbances} --seed {seed}"
     save(output, "Pairing", command, [Section("", TEXT, HEADER, [total.row(kind) for kind in KINDS])], machine())
 
