@@ -1,10 +1,12 @@
 """Memory while something stands still: an input, the recorder, the viewer, a subscriber.
 
-python -m studies.standing_still [--seconds N] [--output FILE]
+python -m studies.standing_still [--seconds N] [--rate HZ] [--workers N] [--output FILE]
 """
 
 from __future__ import annotations
 
+import itertools
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -12,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -29,20 +32,18 @@ from knee_contact_ros.latency.driver import joined
 from studies.fault_soak import PATIENCE, Peered
 from studies.report import Section, machine, save
 
-RATE = 1000.0
-"""[Hz]"""
 LOOK = 5.0
 """How often [s] to look at the memory"""
-FULL = 75.0
-"""Time [s] after which every queue is full that will be: `record.queue` takes half a minute at 1 kHz"""
+FULL = 75_000
+"""Samples after which every queue is full that will be: `record.queue` takes 30 000"""
 JOINTS = (*(f"joint_{number}" for number in range(11)), "knee")
 MB = 1e6
 TEXT = """\
-The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file) at 1 kHz, JointStates of 12 joints, while
-something stands still all the time. Memory is that of the node's own process: when all queues are full that will be
-(75 s), and at most until the end. An error or a warning in `/diagnostics` says which it is, and an exit code other than
-0 that a file was given up."""
-HEADER = ("stands still", "seconds", "answers", "after 75 s [MB]", "growth since then [MB]", "/diagnostics", "exit")
+The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file), JointStates of 12 joints, while something
+stands still all the time. Memory is that of the node's own process: when all queues are full that will be (after
+75 000 samples), and at most until the end. An error or a warning in `/diagnostics` says which it is, and an exit code
+other than 0 that a file was given up."""
+HEADER = ("stands still", "answers", "heard", "with full queues [MB]", "growth since then [MB]", "/diagnostics", "exit")
 
 
 class Case(NamedTuple):
@@ -69,11 +70,11 @@ CASES = (
 )
 
 
-def feed(peer: Peered, case: Case, seconds: float, look: Callable[[], None]) -> None:
+def feed(peer: Peered, case: Case, seconds: float, rate: float, look: Callable[[], None]) -> None:
     """Publish what does not stand still, on schedule."""
     begin, due = time.perf_counter(), LOOK
-    for number in range(round(seconds * RATE)):
-        stamp = peer.stamp + round(number * SECOND / RATE)
+    for number in range(round(seconds * rate)):
+        stamp = peer.stamp + round(number * SECOND / rate)
         angle = 0.3 + 0.2 * (number % 1000) * 1e-3
         if case.angles:
             values = (*(0.0,) * (len(JOINTS) - 1), angle)
@@ -84,7 +85,7 @@ def feed(peer: Peered, case: Case, seconds: float, look: Callable[[], None]) -> 
         if passed >= due:
             look()
             due += LOOK
-        while (left := number / RATE - (time.perf_counter() - begin)) > 0.0:
+        while (left := number / rate - (time.perf_counter() - begin)) > 0.0:
             peer.spin(min(left, 0.001))
 
 
@@ -106,11 +107,17 @@ def stopped_listener(wanted: bool) -> Iterator[None]:
         listener.wait()
 
 
-def row(case: Case, seconds: float, work: Path) -> list[str]:
+def row(case: Case, seconds: float, rate: float) -> list[str]:
+    """Run a case in a graph of its own."""
+    with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
+        os.environ.update(environment)
+        return run(case, seconds, rate, Path(folder))
+
+
+def run(case: Case, seconds: float, rate: float, work: Path) -> list[str]:
     """Run a case."""
-    work.mkdir()
     memory: list[tuple[float, float]] = []
-    answers, said, code = 0, "", 0
+    heard, answers, said, code = 0, "", "", 0
     with suppress(UsageError), joined(Peered) as peer, node_process([PARAMETERS], work, PATIENCE) as child:
         peer.wait_for_node(child.check)
         process, begin = psutil.Process(child.process.pid), time.monotonic()
@@ -121,33 +128,36 @@ def row(case: Case, seconds: float, work: Path) -> list[str]:
         peer.contacts.clear()
         with stopped_listener(case.listener):
             feed(
-                peer, case, seconds,
+                peer, case, seconds, rate,
                 lambda: memory.append((time.monotonic() - begin, process.memory_info().rss / MB)),
             )  # fmt: skip
             peer.spin(1.5)
-        answers, said = len(peer.contacts), peer.problems.get(f"knee_contact: {case.entry}", "-")
+        heard, answers = len(peer.contacts), peer.diagnostics["knee_contact: ticks"]["ticks"]
+        said = peer.problems.get(f"knee_contact: {case.entry}", "-")
         child.process.send_signal(signal.SIGINT)
         code = child.process.wait(PATIENCE)
-    full = [amount for at, amount in memory if at >= FULL] or [memory[-1][1]]
+    full = [amount for at, amount in memory if at >= FULL / rate] or [memory[-1][1]]
     growth = max(full) - full[0]
-    return [case.name, f"{seconds:g}", str(answers), f"{full[0]:.1f}", f"{growth:.1f}", said, str(code)]
+    said = said.replace(f"{work}/", "")
+    return [case.name, answers, str(heard), f"{full[0]:.1f}", f"{growth:.1f}", said, str(code)]
 
 
 @click.command()
 @click.option("--seconds", default=300.0, show_default=True)
+@click.option("--rate", default=1000.0, show_default=True, help="[Hz]")
+@click.option("--workers", default=1, show_default=True, help="So many cases at a time")
 @click.option(
     "--output", type=click.Path(path_type=Path), default=Path("docs/studies/standing_still.md"), show_default=True
 )
-def main(seconds: float, output: Path) -> None:
+def main(seconds: float, rate: float, workers: int, output: Path) -> None:
     """Measure and write the page."""
     rows = []
-    with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
-        os.environ.update(environment)
-        for number, case in enumerate(CASES):
-            rows.append(row(case, seconds, Path(folder) / str(number)))
-            click.echo(" | ".join(rows[-1]), err=True)
-    save(output, "Standing still", f"python -m studies.standing_still --seconds {seconds:g}",
-         [Section("", TEXT, HEADER, rows)], machine())  # fmt: skip
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
+        for measured in pool.map(row, CASES, itertools.repeat(seconds), itertools.repeat(rate)):
+            rows.append(measured)
+            click.echo(" | ".join(measured), err=True)
+    command = f"python -m studies.standing_still --seconds {seconds:g} --rate {rate:g} --workers {workers}"
+    save(output, "Standing still", command, [Section("", TEXT, HEADER, rows)], machine())
 
 
 if __name__ == "__main__":
