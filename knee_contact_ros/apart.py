@@ -8,30 +8,26 @@ way, `Report`s the other way. The end of the one is told to the other by the soc
 
 from __future__ import annotations
 
-import os
 import pickle
 import select
 import signal
-import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from knee_contact_ros.answer import Answer, Ending
 from knee_contact_ros.apart_messages import DONE, ENDED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.apart_process import is_stopped, reap, start_child
 from knee_contact_ros.cdr_in import JointState
 from knee_contact_ros.errors import UsageError
 
 MB = 10**6
 
-CHILD = "knee_contact_ros.apart_child"
 PERIOD = 0.01
 """How long [s] answers are gathered while more come"""
 LATEST = 0.05
@@ -46,8 +42,6 @@ PAUSE = 0.001
 """Time [s] for others to have the interpreter if more wait"""
 START = 180.0
 """How long [s] a child may take to open its output"""
-LAST_WORDS = 5.0
-"""How long [s] a child may take to end once its socket is closed"""
 PATIENCE = 3.0
 """How long [s] to wait for an output to be complete: with all else that a node does to end, 5 s at most"""
 KILLED = 0.5
@@ -390,14 +384,6 @@ class SinkProcess:
             self._to_tell.failure(failure)
 
 
-def is_stopped(pid: int) -> bool:
-    """Whether a process was stopped by a signal."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2][1] in "Tt"
-    except (OSError, IndexError):
-        return False
-
-
 def size_of(item: Item) -> int:
     """[B] of memory that something takes while it waits, about."""
     if isinstance(item, Answer):
@@ -408,36 +394,3 @@ def size_of(item: Item) -> int:
                 size += NUMBER_SIZE * (len(message.position) + len(message.velocity) + len(message.effort))
         return size
     return sum(map(len, item.values.values())) + INPUT_SIZE if isinstance(item, Note) else 0
-
-
-def start_child(niceness: int) -> tuple[Connection, subprocess.Popen[bytes]]:
-    """Start a process of such a niceness beyond ours, and give our end of the sockets between us.
-
-    It has a process group of its own, so that Ctrl-C in a terminal does not reach it: the node says when it shall end.
-    But no session: Linux may share the processors out by session (`sched_autogroup_enabled`), and then one that works a
-    little at a time starves beside busy ones of another, and niceness does not count. It imports
-    from where this process does, and not from the working folder: a file there may have a library's name.
-
-    Raises:
-        OSError: no process can be started.
-    """
-    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", CHILD, str(theirs.fileno()), str(niceness)],
-            stdin=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno()],
-            process_group=0,
-            env=os.environ | {"PYTHONPATH": path},
-        )
-        return Connection(ours.detach()), process
-
-
-def reap(process: subprocess.Popen[bytes]) -> None:
-    """Have a process gone that has closed its socket or was left alone with it."""
-    for _ in range(2):
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(LAST_WORDS)
-            return
-        process.kill()

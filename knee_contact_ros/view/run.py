@@ -80,10 +80,10 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
         return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         work = Path(folder)
-        knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
         path = way.save or work / "knee_contact.rrd"
         for source in sources:
             refuse_input(Path(source), path)
+        knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
         draw(knees, path, way.overwrite)
         for knee in knees:
             if not knee.known:

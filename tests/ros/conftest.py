@@ -50,6 +50,11 @@ def graph() -> Iterator[None]:
         rclpy.shutdown()
 
 
+def own_words(errors: str) -> str:
+    """What a program itself has said; Fast DDS tells of ports that two graphs want at once, and heals."""
+    return "".join(line for line in errors.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line)
+
+
 class NodeProcess:
     """`knee-contact node` with its output."""
 

@@ -16,6 +16,7 @@ import pytest
 from knee_contact_ros.stream_in.bag import read_bag
 from knee_contact_ros.topics import MESSAGE_TYPES
 from knee_contact_ros.work_folder import replace
+from tests.ros.conftest import own_words
 from tests.test_solve import make_bag
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
@@ -50,7 +51,7 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path
     for name, demo in zip(names, demos, strict=True):
         output, errors = demo.communicate(timeout=TIMEOUT)
         assert demo.returncode == 0, errors
-        assert errors == ""  # no progress bar in a pipe
+        assert own_words(errors) == ""  # no progress bar in a pipe
         assert "387 over 1.93 s" in output
         assert "dropped          0" in output
         assert "1613.8   2.19" in output
@@ -73,7 +74,9 @@ def test_the_companion_gives_way_and_its_log_is_kept(tmp_path: Path) -> None:
     highest, lowest = map(float, torque.groups())
     assert 10.0 >= highest > lowest  # how far it falls depends on the machine's load
     log = (tmp_path / "companion.log").read_text()
-    assert log.count("giving way: the contact force is above 1400 N") == 2  # once a stance
+    times = log.count("giving way: the contact force is above 1400 N")
+    pauses = log.count("no answer for 0.1 s") - 1  # the first one: before the first answer
+    assert 2 <= times <= 2 + pauses  # once a stance, and once more after a busy machine's pause amid it
 
 
 def test_the_log_of_an_earlier_companion_gives_way(tmp_path: Path) -> None:
@@ -104,7 +107,7 @@ def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(t
     demo.send_signal(signal.SIGINT)
     printed, errors = demo.communicate(timeout=TIMEOUT)
     assert demo.returncode == 130
-    assert errors.strip() == "knee-contact: interrupted"
+    assert own_words(errors).strip() == "knee-contact: interrupted"
     assert printed == ""
     assert not output.exists()
     assert not psutil.wait_procs(processes, timeout=TIMEOUT)[1]

@@ -93,9 +93,8 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert output.count("cannot write /proc/no/where.mcap") == 1
 
 
-def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, start_node: Start) -> None:
-    """Forces before the last tick are answered from rest, and said so."""
-    start_node()
+def answer_and_rest(peer: Peer) -> None:
+    """Have the node answer ten forces, deactivate it, and activate it again."""
     peer.wait_for_node()
     for i in range(10):
         peer.send(10**10 + i * 5 * MILLISECOND, 0.2, 900.0)
@@ -104,6 +103,12 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, sta
         assert change_state(peer, transition)
     peer.wait_for_node()
     peer.contacts.clear()
+
+
+def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, start_node: Start) -> None:
+    """Forces before the last tick are answered from rest, and said so."""
+    start_node()
+    answer_and_rest(peer)
     for i in range(10):
         peer.send(i * 5 * MILLISECOND, 0.3, 900.0)
     peer.wait_until(lambda: len(peer.contacts) == 10)
@@ -113,14 +118,7 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, sta
 def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, start_node: Start) -> None:
     """The forces come first, at an earlier time; their angle comes in time."""
     start_node("-p", "pairing.wait:=5.0")
-    peer.wait_for_node()
-    for i in range(10):
-        peer.send(10**10 + i * 5 * MILLISECOND, 0.2, 900.0)
-    peer.wait_until(lambda: len(peer.contacts) == 10)
-    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
-        assert change_state(peer, transition)
-    peer.wait_for_node()
-    peer.contacts.clear()
+    answer_and_rest(peer)
     for i in range(10):
         peer.send_force(i * 5 * MILLISECOND, 900.0)
     peer.spin(0.3)

@@ -22,7 +22,7 @@ from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.stream_in.bag import INPUT_TYPES, RawMessage
 from tests.bags import write_rosbag2
 from tests.messages import raw_inputs
-from tests.ros.conftest import PATIENCE, Peer
+from tests.ros.conftest import PATIENCE, Peer, own_words
 from tests.terminals import Terminal
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli", "replay"]
@@ -55,7 +55,7 @@ class Ear:
         said = re.match(LAST_LINE, output)
         assert said, output + errors
         self.peer.wait_until(lambda: self.count >= int(said[1]))  # a signal may come between a message and its count
-        return output, errors
+        return output, own_words(errors)
 
 
 @pytest.fixture

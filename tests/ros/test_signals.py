@@ -38,15 +38,13 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
 
 
 def test_a_node_that_compiles_ends_without_a_kernel(
-    start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
     assert node.process.stdout
-    while "making the model ready" not in node.process.stdout.readline():
-        pass
-    while not (tmp_path / "bag").exists():  # the recorder's process starts while the model compiles
-        pass
+    assert any("making the model ready" in line for line in node.process.stdout)
+    peer.wait_until((tmp_path / "bag").exists)  # the recorder's process starts while the model compiles
     code, output = node.stop(signal.SIGTERM)
     assert code == 0, output
     assert "Traceback" not in output
