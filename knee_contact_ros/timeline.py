@@ -63,8 +63,9 @@ class Timeline(Generic[S]):
         stamp, last = sample.stamp, self.last
         if last is not None:
             step = stamp - last
-            if 0 < step <= self.far or (step > 0 and other.has_reached(stamp)):
-                passed = self._pass_by(stamp, other) if self.aside else []
+            near = 0 < step <= self.far
+            if near or (step > 0 and other.has_reached(stamp)):
+                passed = [] if not self.aside or (near and self._is_alone(other)) else self._pass_by(stamp)
                 self._go_to(stamp)
                 return [*passed, sample]
             if -self._max_gap <= step <= 0 and not (self.aside and stamp > self.aside[-1].stamp):
@@ -148,10 +149,8 @@ class Timeline(Generic[S]):
             at = sample.stamp
         return len(self.aside)
 
-    def _pass_by(self, stamp: int, other: Timeline[Any]) -> list[S]:
+    def _pass_by(self, stamp: int) -> list[S]:
         """The stream goes on with a later stamp: what was kept aside in between is believed, and the rest refused."""
-        if self._is_alone(other):
-            return []
         last = -1 if self.last is None else self.last
         between = [sample for sample in self.aside if last < sample.stamp < stamp]
         self.aside = [sample for sample in self.aside if not last < sample.stamp < stamp]

@@ -11,7 +11,7 @@ from knee_contact_ros.synchronise import PairedSample, Synchroniser
 from knee_contact_ros.timeline import Timeline
 from studies.pairing.judging import judged
 
-WORLDS = range(10_032, 10_080)
+WORLDS = range(10_112, 10_160)
 """Seeds: 576 disturbances"""
 
 
@@ -59,7 +59,7 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any]]] = {
     "every stamp is believed": (Timeline, "take", believe_all),
     "no jump is believed": (Timeline, "take", believe_nothing_else),
     "the other stream is not looked at": (Timeline, "has_reached", lambda _self, _stamp: False),
-    "nothing kept aside is looked at again": (Timeline, "look_again", lambda _self, _other, _jumped: []),
+    "nothing kept aside is looked at again": (Timeline, "look_again", lambda _self, _other, jumped=False: []),
     "a load is given up too soon": (Synchroniser, "give_up", give_up_all),
     "angles of before a jump are kept": (Synchroniser, "_take_angles", keep_old_angles),
     "no time is long enough": (Timeline, "_silence", lambda _self: 10**18),

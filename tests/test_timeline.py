@@ -75,6 +75,16 @@ def test_three_samples_ahead_are_refused_although_the_next_one_is_far_from_the_l
     assert stream.take(150, Stream(*range(100, 160, 10))) == [130, 140, 150]
 
 
+def test_one_that_is_far_and_that_the_other_stream_has_reached_leaves_no_later_one_aside() -> None:
+    """They came out of order: the later one is refused, and not believed behind its back."""
+    stream = running()
+    other = Stream(*range(200, 290, 10))
+    assert stream.take(310, other) == []
+    assert stream.take(285, other) == [285]
+    assert stream.refused == {"angle_off_time": 1}
+    assert stream.look_again(Stream(*range(200, 320, 10))) == []
+
+
 @pytest.mark.parametrize("behind", [150, 5000])
 def test_a_sample_far_behind_is_refused_when_the_stream_goes_on_as_before(behind: float) -> None:
     stream = running()
