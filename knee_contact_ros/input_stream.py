@@ -11,7 +11,6 @@ from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from knee_contact_ros.diagnostics import InputMeter
-from knee_contact_ros.qos_overrides import check_qos_overrides
 
 DEPTH = 1000
 """Samples that may wait: one second at 1 kHz"""
@@ -46,7 +45,6 @@ class InputStream:
 
     def open(self) -> None:
         """Listen."""
-        check_qos_overrides(self._node, self.topic, "subscription")
         reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
         self._unheard = False
         self._subscription = self._node.create_subscription(

@@ -140,7 +140,7 @@ class KneeContactNode(LifecycleNode):
         if self.session:
             try:
                 self.session.start()
-            except Exception as error:  # a QoS override that is none: rclpy has many ways to say so
+            except Exception as error:  # as in `Session`
                 self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
                 return TransitionCallbackReturn.ERROR
             topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)

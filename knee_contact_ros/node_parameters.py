@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.parameters import Parameters, known_parameters, load_parameters
+from knee_contact_ros.qos_overrides import PREFIX, check_qos_overrides
 
 LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
@@ -40,6 +41,7 @@ class NodeParameters:
         """Who is told of changes while the node is configured: all parameters, and those that have changed"""
         overrides = self._values()
         load_parameters(overrides)
+        check_qos_overrides(node, overrides.items())
         for name, (default, description) in known_parameters().items():
             descriptor = ParameterDescriptor(name=name, description=description, dynamic_typing=True)
             if name in overrides:
@@ -58,14 +60,21 @@ class NodeParameters:
 
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
         for change in changes:
-            if self.user and change.name in known_parameters() and change.name not in LIVE:
+            if self.user and self._is_fixed(change.name):
                 reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
                 return SetParametersResult(successful=False, reason=reason)
         try:
             load_parameters(self._values() | {change.name: change.value for change in changes})
+            check_qos_overrides(self._node, ((change.name, change.value) for change in changes))
         except UsageError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True, reason="")
+
+    def _is_fixed(self, name: str) -> bool:
+        """Whether it cannot change while the node is configured; rclpy declares overrides then, which are new."""
+        if name.startswith(PREFIX):
+            return bool(self._node.has_parameter(name))
+        return name in known_parameters() and name not in LIVE
 
     def _after_set(self, changes: Sequence[Parameter]) -> None:
         ours = {change.name: change.value for change in changes if change.name in LIVE}

@@ -1,13 +1,19 @@
-"""QoS overrides: which ones the user has given, and whether they are any; rclpy has many ways to say so, one empty."""
+"""QoS overrides: which ones there are, what they may be, and which the user has given; rclpy ignores others."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from knee_contact_ros.errors import UsageError
+from knee_contact_ros.topics import INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 
-PREFIX = "qos_overrides"
+PREFIX = "qos_overrides."
+OUTPUTS = (KNEE_CONTACT, KNEE_CONTACT_WRENCH, "/diagnostics")
+OTHERS = ("/clock.", "/parameter_events.", "/rosout.")
+"""Topics of every node, with overrides of their own"""
 MOST = 2**31 - 1
 """Depth beyond which the middleware has no number for it"""
 POLICIES = {
@@ -18,25 +24,36 @@ POLICIES = {
 
 def given_by_user(node: Node) -> frozenset[str]:
     """Names of the overrides that the user has given; rclpy declares the others itself, and read-only."""
-    names = [f"{PREFIX}.{name}" for name in node.get_parameters_by_prefix(PREFIX)]
+    names = [PREFIX + name for name in node.get_parameters_by_prefix(PREFIX.rstrip("."))]
     return frozenset(name for name in names if not node.describe_parameter(name).read_only)
 
 
-def check_qos_overrides(node: Node, topic: str, side: str) -> None:
-    """Check the overrides of a topic's `side`: `publisher` or `subscription`.
+def check_qos_overrides(node: Node, given: Iterable[tuple[str, object]]) -> None:
+    """Check overrides, of names and values; other parameters may be among them.
 
     Raises:
-        UsageError: one cannot be used; by its name, with its value.
+        UsageError: one names none of the node's topics or no policy of one, or has a value that is not allowed.
     """
-    prefix = f"{PREFIX}.{node.resolve_topic_name(topic)}.{side}"
-    for policy, parameter in node.get_parameters_by_prefix(prefix).items():
-        value = parameter.value
-        if policy == "depth":
-            allowed, words = type(value) is int and 0 <= value <= MOST, f"an integer from 0 to {MOST}"
-        elif policy in POLICIES:
-            allowed = isinstance(value, str) and value.lower() in POLICIES[policy]
-            words = ", ".join(POLICIES[policy])
-        else:
+    ours = [
+        f"{PREFIX}{node.resolve_topic_name(topic)}.{side}."
+        for side, topics in (("subscription", INPUTS), ("publisher", OUTPUTS))
+        for topic in topics
+    ]
+    for name, value in given:
+        if not name.startswith(PREFIX) or name.removeprefix(PREFIX).startswith(OTHERS):
             continue
-        if not allowed:
-            raise UsageError(f"parameter {prefix}.{policy}: {value!r} is not allowed; allowed: {words}")
+        beginning, _, policy = name.rpartition(".")
+        if f"{beginning}." not in ours or policy not in (*POLICIES, "depth"):
+            known = ", ".join(f"{topic}*" for topic in ours)
+            raise UsageError(f"unknown parameter {name}; allowed: {known} with depth, {', '.join(POLICIES)}")
+        _check_value(name, policy, value)
+
+
+def _check_value(name: str, policy: str, value: object) -> None:
+    if policy == "depth":
+        allowed, words = type(value) is int and 0 <= value <= MOST, f"an integer from 0 to {MOST}"
+    else:
+        allowed = isinstance(value, str) and value.lower() in POLICIES[policy]
+        words = ", ".join(POLICIES[policy])
+    if not allowed:
+        raise UsageError(f"parameter {name}: {value!r} is not allowed; allowed: {words}")

@@ -29,7 +29,6 @@ from knee_contact_ros.node_outputs import Outputs
 from knee_contact_ros.parameters import Parameters
 from knee_contact_ros.pipeline import Pipeline
 from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
-from knee_contact_ros.qos_overrides import check_qos_overrides
 from knee_contact_ros.synchronise import PairedSample
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.view.window import address
@@ -94,15 +93,13 @@ class Session:
         by_user = QoSOverridingOptions.with_default_policies()
         offered = {KNEE_CONTACT: KneeContact, KNEE_CONTACT_WRENCH: WrenchStamped, "/diagnostics": DiagnosticArray}
         try:
-            for topic in offered:
-                check_qos_overrides(node, topic, "publisher")
             self._contact, self._wrench, self._diagnostics = (  # each with a profile of its own: overrides change it
                 node.create_lifecycle_publisher(
                     message_type, topic, QoSProfile(depth=OUTPUT_DEPTH), qos_overriding_options=by_user
                 )
                 for topic, message_type in offered.items()
             )
-        except Exception as error:  # a QoS override that is none: rclpy has many ways to say so
+        except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
         try:
             self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import psutil
+import pytest
 from knee_contact_ros.msg import KneeContact
 from lifecycle_msgs.msg import State, Transition
 from rcl_interfaces.srv import SetParameters
@@ -129,14 +131,21 @@ def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, star
     assert {contact.flexion_angle for contact in peer.contacts} == {0.7}
 
 
-def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "autostart:=false", "-p", "qos_overrides./joint_states.subscription.reliability:=perhaps")
-
+def test_a_transition_that_fails_leaves_the_node_unconfigured(
+    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middleware fails where the node begins to listen: no QoS does that here, so Python's `site` sees to it."""
+    code = "from knee_contact_ros.input_stream import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
+    (tmp_path / "sitecustomize.py").write_text(f"{code}InputStream.open = fail\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    node = start_node("-p", "autostart:=false")
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert not change_state(peer, Transition.TRANSITION_ACTIVATE)
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert change_state(peer, Transition.TRANSITION_CLEANUP)
+    _, output = node.stop()
+    assert "cannot listen: no way" in output
 
 
 def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start) -> None:

@@ -217,6 +217,12 @@ def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) ->
         (["-p", "record.path:=/tmp/kn\udce9e.mcap"], r"'record.path:=/tmp/kn\udce9e.mcap' is no UTF-8"),
         (["-p", "qos_overrides./knee_contact.publisher.depth:=seven"], "knee_contact.publisher.depth: 'seven' is not"),
         (["-p", "qos_overrides./diagnostics.publisher.depth:=-1"], "/diagnostics.publisher.depth: -1 is not allowed"),
+        (["-p", "qos_overrides./joint_states.subscription.reliability:=perhaps"], "reliability: 'perhaps' is not"),
+        (["-p", "qos_overrides./knee_contact/wrench.publisher.depth:=[1, 2]"], "depth: [1, 2] is not allowed"),
+        (
+            ["-p", "qos_overrides./joint_states.subscriptoin.depth:=7"],
+            "unknown parameter qos_overrides./joint_states.s",
+        ),
     ],
 )
 def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[str], words: str) -> None:

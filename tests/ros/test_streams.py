@@ -271,26 +271,25 @@ def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None
     peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("missed deadlines") == "1")
 
 
-@pytest.mark.parametrize(
-    ("override", "value", "words", "files"),
-    [
-        ("joint_states.subscription.reliability", "perhaps", "cannot listen: ", {"a.mcap", "metadata.yaml"}),
-        ("joint_reaction_force.subscription.depth", "many", "cannot listen: ", {"a.mcap", "metadata.yaml"}),
-        ("knee_contact.publisher.reliability", "perhaps", "a topic cannot be offered: ", set()),
-        ("knee_contact/wrench.publisher.depth", "[1, 2]", "a topic cannot be offered: ", set()),
-    ],
-)
-def test_a_qos_that_is_none_ends_the_node_and_is_named(
-    start_node: Start, tmp_path: Path, override: str, value: str, words: str, files: set[str]
-) -> None:
-    node = start_node("-p", f"qos_overrides./{override}:={value}", "-p", f"record.path:={tmp_path}/a.mcap")
-    code, output = node.wait()
-    assert code == 2
-    assert words in output
-    assert f"qos_overrides./{override}: " in output.partition(words)[2]
-    assert value in output.partition(words)[2]
-    assert "Traceback" not in output
-    assert {path.name for path in tmp_path.iterdir()} == files
+def test_a_qos_override_is_checked_when_it_is_set(peer: Peer, start_node: Start) -> None:
+    """Whether it is any, whether there is such a topic, and whether it can still count."""
+    start_node("-p", "qos_overrides./joint_states.subscription.depth:=7")
+    peer.wait_for_node()
+    refused = {
+        "qos_overrides./joint_states.subscription.durability": ("volatile", "unknown parameter qos_overrides./joint"),
+        "qos_overrides./joint_states.publisher.depth": (7, "unknown parameter qos_overrides./joint_states.publisher"),
+        "qos_overrides./knee.subscription.depth": (7, "allowed: qos_overrides./joint_states.subscription.*, qos_over"),
+        "qos_overrides./joint_states.subscription.depth": (8, "cannot change while the node is configured"),
+    }
+    for name, (value, words) in refused.items():
+        successful, reason = set_parameters(peer, {name: value})
+        assert not successful
+        assert words in reason
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+        assert change_state(peer, transition)
+    assert set_parameters(peer, {"qos_overrides./joint_states.subscription.depth": 8}) == (True, "")
+    successful, reason = set_parameters(peer, {"qos_overrides./joint_states.subscription.depth": -8})
+    assert (successful, "-8 is not allowed" in reason) == (False, True)
 
 
 def test_what_makes_no_sense_is_told(peer: Peer, start_node: Start) -> None:
