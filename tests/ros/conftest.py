@@ -77,7 +77,7 @@ class NodeProcess:
     def wait(self) -> tuple[int, str]:
         """Wait for its end."""
         output, _ = self.process.communicate(timeout=PATIENCE)
-        return self.process.returncode, output
+        return self.process.returncode, own_words(output)
 
 
 class Peer:
