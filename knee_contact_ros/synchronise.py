@@ -169,8 +169,12 @@ class Synchroniser:
         return self._pairs(hold=True, most=number)
 
     def finish(self) -> list[PairedSample]:
-        """Answer all that came: no more samples will tell whether those kept aside are right."""
-        pairs = self._take_angles(self.angle_time.believe())
+        """Answer all that came: no more samples will tell whether those kept aside are right.
+
+        So no force that waits is answered with an angle kept aside, as if it were known to be.
+        """
+        pairs = self.give_up() if self.angle_time.aside else []
+        pairs += self._take_angles(self.angle_time.believe())
         return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
 
     def rest(self) -> list[AngleSample]:

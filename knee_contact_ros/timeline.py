@@ -92,6 +92,8 @@ class Timeline(Generic[S]):
         believed, self.aside = self.aside[:number], [] if number is None else self.aside[number:]
         for sample in believed:
             self.jumps += self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
+            if self.last is not None and sample.stamp <= self.last:  # its jumps on the way there are none of its steps
+                self.go_on(self.last, [step for step in self.steps if step <= self._max_gap])
             self._go_to(sample.stamp)
         return believed
 
@@ -119,10 +121,8 @@ class Timeline(Generic[S]):
                 self._refuse(f"{self._name}_not_in_order")
                 return []
             self.drop_aside()
-        if len(self.aside) >= self._most:
-            self.drop_aside()
         self.aside.append(sample)
-        return self.believe(self._believable(other))
+        return self.believe(None if len(self.aside) >= self._most else self._believable(other))
 
     def _is_late_aside(self, stamp: int) -> bool:
         """Whether it belongs to those kept aside, and comes after a later one; else the stream does not go on there."""
@@ -174,7 +174,7 @@ class Timeline(Generic[S]):
             step, steps = stamp - self.last, self.steps
             gone = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
-            if FAR * step >= self.far or FAR * gone >= self.far or len(steps) == 1:  # else it stays as it is
+            if FAR * step >= self.far or FAR * gone >= self.far or len(steps) <= 2:  # else it stays as it is
                 self.far = FAR * _longest_but_one(steps)
         self.last = stamp
 

@@ -112,7 +112,27 @@ def test_gaps_are_flagged() -> None:
     synchroniser = Synchroniser(Pairing(max_gap=0.1))
     pairs = feed(synchroniser, [angle(0), load(0), angle(50 * MS), load(50 * MS), load(200 * MS), angle(300 * MS)])
     pairs += synchroniser.finish()
-    assert [pair.status for pair in pairs] == [Status.OK, Status.OK, Status.STALE_INPUT]
+    held = Status.INPUT_HELD | Status.STALE_INPUT  # nothing has come that tells whether the last angle is right
+    assert [pair.status for pair in pairs] == [Status.OK, Status.OK, held]
+
+
+def test_what_waits_at_the_end_is_not_answered_with_an_angle_that_may_be_wrong() -> None:
+    synchroniser = Synchroniser(Pairing())
+    pairs = feed(synchroniser, [sample for at in range(0, 100, 10) for sample in (angle(at * MS, 0.3), load(at * MS))])
+    pairs += feed(synchroniser, [load(95 * MS), angle(150 * MS, 1.0)])
+    pairs += synchroniser.finish()
+    assert [(pair.angle, pair.status) for pair in pairs[9:]] == [(0.3, Status.OK), (0.3, Status.INPUT_HELD)]
+
+
+def test_a_second_publisher_from_the_first_sample_on_is_refused() -> None:
+    """Jumps to the other one and back are no steps of a stream."""
+    synchroniser = Synchroniser(Pairing())
+    pairs = []
+    for at in range(20_000, 25_000, 5):
+        pairs += feed(synchroniser, [load(at * MS), load((at + 5000) * MS), angle(at * MS)])
+    assert synchroniser.load_time.jumps <= 2
+    assert synchroniser.refused["load_off_time"] > 990
+    assert sum(bool(pair.status & Status.TIME_RESET) for pair in pairs) <= 2
 
 
 def test_doubled_and_late_samples_are_refused() -> None:

@@ -75,6 +75,41 @@ def test_three_samples_ahead_are_refused_although_the_next_one_is_far_from_the_l
     assert stream.take(150, Stream(*range(100, 160, 10))) == [130, 140, 150]
 
 
+@pytest.mark.parametrize(
+    "steps", [(30, 10), (20_000, 10, 10), (30, 10, 10, 300, 10), (10, 10, 10, 10, 10, 10, 10, 10, 40)]
+)
+def test_how_far_is_far_depends_on_the_last_steps_alone(steps: tuple[int, ...]) -> None:
+    stream, at = Stream(0, max_gap=10**6), 0
+    for step in steps:
+        at += step
+        stream.take(at, Stream(at))
+    again = Stream()
+    again.time.go_on(stream.time.last, stream.time.steps)
+    assert stream.time.far == again.time.far
+
+
+def test_two_pauses_do_not_make_a_second_publisher_a_part_of_the_stream() -> None:
+    stream, other = running(), Stream(*TEN)
+    for at in (*range(100, 700, 10),):
+        other.take(at, stream)
+        stream.look_again(other)
+        if at in (390, 700):
+            stream.take(at, other)
+    jumps = stream.time.jumps
+    for at in range(700, 2700, 10):
+        other.take(at, stream)
+        stream.take(at + 1, other)
+        stream.take(at + 156, other)
+    assert stream.time.jumps <= jumps + 4
+
+
+def test_a_clock_that_is_set_is_followed_also_if_little_may_be_kept_aside() -> None:
+    stream = Stream(*TEN, 150, 160, 220, 230)  # steps of 10 with two pauses: four of 60 are more than ten samples
+    stream.time._most = 5
+    assert [stream.take(5000 + 10 * number) for number in range(5)][-1]
+    assert stream.refused == {}
+
+
 def test_one_that_is_far_and_that_the_other_stream_has_reached_leaves_no_later_one_aside() -> None:
     """They came out of order: the later one is refused, and not believed behind its back."""
     stream = running()

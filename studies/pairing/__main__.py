@@ -1,11 +1,13 @@
 """Random disturbances of the stamps: what every good sample gets, against a plain account of what it must get.
 
-python -m studies.pairing [--disturbances N] [--seed S] [--output FILE]
+python -m studies.pairing [--disturbances N] [--minutes N] [--seed S] [--output FILE]
 """
 
 from __future__ import annotations
 
+import math
 import multiprocessing
+import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -22,6 +24,7 @@ TEXT = f"""\
 Two sensors with periods of {", ".join(f"{p / MS:g}" for p in PERIODS)} ms, a jitter of 20 %, latencies of
 {", ".join(f"{t / MS:g}" for t in LATENCIES)} ms and clocks of their own; `pairing.max_gap` and `pairing.wait` of
 {MAX_GAP / MS:g} and {WAIT / MS:g} ms. Disturbances come one by one, or three of them within a fraction of `max_gap`.
+The first ones come after three, six or 24 samples of the slower stream.
 
 Breaches, of which there must be none: a good force that is not answered, or twice; an answer without a flag whose angle
 is not that between two good neighbours; a good angle that is not recorded; a wrong force that is answered without a
@@ -64,18 +67,22 @@ class Sum:
 
 @click.command()
 @click.option("--disturbances", default=100_000, show_default=True)
+@click.option("--minutes", default=math.inf, help="Stop after so long; the page tells how far it came.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--workers", default=2, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/pairing.md"), show_default=True)
-def main(disturbances: int, seed: int, workers: int, output: Path) -> None:
+def main(disturbances: int, minutes: float, seed: int, workers: int, output: Path) -> None:
     """Measure and write the table."""
-    seeds, total = range(seed, seed + disturbances // IN_A_WORLD), Sum()
+    seeds, total, end = range(seed, seed + disturbances // IN_A_WORLD), Sum(), time.monotonic() + 60.0 * minutes
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         for number, found in pool.map(judged, seeds, chunksize=20):
             total.add(number, found)
             for breach in found.breaches[:SHOWN]:
                 click.echo(f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True)
-    command = f"python -m studies.pairing --disturbances {disturbances} --seed {seed}"
+            if time.monotonic() > end:
+                pool.shutdown(wait=False, cancel_futures=True)
+                break
+    command = f"python -m studies.pairing --disturbances {total.disturbances.total()} --seed {seed}"
     save(output, "Pairing", command, [Section("", TEXT, HEADER, [total.row(kind) for kind in KINDS])], machine())
 
 

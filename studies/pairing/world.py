@@ -97,7 +97,7 @@ class World:
         self.disturbances: list[Disturbance] = []
         self.slowest = max(sensor.period for sensor in self.sensors)
         self._begin()
-        self.run_for(REST * self.slowest)
+        self.run_for(self.rng.choice((3, 6, REST)) * self.slowest + max(LATENCIES))  # both have begun
         for _ in range(disturbances):
             for place in range(crowded):
                 if place:
