@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sysconfig
 import tempfile
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
 
@@ -53,15 +53,16 @@ def address(port: int) -> str:
 
 
 def executable() -> Path:
-    """Rerun's viewer.
+    """Rerun's viewer, wherever Python finds its package: in the environment, or in the user's own packages.
 
     Raises:
         UsageError: it is not there.
     """
-    path = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
-    if not path.exists():
-        raise UsageError(f"Rerun's viewer is not at {path}: pip install rerun-sdk")
-    return path
+    package = find_spec("rerun_cli")
+    for folder in package.submodule_search_locations or () if package else ():
+        if (path := Path(folder) / "rerun").exists():
+            return path
+    raise UsageError("Rerun's viewer is not installed: pip install rerun-sdk")
 
 
 def hidden() -> tuple[str, ...]:
