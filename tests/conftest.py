@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -60,6 +61,14 @@ def hidden_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
         os.close(read)
         server.kill()
         server.wait()
+
+
+@pytest.fixture
+def hang_up() -> Iterator[None]:
+    """Have SIGHUP end processes that are started, also where the tests run under `nohup`."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture

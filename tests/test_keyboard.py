@@ -49,6 +49,7 @@ def test_keys_come_one_by_one_and_without_echo() -> None:
         assert shown.split() == ["<FASTER>"]
 
 
+@pytest.mark.usefixtures("hang_up")
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGHUP, 128 + signal.SIGHUP)]
 )

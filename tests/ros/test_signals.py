@@ -16,6 +16,7 @@ from tests.ros.series import STAMPS, STEP, send_all
 Start = Callable[..., NodeProcess]
 
 
+@pytest.mark.usefixtures("hang_up")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
     recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
