@@ -134,8 +134,8 @@ class Account:
         """True time [ns] before which samples are followed by others"""
         self._good: dict[int, list[Arrival]] = defaultdict(list)  # angles by the setting of their clock
         self._latest: dict[tuple[int, int], int] = {}  # of a stream's earlier settings the largest stamp
-        self._clocks = {a.setting: a.stamp - a.taken for a in world.arrivals if a.good and a.stream == LOAD}
-        """[ns] By which the loads' clock is off, by its setting"""
+        self._loads = {a.setting: a for a in world.arrivals if a.good and a.stream == LOAD}
+        """The last good one of each setting of their clock"""
         latest: Counter[int] = Counter()
         for arrival in world.arrivals:
             if not arrival.good:
@@ -155,7 +155,7 @@ class Account:
     def of_load(self, load: Arrival, given: list[Answer]) -> str:
         """What is wrong with a load's answers; empty if nothing is."""
         if not load.good:
-            unseen = any(_unflagged(answer) for answer in given) and not self._agrees_by_chance(load)
+            unseen = any(_unflagged(answer) for answer in given) and not self._cannot_be_told(load)
             return "a wrong load is answered without a flag" if unseen else ""
         if len(given) > 1:
             return "answered twice"
@@ -199,16 +199,20 @@ class Account:
         """Whether its clock was set back by so little that its stamp only seems to be late."""
         return 0 <= self._latest[arrival.stream, arrival.setting] - arrival.stamp <= MAX_GAP
 
-    def _agrees_by_chance(self, load: Arrival) -> bool:
-        """Whether the angles' clock is off by as much as a wrong load: nothing can tell which is right."""
+    def _cannot_be_told(self, load: Arrival) -> bool:
+        """Whether a wrong load comes right after its clock was set, or the angles' is off by as much."""
+        before, last = self._loads.get(load.setting - 1), self._loads.get(load.setting)
+        if before and load.arrives - before.arrives <= self._heals:
+            return True
         angles = [
             angle
             for setting in range(max(self._good) + 1)
             for angle in self._good.get(setting, ())
             if abs(angle.arrives - load.arrives) <= self._heals and abs(angle.stamp - load.stamp) <= MAX_GAP
         ]
-        clock = self._clocks.get(load.setting)
-        return clock is not None and any(abs(angle.stamp - angle.taken - clock) > MAX_GAP for angle in angles)
+        return last is not None and any(
+            abs((angle.stamp - angle.taken) - (last.stamp - last.taken)) > MAX_GAP for angle in angles
+        )
 
     def _lies_before_angles(self, load: Arrival) -> bool:
         """Whether it lies before all angles of a clock that has just been set, or of the beginning."""
