@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from typing import Any, Generic, Protocol, TypeVar
 
 STEPS = 8
@@ -19,7 +20,7 @@ STEPS = 8
 FAR = 3
 """A step is far if it is longer than so many of that one"""
 SILENT = 4
-"""So many of that one without a sample that goes on, and the stream goes on with those kept aside"""
+"""So many of that one, or of the longest of those kept aside, without a sample that goes on, and they are believed"""
 ENOUGH = 3
 """So many samples of both streams make a jump of both: a pair of wrong stamps is none"""
 
@@ -161,7 +162,10 @@ class Timeline(Generic[S]):
 
     def _silence(self) -> int:
         """For how long [ns] nothing must go on from the last sample believed until something else is believed."""
-        return min(SILENT * _longest_but_one(self.steps), self._max_gap) if self.steps else 0
+        if not self.steps:
+            return 0
+        own = (after.stamp - before.stamp for before, after in pairwise(self.aside))
+        return min(SILENT * max(_longest_but_one(self.steps), *own), self._max_gap)
 
     def _is_alone(self, other: Timeline[Any]) -> bool:
         """Whether what was kept aside is at the other stream's time, and what was believed is not."""

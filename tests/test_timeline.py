@@ -156,6 +156,15 @@ def test_a_jump_is_believed_after_four_steps_in_which_nothing_goes_on_as_before(
     assert not stream.refused
 
 
+@pytest.mark.parametrize("step", [10, 15, 20])
+def test_three_stamps_far_from_another_are_no_stream_because_they_are_far(step: float) -> None:
+    """As from a slower publisher: nothing was silent for so long."""
+    stream = Stream(*range(100))
+    assert [stream.take(5000 + number * step) for number in range(3)] == [[], [], []]
+    assert stream.take(100) == [100]
+    assert stream.refused == {"angle_off_time": 3}
+
+
 def test_the_largest_gap_bounds_how_long_a_jump_is_not_believed() -> None:
     slow = Stream(*range(0, 10_000, 1000), max_gap=100)
     assert slow.take(-500) == []
