@@ -42,7 +42,8 @@ from knee_contact_ros.stream_in.player import Player
 from knee_contact_ros.stream_in.replay import Replayer
 from knee_contact_ros.stream_in.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.summary import Summary, read_summary
-from knee_contact_ros.terminal import progress, show_summary, warn
+from knee_contact_ros.summary_table import show_summary
+from knee_contact_ros.terminal import progress, warn
 from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.work_folder import replace, work_folder
 

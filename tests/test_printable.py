@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from knee_contact_ros.commands.recovery_table import show_recovery
 from knee_contact_ros.errors import UsageError
 from knee_contact_ros.printable import listed, printable
 from knee_contact_ros.salvage.recover import Recovery, TopicCount
 from knee_contact_ros.stream_in.samples import RefusedSampleError
 from knee_contact_ros.summary import read_summary
-from knee_contact_ros.terminal import say, show_recovery, show_summary, warn
+from knee_contact_ros.summary_table import show_summary
+from knee_contact_ros.terminal import say, warn
 from tests.terminals import Terminal
 
 EVIL = "\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"

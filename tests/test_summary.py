@@ -12,7 +12,7 @@ from knee_contact_ros.core.model import as_contact
 from knee_contact_ros.core.ticks import ANSWER
 from knee_contact_ros.core.types import COLUMN
 from knee_contact_ros.summary import Summary, bound, read_summary
-from knee_contact_ros.terminal import show_summary
+from knee_contact_ros.summary_table import show_summary
 
 
 @pytest.mark.parametrize("errors", [[0.0, 3e-6, 1e-6], [0.0, math.nan, 1e-6], [math.inf, 0.0, math.nan]])

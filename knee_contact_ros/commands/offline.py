@@ -56,7 +56,8 @@ def solve(
     from knee_contact_ros.solve import solve as solve_bag
     from knee_contact_ros.stream_in.names import names_in_bag
     from knee_contact_ros.subject import Subject
-    from knee_contact_ros.terminal import progress, show_summary, warn
+    from knee_contact_ros.summary_table import show_summary
+    from knee_contact_ros.terminal import progress, warn
 
     person = Subject(subject) if subject else None
     bag = bag or (person.bag if person else None)
@@ -89,8 +90,9 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     Writes all that can be read of the MCAP file IN (ours: *.mcap.partial) to OUT.mcap, and says what is missing. IN
     stays as it is.
     """
+    from knee_contact_ros.commands.recovery_table import show_recovery
     from knee_contact_ros.salvage.recover import recover as recover_file
-    from knee_contact_ros.terminal import progress, show_recovery
+    from knee_contact_ros.terminal import progress
 
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)
