@@ -1,0 +1,123 @@
+"""Whether another checkout of this package gives the same messages, byte for byte.
+
+python -m scripts.same_messages OTHER [--scenes N]
+
+Both compute the bundled bags with all shipped parameter files, and random scenes: laws, constants, levels, femurs, and
+streams of two sensors some of whose samples are wrong. Each checkout has its own .venv. Ends with 1 if they differ.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+from itertools import product
+from pathlib import Path
+
+import click
+import numpy as np
+from mcap.reader import make_reader
+from ruamel.yaml import YAML
+
+from knee_contact_ros.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.core.levels import LEVELS
+from studies.honesty.scenes import draw
+from tests.bags import Mcap, RawMessage
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = ("healthy", "osteoarthritis", "mri_femur", "mri_knee")
+RUN = """
+import json, sys
+from knee_contact_ros.cli import main
+print(json.dumps([main(["solve", *arguments]) for arguments in json.load(sys.stdin)]), file=sys.stderr)
+"""
+"""`main` lies there in every version"""
+
+
+def scene_files(folder: Path, seed: int) -> list[str]:
+    """Write a random bag and its parameters; give the arguments that `solve` takes."""
+    scene, dice = draw(seed), np.random.default_rng(seed)
+    base = ROOT / "config" / f"{dice.choice(SHIPPED)}.yaml"
+    changes = {
+        "contact": {"law": scene.law, "allow_tension": scene.allow_tension, **scene.arguments},
+        "femur": {"mass": scene.mass},
+        "fidelity": {"level": str(dice.choice(list(LEVELS))), "tolerance": float(10 ** dice.uniform(-9, -5)),
+                     "budget": int(dice.choice([0, 0, 30, 300]))},
+    }  # fmt: skip
+    path = folder / f"{seed}.yaml"
+    with path.open("w", encoding="utf-8") as file:
+        YAML(typ="safe").dump({"/**": {"ros__parameters": changes}}, file)
+    bag = Mcap(folder / f"{seed}.mcap")
+    channels = bag.channels()
+    for message in random_messages(scene.time, scene.angle, scene.load, dice):
+        bag.write(channels[message.topic], message)
+    bag.close()
+    return [str(bag.path), "--params", str(base), "--params", str(path)]
+
+
+def random_messages(
+    time: np.ndarray, angle: np.ndarray, load: np.ndarray, dice: np.random.Generator
+) -> list[RawMessage]:
+    """Angles at times of their own; one sample in 30 is wrong in its number or its stamp."""
+    stamps = np.rint(1e9 * (1.0 + time)).astype(np.int64)
+    shift = int(dice.choice([0, 0, 1_300_000]))
+    messages = []
+    for stamp, value, axial in zip(stamps.tolist(), angle.tolist(), load.tolist(), strict=True):
+        late, ahead = (int(dice.choice([0, -50_000_000, 5_000_000_000])) if dice.random() < 1 / 60 else 0 for _ in "ab")
+        number = float(dice.choice([np.nan, 1e9])) if dice.random() < 1 / 60 else value
+        angles = JointState(stamp + shift + late, "", ("knee",), (number,), (), ())
+        forces = WrenchStamped(stamp + ahead, "tibia_r", (0.0, -2.0 * axial, 0.0), (0.0, 0.0, 0.0))
+        messages += [
+            RawMessage("/joint_states", stamp, encode_joint_state(angles)),
+            RawMessage("/joint_reaction_force", stamp, encode_wrench_stamped(forces)),
+        ]
+    return messages
+
+
+def solved(checkout: Path, every: list[list[str]], folder: Path) -> list[int]:
+    """Have a checkout solve all of these; give its exit codes."""
+    folder.mkdir()
+    jobs = [[*arguments, "--output", str(folder / f"{number}.mcap")] for number, arguments in enumerate(every)]
+    command = [str(checkout.absolute() / ".venv" / "bin" / "python"), "-c", RUN]
+    done = subprocess.run(command, cwd=checkout, input=json.dumps(jobs), capture_output=True, text=True, check=True)
+    codes: list[int] = json.loads(done.stderr.splitlines()[-1])
+    return codes
+
+
+def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
+    """Topic, stamp [ns] and bytes of all that a recording holds."""
+    if not path.exists():
+        return []
+    with path.open("rb") as file:
+        every = make_reader(file).iter_messages(log_time_order=False)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in every]
+
+
+@click.command()
+@click.argument("other", type=click.Path(path_type=Path, exists=True))
+@click.option("--scenes", default=200, show_default=True)
+def main(other: Path, scenes: int) -> None:
+    """Compute with both, and compare."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bags = sorted(str(bag) for bag in (ROOT / "bags").iterdir() if bag.is_dir())
+        shipped = [str(ROOT / "config" / f"{name}.yaml") for name in SHIPPED]
+        jobs = [[bag, "--params", parameters] for bag, parameters in product(bags, shipped)]
+        jobs += [scene_files(folder, seed) for seed in range(scenes)]
+        codes = [solved(checkout, jobs, folder / side) for checkout, side in ((ROOT, "ours"), (other, "theirs"))]
+        messages, different = 0, []
+        for number, arguments in enumerate(jobs):
+            ours, theirs = (messages_of(folder / side / f"{number}.mcap") for side in ("ours", "theirs"))
+            messages += len(ours)
+            if ours != theirs or codes[0][number] != codes[1][number]:
+                different.append(arguments)
+        failed = sum(code != 0 for code in codes[0])
+        click.echo(f"{len(jobs)} computations ({failed} refused), {messages} messages, {len(different)} different")
+        for arguments in different:
+            click.echo(" ".join(arguments))
+    raise SystemExit(bool(different))
+
+
+if __name__ == "__main__":
+    main()
