@@ -11,18 +11,18 @@ __version__ = "0.1.0"
 __all__ = ["UsageError", "load_model"]
 
 if TYPE_CHECKING:
-    from knee_contact_ros.build import load_model
-    from knee_contact_ros.errors import UsageError
+    from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.system.errors import UsageError
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that importing the messages alone costs nothing more."""
     if name == "load_model":
-        from knee_contact_ros.build import load_model
+        from knee_contact_ros.parameters.build import load_model
 
         return load_model
     if name == "UsageError":
-        from knee_contact_ros.errors import UsageError
+        from knee_contact_ros.system.errors import UsageError
 
         return UsageError
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -16,10 +16,10 @@ from pathlib import Path
 
 from mcap.writer import CompressionType
 
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 
 ORIGIN = {
     "source": "OpenSim 4.6, scale, IK, RRA, CMC and JointReaction on gait2354, subject01 walking",

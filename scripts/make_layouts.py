@@ -12,10 +12,10 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.layouts import foxglove, plotjuggler
-from knee_contact_ros.layouts.fields import checked
-from knee_contact_ros.outputs import claim
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import claim
+from knee_contact_ros.tools.layouts import foxglove, plotjuggler
+from knee_contact_ros.tools.layouts.fields import checked
 
 
 @click.command()

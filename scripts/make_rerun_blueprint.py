@@ -15,10 +15,10 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.layouts.fields import checked
-from knee_contact_ros.layouts.rerun_direct import APPLICATION, application_of, save
-from knee_contact_ros.outputs import claim
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import claim
+from knee_contact_ros.tools.layouts.fields import checked
+from knee_contact_ros.tools.layouts.rerun_direct import APPLICATION, application_of, save
 
 
 @click.command()

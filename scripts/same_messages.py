@@ -19,20 +19,21 @@ import numpy as np
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.core.levels import LEVELS
-from studies.honesty.scenes import draw
-from tests.bags import Mcap, RawMessage
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from studies.honesty.scenes import Scene, draw
+from tests.helpers.bags import Mcap, RawMessage
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ("healthy", "osteoarthritis", "mri_femur", "mri_knee")
 RUN = """
 import json, sys
-from knee_contact_ros.cli import main
+from importlib.metadata import entry_points
+(command,) = entry_points(group="console_scripts", name="knee-contact")
+main = command.load()
 print(json.dumps([main(["solve", *arguments]) for arguments in json.load(sys.stdin)]), file=sys.stderr)
 """
-"""`main` lies there in every version"""
 
 
 def scene_files(folder: Path, seed: int) -> list[str]:
@@ -50,20 +51,18 @@ def scene_files(folder: Path, seed: int) -> list[str]:
         YAML(typ="safe").dump({"/**": {"ros__parameters": changes}}, file)
     bag = Mcap(folder / f"{seed}.mcap")
     channels = bag.channels()
-    for message in random_messages(scene.time, scene.angle, scene.load, dice):
+    for message in random_messages(scene, dice):
         bag.write(channels[message.topic], message)
     bag.close()
     return [str(bag.path), "--params", str(base), "--params", str(path)]
 
 
-def random_messages(
-    time: np.ndarray, angle: np.ndarray, load: np.ndarray, dice: np.random.Generator
-) -> list[RawMessage]:
+def random_messages(scene: Scene, dice: np.random.Generator) -> list[RawMessage]:
     """Angles at times of their own; one sample in 30 is wrong in its number or its stamp."""
-    stamps = np.rint(1e9 * (1.0 + time)).astype(np.int64)
+    stamps = np.rint(1e9 * (1.0 + scene.time)).astype(np.int64).tolist()
     shift = int(dice.choice([0, 0, 1_300_000]))
     messages = []
-    for stamp, value, axial in zip(stamps.tolist(), angle.tolist(), load.tolist(), strict=True):
+    for stamp, value, axial in zip(stamps, scene.angle.tolist(), scene.load.tolist(), strict=True):
         late, ahead = (int(dice.choice([0, -50_000_000, 5_000_000_000])) if dice.random() < 1 / 60 else 0 for _ in "ab")
         number = float(dice.choice([np.nan, 1e9])) if dice.random() < 1 / 60 else value
         angles = JointState(stamp + shift + late, "", ("knee",), (number,), (), ())

@@ -13,7 +13,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from knee_contact_ros.view.scene import NANOSECONDS, TIMELINE
-from tests.viewer import rendered
+from tests.helpers.viewer import rendered
 
 
 def main() -> int:

@@ -22,9 +22,9 @@ from knee_contact_ros.core.mechanisms import Hinge, Mechanism
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.trade import reference
-from knee_contact_ros.trade import reference_femur as femora
-from knee_contact_ros.trade import reference_laws as laws
+from knee_contact_ros.tools.work_precision import reference
+from knee_contact_ros.tools.work_precision import reference_femur as femora
+from knee_contact_ros.tools.work_precision import reference_laws as laws
 from studies.ellipse import Ellipse
 from studies.gait import gait
 from studies.report import Section, machine, save
@@ -44,7 +44,7 @@ HEADER = (
 )
 TEXT = (
     "Errors of the signed depth (penetration, or gap) at every tick against SciPy's DOP853 (stiff scenes: Radau) at a "
-    "relative tolerance of 1e-12, split at every event (`knee_contact_ros/trade/reference.py`). The estimate's share "
+    "relative tolerance of 1e-12, split at every event (`tools/work_precision/reference.py`). The estimate's share "
     "is of all ticks, its median ratio of those with an error above 1e-12 m."
 )
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]

@@ -30,9 +30,9 @@ from knee_contact_ros.core.regions import NOWHERE, Region, Regions
 from knee_contact_ros.core.scene import Progress, Scene, begin_with
 from knee_contact_ros.core.statics import NO_LIMIT, static_depth
 from knee_contact_ros.core.stepping import NO_LANDING, Going, attempt
-from knee_contact_ros.trade import reference
-from knee_contact_ros.trade import reference_laws as laws
-from knee_contact_ros.trade.reference_femur import ByDepth, circle
+from knee_contact_ros.tools.work_precision import reference
+from knee_contact_ros.tools.work_precision import reference_laws as laws
+from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle
 from studies.report import Section, machine, save
 
 RADIUS, MASS, K1, K2, DAMPING, LAYER = 0.034, 9.3014, 7.905694e7, 3.112e9, 5000.0, 5e-4

@@ -29,14 +29,14 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.cdr_in import stamp_in
-from knee_contact_ros.graph import private_graph
-from knee_contact_ros.latency.candidates import PARAMETERS
-from knee_contact_ros.latency.driver import CHECK, Driver, joined
-from knee_contact_ros.outputs import partial_name
-from knee_contact_ros.parameters import Record
-from knee_contact_ros.processes import Child, child_process
-from knee_contact_ros.topics import KNEE_CONTACT
+from knee_contact_ros.messages.cdr_in import stamp_in
+from knee_contact_ros.messages.topics import KNEE_CONTACT
+from knee_contact_ros.parameters.schema import Record
+from knee_contact_ros.system.output_files import partial_name
+from knee_contact_ros.system.processes import Child, child_process
+from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.tools.latency.candidates import PARAMETERS
+from knee_contact_ros.tools.latency.driver import CHECK, Driver, joined
 from studies.report import Section, machine, save
 
 RATE = 1000.0
@@ -134,7 +134,7 @@ class Peer(Driver):
 @contextmanager
 def recording_node(folder: Path) -> Iterator[Child]:
     """The node, recording, in a process of its own; it may be killed."""
-    arguments = ["-m", "knee_contact_ros.cli", "node", "--ros-args", "--params-file", str(PARAMETERS)]
+    arguments = ["-m", "knee_contact_ros.cli.main", "node", "--ros-args", "--params-file", str(PARAMETERS)]
     arguments += ["-p", f'record.path:="{folder / RECORDING}"', "-p", f"record.max_duration:={SPAN}"]
     folder.mkdir()
     with child_process("the node", arguments, folder / "node.log") as child:

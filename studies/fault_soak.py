@@ -24,22 +24,22 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.cdr_in import SECOND, decode_joint_state
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.demo import RECORDING, node_process
-from knee_contact_ros.graph import private_graph
-from knee_contact_ros.latency.candidates import PARAMETERS
-from knee_contact_ros.latency.driver import QOS, Driver, joined
-from knee_contact_ros.latency.samples import rests, samples
-from knee_contact_ros.messages import deserialize
-from knee_contact_ros.parameters import Parameters
-from knee_contact_ros.provenance import read_provenance
-from knee_contact_ros.solve import solve
-from knee_contact_ros.stream_in.bag import BagReader, RawMessage
-from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.messages.cdr_in import SECOND, decode_joint_state
+from knee_contact_ros.messages.ros_types import deserialize
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.offline.demo import RECORDING, node_process
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.tools.latency.candidates import PARAMETERS
+from knee_contact_ros.tools.latency.driver import QOS, Driver, joined
+from knee_contact_ros.tools.latency.samples import rests, samples
 from studies.cut_off import busy
 from studies.report import Section, machine, save
-from tests.messages import RosMessages, header
+from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import call
 from tests.ros.faults import FAULTS, Fault
 

@@ -20,19 +20,19 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.graph import private_graph
-from knee_contact_ros.latency.usage import read
-from knee_contact_ros.messages import NANOSECONDS
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.stream_in.bag import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.stream_in.keyboard import Keyboard
-from knee_contact_ros.stream_in.lateness import LATE, Lateness
-from knee_contact_ros.stream_in.player import Player
-from knee_contact_ros.stream_in.read_ahead import ReadAhead
-from knee_contact_ros.stream_in.replay import Replayer, undisturbed
-from knee_contact_ros.terminal import progress
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.replay.keyboard import Keyboard
+from knee_contact_ros.offline.replay.lateness import LATE, Lateness
+from knee_contact_ros.offline.replay.player import Player
+from knee_contact_ros.offline.replay.read_ahead import ReadAhead
+from knee_contact_ros.offline.replay.replay import Replayer, undisturbed
+from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.tools.latency.usage import read
 from studies.report import Section, machine, save
 
 PERIOD = 1_000_000

@@ -16,7 +16,7 @@ import click
 import numpy as np
 import rclpy
 
-from knee_contact_ros.graph import private_graph
+from knee_contact_ros.system.ros_graph import private_graph
 from studies.cut_off import busy
 from studies.report import Section, machine, save
 from tests.ros.conftest import NodeProcess, Peer

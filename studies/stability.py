@@ -18,9 +18,9 @@ import click
 import numpy as np
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.trade import reference
-from knee_contact_ros.trade import reference_laws as laws
-from knee_contact_ros.trade.reference_femur import ByDepth, circle, ellipse
+from knee_contact_ros.tools.work_precision import reference
+from knee_contact_ros.tools.work_precision import reference_laws as laws
+from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle, ellipse
 from studies import stability_families
 from studies.report import Section, machine, save
 from studies.stability_checks import FINE_BUDGET, FINER, ROUNDING, TRUSTED, Outcome, judge, signed_depth
@@ -51,7 +51,7 @@ published estimate, where that is larger) makes of the fastest motion that the e
 """.strip()
 REFERENCE_TEXT = f"""
 Random scenes on a circle or an ellipse in closed form, from a static start, in ticks of at most 5 ms, against
-SciPy (`knee_contact_ros/trade/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
+SciPy (`tools/work_precision/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
 """.strip()
 
 

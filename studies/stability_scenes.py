@@ -21,6 +21,7 @@ from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
 from knee_contact_ros.core.model import NANOSECOND, KneeModel, as_series
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import at_height, begin_with
+from knee_contact_ros.parameters.schema import Parameters, constants_of
 from studies.ellipse import Ellipse
 
 RADIUS = 0.034
@@ -28,6 +29,7 @@ HALF_AXES = (0.034, 0.028)
 BUDGET = 5_000
 """Contact law evaluations a tick may cost"""
 CONFIG = Path(__file__).parent.parent / "config"
+DEFAULTS = Parameters().contact
 MRI, PLATEAU = CONFIG / "femur_medial.csv", CONFIG / "tibia_medial.csv"
 
 
@@ -61,21 +63,16 @@ def arguments_of(
     Damping [N s/m] turns into a restitution where a law asks for one: from 1 at 0 to 0.02 at 1e7. The elastic
     foundation (exponent 2) gets the modulus that gives `stiffness`.
     """
-    spring = {"stiffness": stiffness, "exponent": exponent}
-    layers = {"layer_depth": layer, "stiffness_2": stiffness * ratio}
     if law == "elastic_foundation":
         # K = π M R / t, and with these numbers M = 1.872 E and R = 53 mm
         unit = CONTACT_LAWS[law](**_foundation(1.0)).static_force(1.0)
         return _foundation(stiffness / unit)
-    if law.startswith("two_layer"):
-        viscous = {"damping": damping, "damp_first_layer": bool(exponent < 2.0)}
-        return spring | layers | (viscous if law == "two_layer_viscoelastic" else {})
-    if law == "kelvin_voigt":
-        return spring | {"damping": damping}
-    return spring if law == "hertz" else spring | {
-        "restitution": 1.0 - 0.14 * math.log10(1.0 + damping),
-        "least_impact_speed": 0.01,
+    given = {
+        "stiffness": stiffness, "exponent": exponent, "damping": damping, "layer_depth": layer,
+        "stiffness_2": stiffness * ratio, "damp_first_layer": bool(exponent < 2.0),
+        "restitution": 1.0 - 0.14 * math.log10(1.0 + damping), "least_impact_speed": 0.01,
     }  # fmt: skip
+    return {name: given.get(name, getattr(DEFAULTS, name)) for name in constants_of(law)}
 
 
 def _foundation(modulus: float) -> dict[str, float]:

@@ -22,13 +22,13 @@ from typing import NamedTuple
 import click
 import psutil
 
-from knee_contact_ros.cdr_in import SECOND, JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.demo import node_process
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.graph import private_graph
-from knee_contact_ros.latency.candidates import PARAMETERS
-from knee_contact_ros.latency.driver import joined
+from knee_contact_ros.messages.cdr_in import SECOND, JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.offline.demo import node_process
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.tools.latency.candidates import PARAMETERS
+from knee_contact_ros.tools.latency.driver import joined
 from studies.fault_soak import PATIENCE, Peered
 from studies.report import Section, machine, save
 

@@ -18,17 +18,23 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cdr_in import SECOND
-from knee_contact_ros.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.model import as_contact
 from knee_contact_ros.core.ticks import ANSWER
-from knee_contact_ros.latency.samples import samples
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.resources import share_folder
-from knee_contact_ros.solve import Run, solve
-from knee_contact_ros.stream_in.bag import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.messages.cdr_in import SECOND
+from knee_contact_ros.messages.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.messages.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+    MESSAGE_TYPES,
+)
+from knee_contact_ros.offline.solve import Run, solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.tools.latency.samples import samples
 from studies.report import Section, machine, save
 
 RATE = 1000

@@ -22,17 +22,17 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.answer import Ending
-from knee_contact_ros.apart import Tell
-from knee_contact_ros.cdr_in import SECOND
-from knee_contact_ros.drawing import Drawing, drawing_of, shown, shown_row
-from knee_contact_ros.latency.samples import samples
-from knee_contact_ros.latency.usage import Snapshot, snapshot
-from knee_contact_ros.node_outputs import Outputs
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.record_answers import ABSOLUTE_NAMES
-from knee_contact_ros.resources import share_folder
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.cdr_in import SECOND
+from knee_contact_ros.node.outputs import Outputs
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.sinks.process import Tell
+from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.tools.latency.samples import samples
+from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
+from knee_contact_ros.view.drawing import Drawing, drawing_of, shown, shown_row
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import address, connect_command

@@ -12,13 +12,14 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from knee_contact_ros.resources import share_folder
-from tests.sinks import Started
+from knee_contact_ros.system.resources import share_folder
+from tests import ROOT
+from tests.helpers.sinks import Started
 
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
-REFERENCE_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
 @pytest.fixture(scope="session")

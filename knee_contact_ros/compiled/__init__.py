@@ -17,7 +17,7 @@ __all__ = ["compiled", "compiled_function", "compiled_kernel"]
 
 
 def compiled(model: KneeModel) -> KneeModel:
-    """The same model with the compiled kernel.
+    """A model that computes what the given one does, with the compiled kernel.
 
     Compiling happens when the first run or stream of a new kind of scene begins and takes half a minute or more; what
     this machine has compiled before is loaded in about a second.

@@ -227,7 +227,7 @@ def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive, still: float) -> t
 
 @in_kernel
 def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
-    """The same where the load pulls for some of the time, of an energy that is kinetic and elastic."""
+    """Energy, its root at most and evaluations, where the load pulls for some of the time; kinetic and elastic."""
     mass, energy, evaluations = drive.mass, adrift.energy, 0
     if adrift.load > 0.0:
         _, stiffness, _ = static_force(law, adrift.rest)
@@ -279,7 +279,7 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
 
 @in_kernel
 def with_window(adrift: Adrift, energy: float) -> Adrift:
-    """The same bounds with another energy [J], from now on."""
+    """Bounds with another energy [J], from now on."""
     height = min(adrift.height, max(energy, 0.0) / adrift.load)
     return Adrift(
         adrift.stage, energy, height, adrift.load, adrift.rest, adrift.stored, 0.0, adrift.load, energy, adrift.impact

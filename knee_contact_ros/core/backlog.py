@@ -101,7 +101,7 @@ def work_off(
 
 @in_kernel
 def interval_of(scene: Scene, backlog: Floats, index: int) -> Interval:
-    """One of the intervals: the first begins where the motion has come to, and so does each that is next to be done."""
+    """An interval by its index: each begins where the motion has come to when it is next to be done."""
     angle, load = float(backlog[1]), float(backlog[2])
     if index > 0:
         angle, load = float(backlog[3 * index + 1]), float(backlog[3 * index + 2])
@@ -138,7 +138,7 @@ def bounds_of(scene: Scene, interval: Interval, start: Progress) -> tuple[Adrift
 
 @aside
 def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance) -> Advance:
-    """The same answer, with what is left to know where the exact solution has been lost, or may be soon."""
+    """An answer with what is left to know where the exact solution has been lost, or may be soon."""
     if start.adrift.stage == NONE:
         return advance
     law, progress, depth = scene.regions.law, advance.progress, max(advance.depth, 0.0)
@@ -162,7 +162,7 @@ def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance)
 
 @in_kernel
 def within(scene: Scene, advance: Advance, adrift: Adrift, limits: Range, evaluations: int, cosine: float) -> Advance:
-    """The same answer with an exact solution within limits, by which it may be found again."""
+    """An answer whose exact solution lies within limits, by which it may be found again."""
     progress = advance.progress
     error, held = error_within(limits, advance.depth, advance.rate, cosine), math.inf
     estimate = max(limits.most - advance.depth, advance.depth - limits.least)
@@ -270,7 +270,7 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
 
 @in_kernel
 def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
-    """The same drive and then another `duration` [s] up to a load [N] along the normal, after a kick [m/s]."""
+    """A drive that goes on for a `duration` [s], up to a load [N] along the normal, after a kick [m/s]."""
     change = load - drive.load
     return Drive(
         drive.mass, load, drive.rise + max(change, 0.0), drive.fall + max(-change, 0.0), min(drive.least, load),
@@ -280,7 +280,7 @@ def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
 
 @in_kernel
 def at_stage(adrift: Adrift, stage: float) -> Adrift:
-    """The same bounds at another stage."""
+    """Bounds at another stage."""
     return Adrift(
         stage, adrift.energy, adrift.height, adrift.load, adrift.rest, adrift.stored, adrift.pressed, adrift.least,
         adrift.begun, adrift.impact,
@@ -289,7 +289,7 @@ def at_stage(adrift: Adrift, stage: float) -> Adrift:
 
 @in_kernel
 def with_bounds(progress: Progress, adrift: Adrift) -> Progress:
-    """The same progress with other bounds of the exact solution."""
+    """A progress with other bounds of the exact solution."""
     return Progress(
         progress.state, progress.error, progress.try_step, progress.impact_speed, progress.impact_error,
         progress.fidelity, progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth,
@@ -299,7 +299,7 @@ def with_bounds(progress: Progress, adrift: Adrift) -> Progress:
 
 @in_kernel
 def with_error(progress: Progress, error: CarriedError, impact: float) -> Progress:
-    """The same progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
+    """A progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
     return Progress(
         progress.state, error, progress.try_step, progress.impact_speed, max(progress.impact_error, impact),
         progress.fidelity, progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth,
@@ -315,7 +315,7 @@ def fastest_impact(progress: Progress) -> float:
 
 @in_kernel
 def gone_on(advance: Advance, progress: Progress, evaluations: int) -> Advance:
-    """The same answer with another progress, and more evaluations."""
+    """An answer with another progress, and more evaluations."""
     return Advance(
         progress, advance.depth, advance.rate, advance.force, advance.error_estimate, advance.force_error_estimate,
         advance.evaluations + evaluations, advance.reached, advance.converged, advance.height, advance.fidelity,

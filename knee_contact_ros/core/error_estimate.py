@@ -97,7 +97,7 @@ def carry(error: CarriedError, stiffness: float, damping: float, mass: float, h:
 def carry_on(
     error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
 ) -> CarriedError:
-    """The same for a stiffness that changes over the step: at its begin, middle and end [N/m].
+    """The error behind a step over which the stiffness changes: at its begin, middle and end [N/m].
 
     The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
     both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
@@ -153,7 +153,7 @@ def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedEr
 
 @in_kernel
 def with_bound_aside(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """The same where what differs has to do with the error itself: it adds to what does not follow from the other.
+    """An error with one more that has to do with it itself: it adds to what does not follow from the other.
 
     A femur that is late errs in height and velocity by much, and how it goes on from there by little.
     """
@@ -226,7 +226,7 @@ def reach(error: CarriedError, held: float) -> float:
 
 @in_kernel
 def velocity_reach(error: CarriedError) -> float:
-    """The same for the velocity [m/s]."""
+    """How far the velocity [m/s] may be off."""
     found = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
     return found if found < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
 

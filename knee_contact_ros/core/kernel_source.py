@@ -1,7 +1,7 @@
 """Marks what the compiled kernel is made of. Plain Python: nothing is compiled or imported here.
 
 Functions marked `in_kernel`, and the methods of named tuples that a `kernel_interface` lists, are written so that they
-run as they stand and can be compiled as they stand (`kernel.py`): numbers, named tuples and arrays in and out, no
+run as they stand and can be compiled as they stand (`compiled`): numbers, named tuples and arrays in and out, no
 closures, no exceptions. Named tuples are the parts of a scene; their types decide what is compiled into its kernel.
 """
 

@@ -111,7 +111,7 @@ class KneeModel:
 
     @property
     def scene(self) -> Scene:
-        """The same for the kernel."""
+        """The model as the kernel takes it: numbers and named tuples."""
         level = PrescribedHeight() if self.height_prescribed else self.level
         return Scene(
             self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.force_tolerance, self.budget,
@@ -208,7 +208,7 @@ class Stream:
 
     @property
     def placing(self) -> tuple[float, float, float]:
-        """Of the last tick: x of the femoral reference point [m], and the tibial normal (x, y) at the contact point."""
+        """At the last tick: x of the femoral reference point [m], the tibial normal (x, y) at the contact point."""
         x, normal_x, normal_y = self.answer[ticks.PLACING].tolist()
         return x, normal_x, normal_y
 
@@ -224,12 +224,12 @@ class Stream:
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
-        """The same with the time as an integer stamp [ns]."""
+        """Advance to a stamp [ns], an integer, and give the answer; see `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
         return as_contact(self.answer.tolist())
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
-        """The same, leaving the numbers in `answer`: for those who need few of them, quickly."""
+        """Advance to a stamp [ns], leaving the numbers in `answer`: for those who need few of them, quickly."""
         if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
             _refuse(flexion_angle, load, femoral_height)
         height = math.nan

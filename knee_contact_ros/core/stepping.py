@@ -163,7 +163,7 @@ def local_ratio(
     scene: Scene, load: float, state: FemurState, error: StateError, begin_force: float, force: float,
     stiffness: float, damping: float, leapt: float, h: float, landed: bool,
 ) -> float:  # fmt: skip
-    """The same without what a step has damped away.
+    """The error of a step over its tolerance, without what the step has damped away.
 
     Its end, its local error, the load [N] and the forces [N] at both ends are given; `landed` is whether the contact
     has begun with a flight's end.
@@ -259,7 +259,7 @@ def doubtful_push(scene: Scene, going: Going, region: Region, step: Step, h: flo
 
 @in_kernel
 def spending(going: Going, evaluations: int, given_up: bool) -> Going:
-    """The same tick with more evaluations spent."""
+    """A tick with more evaluations spent."""
     return Going(
         going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
         going.evaluations + evaluations, going.events, going.given_up or given_up, going.most, going.landing,
@@ -268,13 +268,13 @@ def spending(going: Going, evaluations: int, given_up: bool) -> Going:
 
 @in_kernel
 def giving_up(going: Going) -> Going:
-    """The same tick, given up."""
+    """A tick that is given up."""
     return spending(going, 0, True)
 
 
 @in_kernel
 def trying(going: Going, try_step: float) -> Going:
-    """The same tick with another duration [s] to try."""
+    """A tick with another duration [s] to try."""
     return Going(
         going.s, going.state, going.error, try_step, going.swiftness, going.impact_speed, going.impact_error,
         going.evaluations, going.events, going.given_up, going.most, going.landing,

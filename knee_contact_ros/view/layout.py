@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.drawing import Drawing
+from knee_contact_ros.view.drawing import Drawing
 from knee_contact_ros.view.plots import (
     BODY_WEIGHTS,
     CONTACT_POINT,

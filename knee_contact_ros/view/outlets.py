@@ -9,9 +9,9 @@ from typing import Protocol
 
 import rerun as rr
 
-from knee_contact_ros.drawing import Drawing
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.outputs import claim, open_claimed, take_name
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import claim, open_claimed, take_name
+from knee_contact_ros.view.drawing import Drawing
 from knee_contact_ros.view.gate import Gate
 from knee_contact_ros.view.layout import blueprint
 from knee_contact_ros.view.piped import PipedFile

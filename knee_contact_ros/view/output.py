@@ -1,4 +1,4 @@
-"""The scene as a sink's process writes it (`apart_child.Output`)."""
+"""The scene as a sink's process writes it (`worker.Output`)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.answer import Ending
-from knee_contact_ros.drawing import Drawing, Serving, shown
-from knee_contact_ros.outputs import all_names, refuse_impossible
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.system.output_files import all_names, refuse_impossible
+from knee_contact_ros.view.drawing import Drawing, Serving, shown
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window

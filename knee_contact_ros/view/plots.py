@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.drawing import Shown
 from knee_contact_ros.view.colours import ANGLE, BAND, BONE, CARTILAGE, COST, DEPTH, ERROR, FORCE, LOAD, SLIP, Colour
+from knee_contact_ros.view.drawing import Shown
 
 Floats = NDArray[np.float64]
 MM = 1e3

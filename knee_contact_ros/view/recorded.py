@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.build import build_model
+from knee_contact_ros.bags.provenance import Change, read_provenance
+from knee_contact_ros.bags.recorded_answers import Answers, answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.drawing import Drawing, Shown, drawing_of
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.parameters import Parameters
-from knee_contact_ros.provenance import Change, read_provenance
-from knee_contact_ros.stream_in.answers import Answers, answer_blocks, answer_topics
-from knee_contact_ros.topics import KNEE, knee_name
+from knee_contact_ros.messages.topics import KNEE, knee_name
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.drawing import Drawing, Shown, drawing_of
 from knee_contact_ros.view.sagittal import Pictures
 
 LONGEST_NAME = 80
@@ -87,7 +87,7 @@ def placed(model: KneeModel, answers: Answers, pictures: Pictures) -> Shown:
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """The same names, with a number behind those that come again."""
+    """Names made distinct, with a number behind those that come again."""
     return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.types import ContactState, Status
-from knee_contact_ros.drawing import Shown
-from knee_contact_ros.gait_events import GaitEvents
+from knee_contact_ros.pipeline.gait.events import GaitEvents
+from knee_contact_ros.view.drawing import Shown
 
 INFO, WARNING = "INFO", "WARN"
 

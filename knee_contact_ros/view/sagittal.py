@@ -12,8 +12,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from knee_contact_ros.drawing import Drawing, Shown
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, FORCE, NAME_OF_STATE, OF_STATE, SURFACE, WAY
+from knee_contact_ros.view.drawing import Drawing, Shown
 from knee_contact_ros.view.overlap import overlaps
 
 MM = 1e3

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from knee_contact_ros.drawing import Drawing, Shown
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE
+from knee_contact_ros.view.drawing import Drawing, Shown
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, PLOTS
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
 from knee_contact_ros.view.sagittal import SAGITTAL, Pictures, plane_moving, plane_still

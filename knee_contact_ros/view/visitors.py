@@ -29,5 +29,5 @@ def is_allowed(headers: Sequence[tuple[str, str]], port: int, pages: Sequence[in
 
 
 def unguessable_address() -> str:
-    """One of the millions that this machine has for itself: for servers that answer whoever finds them."""
+    """An address out of the millions that this machine has for itself: for servers that answer whoever finds them."""
     return ".".join(["127", *(str(1 + randbelow(254)) for _ in range(3))])

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
 
-from knee_contact_ros.errors import UsageError
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.visitors import unguessable_address
 
 LOCALHOST = "127.0.0.1"
@@ -35,7 +35,7 @@ class Window:
         self._told = False
 
     def news(self) -> tuple[str, ...]:
-        """That it has ended, once."""
+        """Say once that the viewer has ended."""
         code = self.process.poll()
         if code is None or self._told:
             return ()

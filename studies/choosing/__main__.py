@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.trade.machine import business, describe
+from knee_contact_ros.system.machine import business, describe
 from studies.choosing.page import block, read_latency, with_block, write_csv
 from studies.choosing.picture import draw
 from studies.choosing.study import measure

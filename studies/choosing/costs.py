@@ -7,8 +7,8 @@ import random
 from collections.abc import Callable, Hashable, Mapping
 from typing import TypeVar
 
-from knee_contact_ros.trade.solver import stopwatch
-from knee_contact_ros.trade.timing import Times, runs_for, summed_up
+from knee_contact_ros.tools.work_precision.solver import stopwatch
+from knee_contact_ros.tools.work_precision.timing import Times, runs_for, summed_up
 
 Key = TypeVar("Key", bound=Hashable)
 SEED = 16

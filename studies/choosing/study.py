@@ -12,8 +12,8 @@ import numpy as np
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.trade.timing import Times
-from knee_contact_ros.trade.worker import pin
+from knee_contact_ros.tools.work_precision.timing import Times
+from knee_contact_ros.tools.work_precision.worker import pin
 from studies.choosing.costs import costs
 from studies.choosing.errors import COARSER, Answer, Apart, answer_of, apart, exact, model_of, run
 from studies.choosing.geometries import MRI_KNEE, Geometry, geometries

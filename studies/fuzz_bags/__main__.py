@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.terminal import progress
+from knee_contact_ros.system.terminal import progress
 from studies.fuzz_bags.bags import CHUNK, TICKS
 from studies.fuzz_bags.judge import BAD, GOOD, SAID, Verdict
 from studies.fuzz_bags.workers import LIMIT, run

@@ -12,11 +12,11 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 from ruamel.yaml import YAML
 
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages import typestore
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.stream_in.bag import INPUT_TYPES
+from knee_contact_ros.bags.reader import INPUT_TYPES
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.ros_types import typestore
 
 TICKS = 100
 PERIOD = 5_000_000

@@ -12,14 +12,15 @@ from typing import NamedTuple
 
 from mcap.reader import make_reader
 
-from knee_contact_ros.errors import UsageError
-from knee_contact_ros.parameters import Parameters, load_parameters
-from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.salvage import chunks
-from knee_contact_ros.salvage.mcap_file import McapFile
-from knee_contact_ros.salvage.recover import recover
-from knee_contact_ros.solve import solve
-from knee_contact_ros.stream_in.bag import BagReader
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.recovery import chunks
+from knee_contact_ros.bags.recovery.mcap_file import McapFile
+from knee_contact_ros.bags.recovery.recover import recover
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import MAKERS, UNPROTECTED, Message, copy, messages
 from studies.fuzz_bags.mutations import mutate
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import bisect
 import itertools
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters import Pairing
-from knee_contact_ros.stream_in.samples import AngleSample, LoadSample
-from knee_contact_ros.synchronise import PairedSample, Synchroniser
+from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
+from knee_contact_ros.pipeline.synchronise import PairedSample, Synchroniser
 from studies.pairing.world import (
     ANGLE,
     LOAD,
@@ -104,7 +105,7 @@ def judged(seed: int) -> tuple[int, Judged]:
 def judge(world: World) -> Judged:
     """Hold what the synchroniser makes of a world against the account."""
     answers, handed, aside = run(world)
-    account = Account(world)
+    account = Account(world, handed)
     found = Judged([], Counter(d.kind for d in world.disturbances), Counter(), Counter())
     for number, arrival in enumerate(world.arrivals):
         given, before = answers.get(number, []), account.before(arrival)
@@ -125,7 +126,8 @@ def judge(world: World) -> Judged:
 class Account:
     """What good samples must get."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, handed: Mapping[int, int]) -> None:
+        """`handed` tells which angles are recorded: those that are not (see `of_angle`) are no neighbours."""
         self._disturbances, self._crowded = world.disturbances, world.crowded > 1
         self._begins = [disturbance.begins for disturbance in world.disturbances]
         self._heals = healing_time(world.sensors)
@@ -137,17 +139,22 @@ class Account:
         self._loads = {a.setting: a for a in world.arrivals if a.good and a.stream == LOAD}
         """The last good one of each setting of their clock"""
         latest: Counter[int] = Counter()
-        for arrival in world.arrivals:
+        kept: dict[int, Arrival] = {}  # the last recorded angle of each setting
+        for number, arrival in enumerate(world.arrivals):
             if not arrival.good:
                 continue
             if arrival.stream == ANGLE:
                 self._good[arrival.setting].append(arrival)
+                if handed.get(number):
+                    kept[arrival.setting] = arrival
             self._latest.setdefault((arrival.stream, arrival.setting), latest[arrival.stream])
             latest[arrival.stream] = arrival.stamp
         bridges = [
             bridge
             for before, after in itertools.combinations(sorted(self._good), 2)
-            if after <= before + BRIDGED and (bridge := _bridge(self._good[before], self._good[after]))
+            if after <= before + BRIDGED
+            for last in {self._good[before][-1], kept.get(before, self._good[before][-1])}
+            if (bridge := _bridge(last, self._good[after]))
         ]
         self._good |= {-1 - number: bridge for number, bridge in enumerate(bridges)}
         self._stamps = {setting: [angle.stamp for angle in angles] for setting, angles in self._good.items()}
@@ -246,9 +253,9 @@ class Account:
         return max(load.arrives, *(angle.arrives for angle in near)) if near else load.arrives
 
 
-def _bridge(before: list[Arrival], after: list[Arrival]) -> list[Arrival]:
+def _bridge(last: Arrival, after: list[Arrival]) -> list[Arrival]:
     """The neighbours where a clock was set: ahead it looks like a pause, and back like samples that are late."""
-    return [before[-1], *[angle for angle in after if angle.stamp > before[-1].stamp][:1]]
+    return [last, *[angle for angle in after if angle.stamp > last.stamp][:1]]
 
 
 def _unflagged(answer: Answer) -> bool:

@@ -16,7 +16,7 @@ from knee_contact_ros.core.mechanisms import Hinge, Mechanism, Table
 from knee_contact_ros.core.model import KneeModel
 from studies.gait import gait
 from tests.core.test_geometries import ellipse
-from tests.scenes import MASS, RADIUS, law, model
+from tests.helpers.scenes import MASS, RADIUS, law, model
 
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Time [s], flexion angle [rad], load [N]"""

@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Fidelity, Status
-from tests.scenes import RADIUS, law, model
+from tests.helpers.scenes import RADIUS, law, model
 
 TIME = np.arange(1500) * 1e-3
 STILL = np.zeros_like(TIME)

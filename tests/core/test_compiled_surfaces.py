@@ -25,7 +25,7 @@ from knee_contact_ros.core.mechanisms import Hinge, Mechanism, ParallelMechanism
 from studies.accuracy import Forwards
 from studies.ellipse import Ellipse
 from tests.core.test_contact_pairs import noisy_femur, plateau
-from tests.scenes import RADIUS
+from tests.helpers.scenes import RADIUS
 
 POSES = 300
 

@@ -19,7 +19,7 @@ from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile
 from knee_contact_ros.core.geometries import Circle, Profile
 from tests.core.test_geometries import ellipse
-from tests.scenes import RADIUS
+from tests.helpers.scenes import RADIUS
 
 TIBIAL_RADIUS = 0.095
 LAST_BITS = 1e-15

@@ -13,7 +13,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros import UsageError, load_model
-from knee_contact_ros.build import contact_law
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 from knee_contact_ros.core.contact_laws.contract import broken_clauses, check
@@ -21,8 +20,9 @@ from knee_contact_ros.core.contact_laws.hertz import HertzFormula
 from knee_contact_ros.core.contact_laws.impact_damping import ImpactDamped
 from knee_contact_ros.core.contact_laws.kelvin_voigt import KelvinVoigtFormula
 from knee_contact_ros.core.contact_laws.two_layer import SpringAndDashpot
-from knee_contact_ros.parameters import ContactParameters
-from tests.scenes import LAW_ARGUMENTS, law, model
+from knee_contact_ros.parameters.build import contact_law
+from knee_contact_ros.parameters.schema import ContactParameters
+from tests.helpers.scenes import LAW_ARGUMENTS, law, model
 
 K, C = 7.9e7, 5e3
 H = 5e-4

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.scene import DYNAMIC
-from tests.scenes import STIFFNESS, advance, law
+from tests.helpers.scenes import STIFFNESS, advance, law
 
 SPEED = 0.3
 TOLERANCE = 1e-10

@@ -44,7 +44,7 @@ from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Advance, Progress, Scene
 from knee_contact_ros.core.stepping import orders
 from tests.core.test_geometries import ellipse
-from tests.scenes import RADIUS, law, moving
+from tests.helpers.scenes import RADIUS, law, moving
 
 MASS = 2.0
 HELD = math.sqrt(4e6 / MASS)

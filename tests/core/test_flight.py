@@ -28,7 +28,7 @@ from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Scene
 from studies.ellipse import Ellipse
 from tests.core.test_contact_pairs import PLATEAU, noisy_femur
-from tests.scenes import RADIUS, moving
+from tests.helpers.scenes import RADIUS, moving
 
 REGIONS = Regions(CONTACT_LAWS["kelvin_voigt"](stiffness=7.9e7, exponent=1.5, damping=5000.0), allow_tension=False)
 ELLIPSE = Ellipse(0.034, 0.028)

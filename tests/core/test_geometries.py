@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.geometries import Circle, Profile
-from tests.scenes import RADIUS
+from tests.helpers.scenes import RADIUS
 
 ANGLES = np.radians(np.linspace(-10.0, 110.0, 97))
 

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from knee_contact_ros.core.contact_laws.base import LayerFormula
 from knee_contact_ros.core.scene import Advance
-from tests.scenes import advance, law
+from tests.helpers.scenes import advance, law
 
 LOSSES: dict[str, Callable[[float], float]] = {
     "hunt_crossley": lambda e: 1.5 * (1.0 - e),

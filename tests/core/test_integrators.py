@@ -21,7 +21,7 @@ from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.regions import APART, BELOW, NOWHERE, Region, Regions
 from knee_contact_ros.core.statics import NO_LIMIT
 from tests.core.test_geometries import ellipse
-from tests.scenes import RADIUS, law
+from tests.helpers.scenes import RADIUS, law
 
 MASS, SPRING, DASHPOT = 2.0, 4e6, 2e3
 

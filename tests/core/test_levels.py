@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.types import Fidelity, Status
 from tests.core.level_scenes import LevelScene, answers, exact, hopping, scenes, stepping, walking
-from tests.scenes import DAMPING, STIFFNESS, law
+from tests.helpers.scenes import DAMPING, STIFFNESS, law
 
 pytestmark = pytest.mark.xdist_group("levels")
 """One process: its tests share what they compare with"""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.core.mechanisms import MECHANISMS, Hinge, Mechanism, ParallelMechanism, Table
 from knee_contact_ros.core.mechanisms.closure import Closure, Condyle, Fibre, Knee, Pose, Vector
 from knee_contact_ros.core.mechanisms.parallel_mechanism import SANCISI_2017, START, STOP
+from tests import ROOT
 
 ANGLES = np.linspace(-1.0, 3.0, 401)
 INSIDE = np.random.default_rng(1).uniform(START, STOP, 200)
@@ -286,7 +286,7 @@ def test_a_range_beyond_the_jam_is_refused() -> None:
 
 
 def test_the_measured_table_is_the_sum_of_the_published_steps() -> None:
-    path = Path(__file__).parents[2] / "config" / "translation_medial.csv"
+    path = ROOT / "config" / "translation_medial.csv"
     angle, x = np.loadtxt(path, delimiter=",", comments=["#", "flexion_angle"], unpack=True)
     assert np.degrees(angle) == pytest.approx(np.arange(0.0, 121.0, 30.0), abs=1e-6)  # 8 decimals of a radian
     assert np.diff(x) == pytest.approx([4.5e-3, 0.8e-3, -0.3e-3, -1.8e-3], abs=1e-15)

@@ -17,7 +17,7 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD, SERIES_DTYPE
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
 from tests.core.test_geometries import ellipse
-from tests.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
+from tests.helpers.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
 
 TICKS = np.arange(0.0, 0.4, 0.005)
 ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)

@@ -19,8 +19,8 @@ from knee_contact_ros.core.mechanisms.table import Table
 from knee_contact_ros.core.ticks import is_exact_enough
 from knee_contact_ros.core.types import COLUMN, NUMBERS, Contact, Status
 from tests.core.test_geometries import ellipse
-from tests.scenes import RADIUS, law
-from tests.scenes import model as knee
+from tests.helpers.scenes import RADIUS, law
+from tests.helpers.scenes import model as knee
 
 ANGLES = np.linspace(0.0, 1.0, 11)
 TABLE = Table(ANGLES, -0.012 * np.sin(ANGLES))

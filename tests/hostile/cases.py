@@ -9,9 +9,10 @@ import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.provenance import provenance_record
-from knee_contact_ros.resources import share_folder
+from knee_contact_ros.bags.provenance import provenance_record
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.resources import share_folder
+from tests.helpers.recordings_of import recording_with
 from tests.hostile.bags import (
     MAGIC,
     METADATA,
@@ -25,7 +26,6 @@ from tests.hostile.bags import (
     whole,
     zstd_of_zeros,
 )
-from tests.recordings_of import recording_with
 
 GAIT = share_folder() / "bags" / "gait2354_right"
 JOINTS, FORCE = "/joint_states", "/joint_reaction_force"

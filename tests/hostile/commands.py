@@ -13,9 +13,9 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from knee_contact_ros.cli import main
+from knee_contact_ros.cli.main import main
 
-for needed in ("report.figures", "report.page", "salvage.recover", "solve", "terminal", "view.run"):
+for needed in ("tools.report.figures", "tools.report.page", "bags.recovery.recover", "offline.solve", "offline.view"):
     import_module(f"knee_contact_ros.{needed}")
 
 MEMORY = 3 * 2**30

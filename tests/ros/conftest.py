@@ -25,8 +25,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.graph import private_graph
-from tests.messages import RosMessages, header
+from knee_contact_ros.system.ros_graph import private_graph
+from tests.helpers.messages import RosMessages, header
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
@@ -61,7 +61,7 @@ class NodeProcess:
     def __init__(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY) -> None:
         """`largest_file` [B] makes the disk look full."""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "knee_contact_ros.cli", "node", "--ros-args", *arguments],
+            [sys.executable, "-m", "knee_contact_ros.cli.main", "node", "--ros-args", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -21,12 +21,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState as RosJointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.cdr_out import encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages import typestore
-from knee_contact_ros.node import MEANINGLESS
-from tests.messages import PlainMessages, RosMessages, header
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.node.node import MEANINGLESS
+from tests.helpers.messages import PlainMessages, RosMessages, header
 from tests.ros.conftest import Peer, call
 
 STEP = 5_000_000

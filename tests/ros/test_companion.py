@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from examples.assist_as_needed import COMMANDS
-from knee_contact_ros.resources import share_folder
+from knee_contact_ros.system.resources import share_folder
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
 
 EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"

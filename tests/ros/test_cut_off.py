@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import ROOT
 from tests.ros.conftest import PATIENCE
 
 pytest.importorskip("tabulate", reason="the studies' tables")
@@ -18,9 +19,7 @@ LARGEST = 1000.0
 def test_little_is_lost_whatever_is_killed(tmp_path: Path) -> None:
     page = tmp_path / "cut_off.md"
     command = [sys.executable, "-m", "studies.cut_off", "--kills", "1", "--output", str(page)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=3 * PATIENCE, cwd=Path(__file__).parents[2]
-    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3 * PATIENCE, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.read_text().splitlines() if "|" in line]
     found = {row[0]: row[1:] for row in rows[2:]}

@@ -13,13 +13,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from knee_contact_ros.stream_in.bag import read_bag
-from knee_contact_ros.topics import MESSAGE_TYPES
-from knee_contact_ros.work_folder import replace
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.system.work_folder import replace
+from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words
-from tests.test_solve import make_bag
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 TIMEOUT = 400  # two nodes on a new machine compile first
 

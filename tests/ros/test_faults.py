@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from std_srvs.srv import Trigger
 
 from knee_contact_ros import load_model
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages import stamp_to_ns
+from knee_contact_ros.messages.ros_types import stamp_to_ns
+from tests import ROOT
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at
 
@@ -110,7 +110,7 @@ ENTRIES = {"pairing", "reliability"}
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_the_documented_table_says_what_a_fault_costs(fault: Fault) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:2] == "| "]
     ((_, lost, status, counters),) = [row for row in rows if row[0] == fault.name]
     assert lost

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.resources import PACKAGE, share_folder
-from knee_contact_ros.stream_in.bag import read_bag
-from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.system.resources import PACKAGE, share_folder
 
 RUN = """
 import sys

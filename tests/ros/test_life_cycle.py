@@ -17,10 +17,10 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 import knee_contact_ros
+from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.session import SILENCE
-from knee_contact_ros.stream_in.bag import BagReader
-from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.node.session import SILENCE
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
 
@@ -131,11 +131,33 @@ def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, star
     assert {contact.flexion_angle for contact in peer.contacts} == {0.7}
 
 
+def test_a_service_that_cannot_be_offered_leaves_no_recording_behind(
+    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An output is opened when all else is well: its file would stay, locked, until the node ends."""
+    code = (
+        "from knee_contact_ros.node.session import Session\ndef fail(*_): raise RuntimeError('no way')\n"
+        "Session._service = fail\n"
+    )
+    (tmp_path / "sitecustomize.py").write_text(code)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    node = start_node("-p", "autostart:=false", "-p", f"record.path:={folder / 'knee'}")
+    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)
+    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
+    assert not list(folder.iterdir())
+    assert not psutil.Process(node.process.pid).children()
+    node.stop()
+
+
 def test_a_transition_that_fails_leaves_the_node_unconfigured(
     peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The middleware fails where the node begins to listen: no QoS does that here, so Python's `site` sees to it."""
-    code = "from knee_contact_ros.input_stream import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
+    code = (
+        "from knee_contact_ros.node.subscription import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
+    )
     (tmp_path / "sitecustomize.py").write_text(f"{code}InputStream.open = fail\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     node = start_node("-p", "autostart:=false")

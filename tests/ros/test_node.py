@@ -17,12 +17,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 
 import knee_contact_ros
+from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.core.types import Contact, Status
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.solve import solve
-from knee_contact_ros.stream_in.bag import read_bag
-from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.messages import RosMessages
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from tests.helpers.messages import RosMessages
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
 from tests.ros.faults import many_joints
 from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
@@ -107,7 +107,7 @@ def test_replay_feeds_the_node_a_bag(
 ) -> None:
     node = start_node("--params-file", config / "healthy.yaml", "-p", f"record.path:={tmp_path / 'live.mcap'}")
     peer.wait_for_node()  # which compiles first on a new machine, for longer than a replay waits
-    command = [sys.executable, "-m", "knee_contact_ros.cli", "replay", str(right_bag), "--rate", "5", "--clock"]
+    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "replay", str(right_bag), "--rate", "5", "--clock"]
     replay = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (replay.returncode, own_words(replay.stderr)) == (0, "")
     assert replay.stdout.startswith("774 messages published")
@@ -193,7 +193,7 @@ def test_simulated_time_that_stands_still_does_not_stop_the_node(peer: Peer, sta
 
 def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) -> None:
     recording = tmp_path / "bag.mcap"
-    node = f"{sys.executable} -m knee_contact_ros.cli node --ros-args -p record.path:={recording}"
+    node = f"{sys.executable} -m knee_contact_ros.cli.main node --ros-args -p record.path:={recording}"
     with subprocess.Popen(["/bin/sh", "-c", f"exec {node} <&- >&- 2>&-"]) as process:
         try:
             peer.wait_for_node()

@@ -13,11 +13,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.node_outputs import MOST_ENDING
-from knee_contact_ros.stream_in.bag import read_bag
-from knee_contact_ros.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.node.outputs import MOST_ENDING
+from tests.helpers.sinks import wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
-from tests.sinks import wait_until
 
 Start = Callable[..., NodeProcess]
 STEP = 5_000_000

@@ -15,9 +15,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from tests.helpers.sinks import readable, wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
 from tests.ros.test_outputs import STEP, stamps, walk
-from tests.sinks import readable, wait_until
 
 Start = Callable[..., NodeProcess]
 

@@ -18,14 +18,14 @@ from rosbags.rosbag2 import StoragePlugin
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.messages import NANOSECONDS, stamp_to_ns
-from knee_contact_ros.stream_in.bag import INPUT_TYPES, RawMessage
-from tests.bags import write_rosbag2
-from tests.messages import raw_inputs
+from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
+from knee_contact_ros.messages.ros_types import NANOSECONDS, stamp_to_ns
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.messages import raw_inputs
+from tests.helpers.terminals import Terminal
 from tests.ros.conftest import PATIENCE, Peer, own_words
-from tests.terminals import Terminal
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli", "replay"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
 LAST_LINE = (
     r"(\d+) messages published, \d+ \([0-9.e-]+ %\) later than 1 ms, the latest by [0-9.]+ ms; drift at the end "

@@ -15,9 +15,9 @@ import pytest
 from rerun.experimental import ViewerClient, ViewerState
 
 from knee_contact_ros.view.plots import PLOTS
+from tests.helpers.viewer import free_port, rendered, wait_for
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.test_outputs import children, walk
-from tests.viewer import free_port, rendered, wait_for
 
 Start = Callable[..., NodeProcess]
 LOOPBACK = "127.0.0.1"

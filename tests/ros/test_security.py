@@ -15,11 +15,11 @@ from xml.etree import ElementTree as ET
 import psutil
 import pytest
 
-from knee_contact_ros.parameters import NODE_NAME
-from knee_contact_ros.resources import share_folder
+from knee_contact_ros.parameters.reading import NODE_NAME
+from knee_contact_ros.system.resources import share_folder
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
 RULES = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
 """A policy's rule and what the graph calls it"""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.stream_in.bag import read_bag
-from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.series import STAMPS, STEP, send_all
 

@@ -17,14 +17,15 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros import load_model
-from knee_contact_ros.build import retuned
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters import known_parameters, load_parameters
-from knee_contact_ros.provenance import read_provenance
-from knee_contact_ros.solve import solve
-from knee_contact_ros.stream_in.bag import BagReader, RawMessage
-from knee_contact_ros.topics import MESSAGE_TYPES
-from tests.messages import RosMessages, header
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import retuned
+from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from tests import ROOT
+from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import NodeProcess, Peer, call, change_state
 from tests.ros.faults import stalled_subscriber
 
@@ -93,7 +94,7 @@ def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None
 
 def test_what_may_change_is_what_is_documented_and_nothing_else(peer: Peer, start_node: Start) -> None:
     """Each parameter is set to the value that it has."""
-    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
     (sentence,) = re.findall(
         r"\*\*Parameters\*\* that may change between two ticks: (.*?)\. The motion", page, re.DOTALL
     )

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.solve import solve
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from knee_contact_ros.view.file_server import served
-from tests.viewer import free_port
+from tests.helpers.viewer import free_port
 
 
 class Answer(NamedTuple):

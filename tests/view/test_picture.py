@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli import main
+from knee_contact_ros.cli.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, DEPTH, FORCE, SURFACE
 from knee_contact_ros.view.plots import PLOTS
+from tests.helpers.viewer import pixels_of, rendered
 from tests.view.rrd import entities, lists
-from tests.viewer import pixels_of, rendered
 
 PEAK = 2_430_000_000
 STAMPS = (530_000_000, 2_460_000_000)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.solve import solve
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.view.piped import BLOCK, PipedFile
 
 
@@ -60,7 +60,7 @@ def test_view_ends_with_one_line_when_the_disk_is_full(right_bag: Path, tmp_path
     recording, path = tmp_path / "answers.mcap", tmp_path / "pictures" / "knee.rrd"
     solve(right_bag, load_parameters({}), recording, lambda *_: None)
     done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.cli", "view", str(recording), "--save", str(path)],
+        [sys.executable, "-m", "knee_contact_ros.cli.main", "view", str(recording), "--save", str(path)],
         capture_output=True, text=True, timeout=60, check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
     )  # fmt: skip

@@ -18,20 +18,20 @@ import psutil
 import pytest
 from rerun.experimental import ViewerClient
 
-from knee_contact_ros.answer import Ending
-from knee_contact_ros.cli import main
-from knee_contact_ros.drawing import Serving, drawing_of, shown_row
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.pipeline import Pipeline
-from knee_contact_ros.record import BagWriter
-from knee_contact_ros.record_answers import AnswerWriter
-from knee_contact_ros.stream_in.bag import BagReader
-from knee_contact_ros.topics import MESSAGE_TYPES
+from knee_contact_ros.bags.answer_recorder import AnswerWriter
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.drawing import Serving, drawing_of, shown_row
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
-from tests.messages import raw_inputs
+from tests.helpers.messages import raw_inputs
+from tests.helpers.viewer import free_port, rendered, wait_for
 from tests.view.rrd import column, entities, lists
-from tests.viewer import free_port, rendered, wait_for
 
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 
@@ -109,8 +109,8 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     osteoarthritic: Path, right_bag: Path, config: Path, tmp_path: Path
 ) -> None:
     """With the line where bone begins."""
-    from knee_contact_ros.curves import curve_texts
-    from knee_contact_ros.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
+    from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
+    from knee_contact_ros.parameters.curves import curve_texts
 
     parameters = load_parameters([config / "osteoarthritis.yaml"])
     pipeline = Pipeline(parameters, compiled=False)
@@ -190,7 +190,7 @@ def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) 
 @contextmanager
 def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own, which is gone afterwards with all that it has started."""
-    command = [sys.executable, "-m", "knee_contact_ros.cli", "view", *arguments]
+    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "view", *arguments]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.answer import Answer
-from knee_contact_ros.drawing import Drawing, Shown, drawing_of, shown, shown_row
-from knee_contact_ros.parameters import load_parameters
-from knee_contact_ros.pipeline import Pipeline
+from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.drawing import Drawing, Shown, drawing_of, shown, shown_row
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.plots import LAYER_COLOUR, PLOTS
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
-from tests.messages import raw_inputs
+from tests.helpers.messages import raw_inputs
 from tests.view.rrd import column, entities, lists
 
 WEIGHT = 737.068

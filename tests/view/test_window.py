@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.errors import UsageError
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.window import executable
 
 

@@ -2,7 +2,7 @@
 
 To add a law, write its formula (a named tuple of constants with the methods of `LayerFormula`) and a factory that
 returns a `ContactLaw` in a file of its own, and name the factory in `CONTACT_LAWS` (`__init__.py`). The factory's
-keyword arguments are the `contact.*` parameters that the law uses.
+keyword arguments are the `contact.*` parameters that the law uses; those that no other law has come with a `Range`.
 """
 
 from __future__ import annotations
@@ -31,6 +31,18 @@ class LayerFormula(Protocol):
     def remembers_impact(self) -> bool:
         """Whether the force depends on the impact speed."""
         ...
+
+
+class Range(NamedTuple):
+    """What a law's own constant may be, in its factory's signature: `edge: Annotated[float, Range(...)] = 0.001`.
+
+    It is the parameter `contact.edge` then, and the default what the law is tried with.
+    """
+
+    least: float
+    most: float
+    meaning: str
+    """With its unit, for who sets the parameter"""
 
 
 class Layer(NamedTuple):

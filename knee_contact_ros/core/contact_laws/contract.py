@@ -87,7 +87,7 @@ class Trial(NamedTuple):
         return answer
 
     def ask(self, offset: float, rate: float, impact_speed: float) -> Answer:
-        """The same by asking it, now."""
+        """Force and slopes at a place, by asking the formula now."""
         try:
             force, stiffness, damping = self.formula.force_at(self.begin + offset, rate, impact_speed)
             return float(force), float(stiffness), float(damping)

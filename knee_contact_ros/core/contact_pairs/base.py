@@ -72,11 +72,11 @@ class Kinematics(Protocol):
         ...
 
     def grain(self) -> float:
-        """Of the femur, see `Support`."""
+        """Turn [rad] between two places where the femur is not smooth, see `Support`."""
         ...
 
     def farthest(self) -> float:
-        """Of the femur, see `Support`."""
+        """Bound of the distance [m] of the femur's points, see `Support`."""
         ...
 
 

@@ -63,7 +63,7 @@ def least(problem: Problem, begin: float, end: float, best: Sample, resolution: 
 
 @in_kernel
 def _least_of_parts(problem: Problem, first: Sample, last: Sample, best: Sample, resolution: float) -> Sample:
-    """The same for an interval between two samples that must be halved."""
+    """The least value in an interval between two samples that must be halved."""
     intervals = [(first, last)]
     while len(intervals) > 0:
         a, b = intervals.pop()

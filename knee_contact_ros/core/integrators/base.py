@@ -118,7 +118,7 @@ def acceleration_of(motion: Motion, force: float) -> float:
 
 @in_kernel
 def knowing(motion: Motion, boundary: int) -> Motion:
-    """The same motion, made to end on a boundary."""
+    """A motion that ends on a boundary."""
     return Motion(motion.interval, motion.regions, motion.region, motion.impact_speed, motion.mass, boundary)
 
 

@@ -86,7 +86,7 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
 
 @inlined
 def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: Slope) -> Stride:
-    """The same with the contact at the beginning known."""
+    """A step with the contact at its beginning known."""
     y, v = state.height, state.velocity
     a = one.acceleration
     # The newest slope is added last: all else is known while it is still being computed.

@@ -36,7 +36,8 @@ ABOUT_TO_END = 0.5
 class Auto(NamedTuple):
     """The level as a part of a scene."""
 
-    rank: int = DYNAMIC
+    fidelity: int = DYNAMIC
+    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""

@@ -74,7 +74,8 @@ RELEASED = 0.05
 class Dynamic(NamedTuple):
     """The level as a part of a scene."""
 
-    rank: int = DYNAMIC
+    fidelity: int = DYNAMIC
+    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
@@ -95,7 +96,7 @@ def dynamic_tick(scene: Scene, interval: Interval, start: Progress, spent: int) 
 
 @aside
 def stepwise(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
-    """The same by steps of any length and kind, from event to event."""
+    """A tick by steps of any length and kind, from event to event."""
     going = Going(
         0.0, start.state, start.error, start.try_step, 0.0, start.impact_speed, start.impact_error, spent, 0, False,
         most_evaluations(scene), NO_LANDING,
@@ -192,7 +193,7 @@ def accepted(
 
 @in_kernel
 def touching_anew(scene: Scene, going: Going, step: Step) -> Going:
-    """The same tick with what is not known of the contact's begin, where the exact one may have parted since."""
+    """A tick with what is not known of the contact's begin, where the exact one may have parted since."""
     if not scene.regions.law.layers[0].formula.remembers_impact():
         return going
     begin, end = step.begin, step.end

@@ -59,7 +59,8 @@ SUDDEN = 3.0
 class FirstOrder(NamedTuple):
     """The level as a part of a scene."""
 
-    rank: int = FIRST_ORDER
+    fidelity: int = FIRST_ORDER
+    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""
@@ -107,7 +108,7 @@ def first_order_tick(scene: Scene, interval: Interval, start: Progress, spent: i
 
 @in_kernel
 def without_mass(scene: Scene) -> Scene:
-    """The same scene with a mass of 0, where the contact always exerts what the load asks for."""
+    """A scene with a mass of 0, where the contact always exerts what the load asks for."""
     regions = Regions(scene.regions.law, True)
     return Scene(
         scene.pair, scene.mechanism, regions, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level,
@@ -167,7 +168,7 @@ def on_surface(part: Interval, going: Going, s: float) -> Going:
 
 @in_kernel
 def not_begun(going: Going, start: Progress) -> Going:
-    """The same tick back at its beginning."""
+    """A tick back at its beginning."""
     return Going(
         0.0, start.state, start.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
         going.evaluations, going.events, going.given_up, going.most, going.landing,
@@ -219,7 +220,7 @@ def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
 
 @in_kernel
 def jumped(going: Going, jump: float) -> Going:
-    """The same tick behind a jump of the height [m], which the femur with its mass does not follow.
+    """A tick behind a jump of the height [m], which the femur with its mass does not follow.
 
     The sum of all jumps is kept as the expected error, and what the steps leave as the spread.
     """
@@ -232,7 +233,7 @@ def jumped(going: Going, jump: float) -> Going:
 
 @in_kernel
 def quick_as(going: Going, swift: float) -> Going:
-    """The same tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
+    """A tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
     return Going(
         going.s, going.state, going.error, going.try_step, swift, going.impact_speed, going.impact_error,
         going.evaluations, going.events, going.given_up, going.most, going.landing,
@@ -241,7 +242,7 @@ def quick_as(going: Going, swift: float) -> Going:
 
 @in_kernel
 def at_height(going: Going, s: float, state: FemurState, evaluations: int) -> Going:
-    """The same tick at another time and state, with more evaluations spent."""
+    """A tick at another time and state, with more evaluations spent."""
     return Going(
         s, state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
         going.evaluations + evaluations, going.events, going.given_up, going.most, going.landing,

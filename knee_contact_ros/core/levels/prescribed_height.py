@@ -17,7 +17,8 @@ MAX_LOCATE = 60
 class PrescribedHeight(NamedTuple):
     """The level as a part of a scene."""
 
-    rank: int = int(Fidelity.DYNAMIC)
+    fidelity: int = int(Fidelity.DYNAMIC)
+    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""

@@ -32,7 +32,8 @@ QUASI_STATIC = int(Fidelity.QUASI_STATIC)
 class QuasiStatic(NamedTuple):
     """The level as a part of a scene."""
 
-    rank: int = QUASI_STATIC
+    fidelity: int = QUASI_STATIC
+    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
     def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
         """See `Level`."""

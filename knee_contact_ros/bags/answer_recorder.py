@@ -1,0 +1,187 @@
+"""Record answers: the inputs that led to a tick, then its outputs, in the order of the ticks.
+
+That order depends on stamps only, so a live recording and an offline one hold the same messages in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from shutil import disk_usage
+from threading import Event, Thread
+from typing import Any
+
+from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Settings
+from knee_contact_ros.messages.answer import Answer, Ending, Input
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
+
+PROVENANCE = "knee_contact"
+"""Name of the metadata record that says how the answers come about (`provenance.py`)"""
+INTERRUPTED = "interrupted"
+"""Name of the metadata record of a recording that the node could not end, or that ended before it"""
+NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
+ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
+
+
+class AnswerWriter:
+    """Writes answers into a bag."""
+
+    def __init__(
+        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES
+    ) -> None:
+        """`provenance` says how the answers come about; `names` the absolute name under which a topic is recorded."""
+        self.bag = bag
+        self._names = names
+        for topic, type_name in MESSAGE_TYPES.items():
+            bag.add_topic(names[topic], type_name)
+        bag.add_metadata(PROVENANCE, dict(provenance))
+
+    def write(self, answer: Answer) -> None:
+        """Write an answer's inputs and outputs."""
+        self.write_tick(answer.stamp, answer.inputs, answer.message, answer.wrench)
+
+    def write_tick(self, stamp: int, inputs: Iterable[Input], message: bytes, wrench: bytes) -> None:
+        """Write an answer given as stamp [ns], inputs and encoded messages; a tick is never split over two files."""
+        self.bag.split_if_due(stamp)
+        self.write_inputs(inputs)
+        self.bag.write(self._names[KNEE_CONTACT], stamp, message)
+        self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record behind the answers so far."""
+        self.bag.flush()  # messages go by chunks, and metadata at once
+        self.bag.add_metadata(name, values)
+
+    def finish(self, ending: Ending) -> None:
+        """Write the inputs without an answer, and how many samples were refused and why."""
+        self.write_inputs(ending.inputs)
+        counts = {"total": sum(ending.refused.values())} | ending.refused
+        self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
+
+    def write_inputs(self, inputs: Iterable[Input]) -> None:
+        """Write input messages anew: what came may hold leftovers of the sender's memory between the fields."""
+        for topic, stamp, message in inputs:
+            encoded = encode_joint_state(message) if isinstance(message, JointState) else encode_wrench_stamped(message)
+            self.bag.write(self._names[topic], stamp, encoded)
+
+
+class Recorder:
+    """A recording as a sink's process writes it (`worker.Output`)."""
+
+    def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
+        """`remarks` are what the user shall know of the beginning."""
+        self.name = str(writer.bag.path)
+        self.period = settings.flush_period
+        self._news = tuple(remarks)
+        self._writer = writer
+        self._min_free = settings.min_free
+        self._interruption = NODE_GONE
+        self._sync_error: OSError | None = None
+        self._done = Event()
+        if settings.sync_period:
+            Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
+
+    def write(self, row: tuple[Any, ...]) -> None:
+        """Write what `sinks.recorded_row` gives."""
+        stamp, inputs, message, wrench = row
+        self._writer.write_tick(stamp, map(input_of, inputs), message, wrench)
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record behind the answers so far."""
+        self._writer.note(name, values)
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system, and tell whether what came before is on the disk.
+
+        Raises:
+            OSError: it is not.
+        """
+        if self._sync_error:
+            raise self._sync_error
+        self._writer.bag.flush()
+
+    def must_end(self) -> str:
+        """Tell that the disk is nearly full; see `worker.Output`.
+
+        Raises:
+            OSError: the file is not there any more.
+        """
+        bag = self._writer.bag
+        shortage = too_little(bag.free_space(), self._min_free)
+        if shortage:
+            self._interruption = shortage
+            shortage = f"recording {bag.path} has ended, complete up to here: {shortage}"
+        return shortage
+
+    def news(self) -> tuple[str, ...]:
+        """The remarks, once; see `worker.Output`."""
+        bag = self._writer.bag
+        news, self._news, bag.remarks = (*self._news, *bag.remarks), (), []
+        return news
+
+    def finish(self, ending: Ending | None) -> None:
+        """Complete the file; without an ending it says so."""
+        if ending is None:
+            self._writer.bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
+        else:
+            self._writer.finish(ending)
+        self._done.set()
+        self._writer.bag.close()
+        self.name = str(self._writer.bag.path)
+
+    def discard(self) -> None:
+        """Leave no file behind."""
+        self._done.set()
+        self._writer.bag.discard()
+
+    def _sync(self, period: float) -> None:
+        """The thread: a disk may take its time, and who writes does not wait for it."""
+        try:
+            while not self._done.wait(period):
+                self._writer.bag.sync()
+        except OSError as error:
+            self._sync_error = error
+
+
+def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
+    """An input whose message came as a plain tuple."""
+    topic, stamp, fields = row
+    return topic, stamp, JointState(*fields) if topic == JOINT_STATES else WrenchStamped(*fields)
+
+
+def too_little(free: float, least: float) -> str:
+    """What is wrong with so much free space [B]; empty if it is enough."""
+    if free >= least:
+        return ""
+    return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
+
+
+def refuse(path: Path, settings: Settings) -> None:
+    """Refuse a recording that cannot be written, or for which there is no room; only looks, and quickly.
+
+    Raises:
+        UsageError: see `refuse_impossible`, or the disk is nearly full.
+    """
+    refuse_impossible(path)
+    folder = next(folder for folder in path.absolute().parents if folder.exists())
+    if shortage := too_little(disk_usage(folder).free, settings.min_free):
+        raise UsageError(f"cannot write {path}: {shortage}")
+
+
+def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:
+    """Open a recording for a sink's process, under the first free one of its names.
+
+    It remarks on its name, and on recordings beside it that were cut off.
+
+    Raises:
+        UsageError: see `refuse` and `BagWriter`.
+    """
+    refuse(path, settings)
+    bag = BagWriter(path, limits=settings.limits, go_on=True)
+    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
+    remarks += map(cut_off, leftovers(path.parent))
+    return Recorder(AnswerWriter(bag, provenance, names), settings, remarks)

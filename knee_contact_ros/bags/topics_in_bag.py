@@ -1,0 +1,62 @@
+"""Find a topic among those of a bag, or say in one line what is there instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+
+from knee_contact_ros.bags.topic_names import absolute
+from knee_contact_ros.messages.topics import INPUTS, MESSAGE_TYPES
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.printable import listed
+
+
+def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
+    """All connections of a topic of ours that has the absolute name `name` in the bag.
+
+    Recorders that met several publishers, and merged files, may have several.
+
+    Raises:
+        UsageError: the topic is missing or empty, has another type or a second one, or is not encoded as CDR.
+    """
+    found = [connection for connection in connections if absolute(connection.topic) == name]
+    if not found:
+        raise UsageError(f"bag {bag} has no topic {name} ({type_name}); {ways_out(connections, topic)}")
+    found = [connection for connection in found if connection.msgcount] or found
+    types = sorted({connection.msgtype for connection in found})
+    if types != [type_name]:
+        there = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
+        raise UsageError(f"bag {bag}: topic {name} {there}; it must be a {type_name}")
+    if not any(connection.msgcount for connection in found):
+        raise UsageError(f"bag {bag}: topic {name} has no messages")
+    for connection in found:
+        encoding = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else "ros1"
+        if encoding != "cdr":
+            raise UsageError(f"bag {bag}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+    return found
+
+
+def ways_out(connections: Sequence[Connection], topic: str) -> str:
+    """What to type to get an input that is not there under its name, or what else the bag has."""
+    there = {absolute(connection.topic): connection.msgtype for connection in connections}
+    if topic.removeprefix("/") in INPUTS:
+        if spaces := namespaces(there):
+            return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
+        type_name = MESSAGE_TYPES[topic.removeprefix("/")]
+        alike = sorted(name for name, type_there in there.items() if type_there == type_name)
+        if alike and topic not in alike:
+            return f"of this type it has {listed(alike)}: say --remap {topic.removeprefix('/')}:={alike[0]}"
+    return f"its topics: {listed(sorted(there)) or 'none'}"
+
+
+def namespaces(there: Mapping[str, str]) -> list[str]:
+    """Namespaces, without slashes at the ends, in which all inputs are with their types."""
+    first = f"/{INPUTS[0]}"
+    candidates = sorted(name.removesuffix(first).strip("/") for name in there if name.endswith(first))
+    return [
+        space
+        for space in candidates
+        if space and all(there.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in INPUTS)
+    ]

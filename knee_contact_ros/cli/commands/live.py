@@ -1,0 +1,83 @@
+"""Commands that need ROS: demo, node, replay."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from knee_contact_ros.cli.options import (
+    OptionalClockRate,
+    found,
+    names_in_bag_options,
+    parameter_files,
+    timing_options,
+)
+
+
+@click.command()
+@click.option("--bag", type=click.Path(path_type=Path), metavar="BAG", help="[default: the right leg's gait]")
+@parameter_files
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_demo",
+    show_default=True,
+    metavar="DIR",
+    help="Where the results go; those of an earlier demo are replaced.",
+)
+@click.option(
+    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
+)
+@click.option(
+    "--companion", is_flag=True, help="Run the example of an assist controller beside it: examples/assist_as_needed.py."
+)
+def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float, companion: bool) -> None:
+    """See the knee of a walking person.
+
+    Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
+    Rerun file and prints the peaks.
+    """
+    from knee_contact_ros.offline.demo import run_demo
+    from knee_contact_ros.system.resources import share_folder
+
+    run_demo(bag or share_folder() / "bags" / "gait2354_right", found(parameter_files), output, rate, companion)
+
+
+@click.command(
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
+    add_help_option=False,
+    options_metavar="[--ros-args ...]",
+)
+@click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
+def node(ros_arguments: tuple[str, ...]) -> None:
+    """Run the ROS 2 node.
+
+    Takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
+    """
+    if ros_arguments in (("--help",), ("-h",)):
+        click.echo(click.get_current_context().get_help())
+        return
+    from knee_contact_ros.node.node import run_node
+
+    if code := run_node(list(ros_arguments)):
+        sys.exit(code)
+
+
+@click.command(cls=OptionalClockRate)
+@click.argument("bag", type=click.Path(path_type=Path))
+@timing_options
+@names_in_bag_options
+def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) -> None:
+    """Publish a bag's input topics in time.
+
+    BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
+    On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
+    rate.
+    """
+    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.offline.replay.replay import Timing, run_replay
+
+    run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace))

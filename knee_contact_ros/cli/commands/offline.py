@@ -1,0 +1,99 @@
+"""Commands on recordings: solve, recover."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from knee_contact_ros.cli.options import (
+    DEFAULT_PARAMETERS,
+    found,
+    found_file,
+    names_in_bag_options,
+    parameter_files,
+    parameter_values,
+)
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path), required=False)
+@parameter_files
+@parameter_values
+@click.option(
+    "--subject",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Subject file: body mass, profile, cartilage thickness and bag; --params and -p win over it.",
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
+)
+@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+@names_in_bag_options
+def solve(
+    bag: Path | None,
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    subject: Path | None,
+    output: Path,
+    overwrite: bool,
+    remaps: tuple[str, ...],
+    namespace: str,
+) -> None:
+    """Compute a bag offline.
+
+    As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file, a .db3
+    file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed
+    again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
+    the command then says what is missing, and ends with code 1.
+    """
+    from knee_contact_ros.bags.provenance import read_provenance, with_values
+    from knee_contact_ros.bags.recovery.source import in_a_line
+    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.offline.solve import solve as solve_bag
+    from knee_contact_ros.offline.summary_table import show_summary
+    from knee_contact_ros.parameters.reading import load_parameters
+    from knee_contact_ros.parameters.subject import Subject
+    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.terminal import progress, warn
+
+    person = Subject(subject) if subject else None
+    bag = bag or (person.bag if person else None)
+    if bag is None:
+        raise UsageError("no BAG: give one, or --subject with a file that names one")
+    stored = None if parameter_files or person else read_provenance(bag)
+    values = parameters_of(parameter_values)
+    sources = [*person.sources(), *map(found_file, parameter_files)] if person else found(parameter_files)
+    how = with_values(stored, values) if stored else load_parameters([*sources, values])
+    names = names_in_bag(remaps, namespace)
+    with progress("Solving") as advance:
+        summary = solve_bag(bag, how, output, advance, overwrite, names)
+    given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
+    files = ", ".join(map(str, given))
+    source = f"those in {bag.name}, made with {stored.package}" if stored else files
+    rows = {"parameters": ", ".join([source, *parameter_values])}
+    show_summary(summary, rows, {"Recording": str(output)})
+    warn([*summary.doubts.sentences, *([summary.split.problem] if summary.split and summary.split.problem else [])])
+    if summary.damage:
+        raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+
+
+@click.command()
+@click.argument("source", type=click.Path(path_type=Path), metavar="IN")
+@click.argument("output", type=click.Path(path_type=Path), metavar="OUT.mcap")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+def recover(source: Path, output: Path, overwrite: bool) -> None:
+    """Make a cut-off recording whole again.
+
+    Writes all that can be read of the MCAP file IN (ours: *.mcap.partial) to OUT.mcap, and says what is missing. IN
+    stays as it is.
+    """
+    from knee_contact_ros.bags.recovery.recover import recover as recover_file
+    from knee_contact_ros.cli.recovery_table import show_recovery
+    from knee_contact_ros.system.terminal import progress
+
+    with progress("Recovering") as advance:
+        recovery = recover_file(source, output, advance, overwrite)
+    show_recovery(recovery, str(output))

@@ -1,0 +1,76 @@
+"""The command `knee-contact`.
+
+Bad input ends it with code 2 and one line, a full disk or a damaged bag with 1, Ctrl-C with 130.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from knee_contact_ros import __version__
+from knee_contact_ros.cli.commands import live, look, measure, offline, prepare
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.printable import printable
+
+INTERRUPTED = 130
+LAST_STANDARD_STREAM = 2
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, package_name="knee_contact_ros", message="%(prog)s %(version)s")
+def knee_contact() -> None:
+    """Live tibiofemoral contact from streamed gait. A research tool, not a medical device."""
+
+
+for command in (
+    live.demo, live.node, live.replay, offline.solve, offline.recover, look.view, look.report, prepare.import_opensim,
+    prepare.fit_profile, measure.trade, measure.latency,
+):  # fmt: skip
+    knee_contact.add_command(command)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    open_standard_streams()
+    try:
+        knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
+    except (UsageError, IncompleteError) as error:
+        return fail(str(error), code=2 if isinstance(error, UsageError) else 1)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "knee-contact"
+        return fail(f"{error.format_message().rstrip('.')}; see {command} --help")
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):  # the reader of our output has gone
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        return fail(f"{error.filename or 'writing'}: {error.strerror or error}", code=1)
+    except (click.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__cause__, EOFError):  # to click, no more input is an abort; no command asks for any
+            raise error.__cause__ from None
+        click.echo("knee-contact: interrupted", err=True)
+        return INTERRUPTED
+    return 0
+
+
+def open_standard_streams() -> None:
+    """Where one came closed, nothing is read or written; libraries trust in it, and no other file gets its number."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD_STREAM:
+        pass
+    os.close(number)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
+
+
+def fail(text: str, code: int = 2) -> int:
+    """Say in one line what is wrong."""
+    click.echo(f"knee-contact: {printable(' '.join(text.split()))}", err=True)
+    return code
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""Bytes of messages, and the numbers in them."""

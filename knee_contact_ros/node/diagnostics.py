@@ -1,0 +1,187 @@
+"""What `/diagnostics` says once a second: inputs, refused samples, ticks and how late they are, recorder and viewer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from knee_contact_ros.core.types import Contact, Fidelity, Status
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.pipeline.synchronise import Synchroniser
+from knee_contact_ros.sinks.process import WORTH_A_WARNING
+
+REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
+"""Reasons for which samples are refused for their stamps"""
+
+
+@dataclass
+class InputMeter:
+    """Rate, pauses and age of one input stream."""
+
+    received: int = 0
+    last: float = field(default_factory=time.monotonic)
+    """Monotonic time [s] of the last message, or of the beginning"""
+    longest_pause: float = 0.0
+    """Since the last report [s]"""
+    reported: int = 0
+    report_time: float = field(default_factory=time.monotonic)
+    """Monotonic time of the last report [s]"""
+
+    def begin(self) -> None:
+        """Listen from now on: neither silence nor rate counts the time when nobody listened."""
+        self.last = self.report_time = time.monotonic()
+        self.reported, self.longest_pause = self.received, 0.0
+
+    def count(self) -> None:
+        """Note that a message has come."""
+        now = time.monotonic()
+        self.received += 1
+        self.longest_pause = max(self.longest_pause, now - self.last)
+        self.last = now
+
+    @property
+    def age(self) -> float:
+        """How old [s] the last message is, from when listening began anew; infinite if there was none."""
+        return time.monotonic() - self.last if self.received else math.inf
+
+    def values(self) -> dict[str, str]:
+        """Rate since the last report, the longest pause in it, age, and total."""
+        now = time.monotonic()
+        rate = (self.received - self.reported) / max(now - self.report_time, 1e-9)
+        values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
+        if self.received:
+            values |= {"age [s]": f"{self.age:.3f}", "longest pause [ms]": f"{1e3 * self.longest_pause:.1f}"}
+        self.reported, self.report_time, self.longest_pause = self.received, now, 0.0
+        return values
+
+
+@dataclass
+class LagMeter:
+    """How far the node is behind: by how much a timer of a known period comes late.
+
+    Samples and timers wait in one line, so a timer that is late has waited for as long as a sample would.
+    """
+
+    period: float
+    """Of the timer [s]"""
+    now: float = 0.0
+    """Lag when the timer came last [s]"""
+    largest: float = 0.0
+    """Since the last report [s]"""
+    _last: float = field(default_factory=time.monotonic)  # a timer may be late the first time, too
+
+    def count(self) -> None:
+        """Note that the timer has come."""
+        time_ = time.monotonic()
+        self.now = max(0.0, time_ - self._last - self.period)
+        self.largest = max(self.largest, self.now)
+        self._last = time_
+
+    def report(self) -> float:
+        """The largest lag since the last report [s]."""
+        largest, self.largest = self.largest, 0.0
+        return largest
+
+
+@dataclass
+class TickMeter:
+    """Ticks, their times and their flags."""
+
+    ticks: int = 0
+    missed: int = 0
+    """Answers that came later than the deadline"""
+    flagged: Counter[str] = field(default_factory=Counter)
+    fidelities: list[int] = field(default_factory=lambda: [0] * len(Fidelity))
+    """Ticks by level"""
+    durations: list[float] = field(default_factory=list)
+    """Of the ticks since the last report [s]"""
+
+    def count(self, contact: Contact, duration: float, late: bool) -> None:
+        """Note an answer, the time it took [s], and whether it has missed its deadline."""
+        self.ticks += 1
+        self.missed += late
+        self.durations.append(duration)
+        self.fidelities[contact.fidelity] += 1
+        if contact.status:
+            self.flagged.update(bit.name or "" for bit in Status if contact.status & bit)
+
+    def values(self) -> dict[str, str]:
+        """Totals, and tick times of the last period."""
+        durations, self.durations = sorted(self.durations), []
+        values = {"ticks": str(self.ticks), "missed deadlines": str(self.missed)}
+        if durations:
+            values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
+            values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
+        for level, count in zip(Fidelity, self.fidelities, strict=True):
+            if count:
+                values[f"fidelity {level.name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
+        return values | {f"status {name}": str(count) for name, count in self.flagged.items()}
+
+
+class PairingMeter:
+    """What has gone wrong with the stamps since the last report."""
+
+    def __init__(self, max_gap: float) -> None:
+        """`max_gap` [s] as in the parameters."""
+        self._max_gap = max_gap
+        self._jumps = {JOINT_STATES: 0, JOINT_REACTION_FORCE: 0}
+        self._refused = 0
+        self._unrecorded = 0
+
+    def report(self, synchroniser: Synchroniser) -> tuple[dict[str, str], str, bool]:
+        """What there is to say, what is wrong, and whether something is lost by that."""
+        lead, fill = synchroniser.lead, synchroniser.fill
+        values = {
+            "forces that wait for an angle": str(synchroniser.waiting),
+            "queue [%]": f"{100.0 * fill:.0f}",
+            "angles not recorded": str(synchroniser.unrecorded),
+            "jumps of joint_states": str(synchroniser.angle_time.jumps),
+            "jumps of joint_reaction_force": str(synchroniser.load_time.jumps),
+        }
+        if lead is not None:
+            values["force ahead of angle [s]"] = f"{lead:.3f}"
+        problems = "; ".join(self._problems(synchroniser, lead, fill))
+        lost = synchroniser.unrecorded > self._unrecorded
+        self._unrecorded = synchroniser.unrecorded
+        return values, problems, lost
+
+    def _problems(self, synchroniser: Synchroniser, lead: float | None, fill: float) -> Iterator[str]:
+        if (more := synchroniser.unrecorded - self._unrecorded) > 0:
+            yield f"{more} angles are not recorded: more than pairing.queue came without a force"
+        for topic, time_ in ((JOINT_STATES, synchroniser.angle_time), (JOINT_REACTION_FORCE, synchroniser.load_time)):
+            if time_.jumps > self._jumps[topic]:
+                yield f"stamps of {topic} have jumped"
+            self._jumps[topic] = time_.jumps
+        refused = sum(count for reason, count in synchroniser.refused.items() if reason in REFUSED_STAMPS)
+        if refused > self._refused:
+            yield f"{refused - self._refused} stamps fit neither the sample before nor the other topic"
+        self._refused = refused
+        if lead is not None and abs(lead) > self._max_gap:
+            first, second = (JOINT_STATES, JOINT_REACTION_FORCE)[:: 1 if lead > 0 else -1]
+            yield f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}"
+        if fill >= WORTH_A_WARNING:
+            yield f"{100.0 * fill:.0f} % of pairing.queue wait for the other topic"
+
+
+def diagnostic_status(name: str, values: dict[str, str], problem: str = "", lost: bool = False) -> Any:
+    """One entry of the array: a warning if there is a problem, an error if something is lost by it."""
+    level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN
+    return DiagnosticStatus(
+        level=level if problem else DiagnosticStatus.OK,
+        name=name,
+        message=problem or "ok",
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
+def diagnostic_array(stamp: Any, statuses: list[Any]) -> Any:
+    """The message."""
+    message = DiagnosticArray(status=statuses)
+    message.header.stamp = stamp
+    return message

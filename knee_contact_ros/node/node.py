@@ -1,0 +1,235 @@
+"""The ROS 2 node `knee_contact`.
+
+Subscribes to `joint_states` (sensor_msgs/JointState) and `joint_reaction_force` (geometry_msgs/WrenchStamped, what the
+femur exerts on the tibia, tibia frame). Publishes `knee_contact` (knee_contact_ros/KneeContact) and
+`knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, and `/diagnostics` once a second.
+Parameters: `parameters/schema.py`.
+
+It is a managed node: configure reads the parameters and opens the outputs, activate starts the stream. With the
+parameter `autostart` (the default) it does both by itself.
+"""
+
+from __future__ import annotations
+
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+
+from knee_contact_ros.messages.topics import INPUTS
+from knee_contact_ros.node.parameters import NodeParameters
+from knee_contact_ros.node.qos_overrides import given_by_user
+from knee_contact_ros.node.session import Session, at_most_every
+from knee_contact_ros.parameters.reading import NODE_NAME, check_parameter_file
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.ros_graph import joining
+
+SPIN_PERIOD = 0.1
+"""How often [s] the main loop looks for a signal to stop."""
+FAILURE_LOG_PERIOD = 5.0
+MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
+"""Signals that would end a process that does not care for them"""
+Answer = Callable[[Any, Any], Any]
+"""A service's callback: request and empty response to response"""
+
+
+class Stop:
+    """The signals that end the node: noted, or, while the model compiles, an interruption. Others do not end it."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._interrupts = False
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if (number, signal.getsignal(number)) != (signal.SIGHUP, signal.SIG_IGN):  # as nohup has it
+                signal.signal(number, self._on_signal)
+        for number in MEANINGLESS:
+            signal.signal(number, signal.SIG_IGN)
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Let a signal raise KeyboardInterrupt meanwhile; so does one that has come before."""
+        self._interrupts = True
+        try:
+            if self.asked:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._interrupts = False
+
+    def _on_signal(self, _number: int, _frame: object) -> None:
+        self.asked = True
+        if self._interrupts:
+            raise KeyboardInterrupt
+
+
+class KneeContactNode(LifecycleNode):
+    """The managed node: its life cycle; what it does while configured is a `Session`."""
+
+    def __init__(self, stop: Stop) -> None:
+        """Read and check the parameters.
+
+        Raises:
+            UsageError: a parameter is unknown or not allowed.
+        """
+        super().__init__(
+            NODE_NAME, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
+        )
+        self.node_parameters = NodeParameters(self)
+        self.session: Session | None = None
+        self.complete = True
+        """Whether the outputs of the last session are complete as far as they went"""
+        self._stop = stop
+        for service in self.services:
+            service.callback = self._answering(service.callback, service.srv_name)
+
+    def _answering(self, answer: Answer, name: str) -> Answer:
+        """A service for which a request that does not fit is one that fails, and no more."""
+
+        def answered(request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except Exception as error:
+                self.get_logger().warning(f"{name}: the request is refused: {error}")
+                return response
+
+        return answered
+
+    def configure(self) -> None:
+        """Read the parameters, build the model and have its kernel ready, open the outputs.
+
+        Raises:
+            UsageError: see `Session`.
+            KeyboardInterrupt: the process has been told to stop while it compiled.
+        """
+        try:
+            self.session = Session(self, self.node_parameters.read(), given_by_user(self))
+            self.get_logger().info(
+                "making the model ready; the first time on a machine it compiles for half a minute or more"
+            )
+            with self._stop.interrupting():
+                self.session.outputs.wait_until_open()
+                self.session.pipeline.compile()
+            self.node_parameters.user = self.session.retune
+        except BaseException:
+            self.finish()
+            raise
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """See `configure`; a bad parameter leaves the node unconfigured."""
+        try:
+            if self.session is None:
+                self.configure()
+        except UsageError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except KeyboardInterrupt:
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the stream; what goes wrong is told, as whoever asked for it hears only that it has."""
+        result = super().on_activate(state)
+        if self.session:
+            try:
+                self.session.start()
+            except Exception as error:  # as in `Session`
+                self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
+                return TransitionCallbackReturn.ERROR
+            topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)
+            self.get_logger().info(f"active, listening to {topics}")
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the stream; answer what still waits."""
+        if self.session:
+            self.session.stop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the outputs; all parameters may change again."""
+        self.finish()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and close."""
+        self.finish()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the outputs; the node is unconfigured then and can be configured anew."""
+        self.get_logger().error("a transition has failed; the node is unconfigured")
+        self.finish()
+        return super().on_error(state)
+
+    def finish(self) -> None:
+        """End in whatever state the node is: answer what waits, complete the files."""
+        session, self.session = self.session, None
+        self.node_parameters.user = None
+        if session:
+            session.stop()
+            self.complete = session.close()
+            session.destroy_endpoints()
+            self.get_logger().info(f"{session.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
+
+
+def run_node(arguments: list[str]) -> int:
+    """Run the node until SIGINT or SIGTERM; complete its files before returning: 1 if one had to be given up, or 0.
+
+    Raises:
+        UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
+    """
+    for flag, path in pairwise(arguments):
+        if flag == "--params-file":
+            check_parameter_file(Path(path))
+    try:
+        rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy's own errors derive from it
+        raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
+    except UnicodeEncodeError as error:  # bytes that are no text
+        raise UsageError(f"ROS arguments: {error.object!r} is no UTF-8") from None
+    stop, node = Stop(), None
+    try:
+        with joining():
+            node = KneeContactNode(stop)
+        if node.node_parameters.read().autostart:
+            start(node)
+        executor = EventsExecutor()
+        executor.add_node(node)
+        while not stop.asked:
+            spin(executor, node)
+    finally:
+        if node is not None:
+            node.finish()  # whatever has happened: what was recorded is completed
+            node.destroy_node()
+        rclpy.shutdown()
+    return 0 if node.complete else 1
+
+
+def spin(executor: EventsExecutor, node: KneeContactNode) -> None:
+    """Do what there is to do; what fails without a reason that we know is told, and the node goes on."""
+    try:
+        executor.spin_once(timeout_sec=SPIN_PERIOD)
+    except Exception:
+        text = f"this should not happen, and the node goes on: {traceback.format_exc()}"
+        node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
+
+
+def start(node: KneeContactNode) -> None:
+    """Configure and activate the node; it may be told to stop meanwhile.
+
+    Raises:
+        UsageError: see `run_node`.
+    """
+    with suppress(KeyboardInterrupt):
+        node.configure()
+        node.trigger_configure()
+        if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+            raise UsageError("the node could not be activated; its log says why")

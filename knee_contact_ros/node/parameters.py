@@ -1,0 +1,83 @@
+"""The parameters as ROS 2 sees them: overrides in, declarations with descriptions out, changes at run time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from knee_contact_ros.node.qos_overrides import PREFIX, check_qos_overrides
+from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.system.errors import UsageError
+
+LIVE = frozenset({
+    "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
+    "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
+    "contact.restitution", "contact.least_impact_speed",
+    "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
+})  # fmt: skip
+"""Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
+other kernel, and the name of the next recording. They take effect between two ticks."""
+
+
+class NodeParameters:
+    """Our parameters on a node that declares its overrides by itself.
+
+    A change is checked at once. Types are checked here and not by rclpy, so that `5000` is as good as `5000.0`, offline
+    and live.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Check all overrides and declare the rest.
+
+        Raises:
+            UsageError: an unknown name, a wrong type or a value outside its range.
+        """
+        self._node = node
+        self.user: Callable[[Parameters, dict[str, Any]], None] | None = None
+        """Who is told of changes while the node is configured: all parameters, and those that have changed"""
+        overrides = self._values()
+        load_parameters(overrides)
+        check_qos_overrides(node, overrides.items())
+        for name, (default, description) in known_parameters().items():
+            descriptor = ParameterDescriptor(name=name, description=description, dynamic_typing=True)
+            if name in overrides:
+                node.set_descriptor(name, descriptor)
+            else:
+                node.declare_parameter(name, default, descriptor)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._after_set)
+
+    def read(self) -> Parameters:
+        """The parameters as they are now."""
+        return load_parameters(self._values())
+
+    def _values(self) -> dict[str, Any]:
+        return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
+
+    def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        for change in changes:
+            if self.user and self._is_fixed(change.name):
+                reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
+                return SetParametersResult(successful=False, reason=reason)
+        try:
+            load_parameters(self._values() | {change.name: change.value for change in changes})
+            check_qos_overrides(self._node, ((change.name, change.value) for change in changes))
+        except UsageError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True, reason="")
+
+    def _is_fixed(self, name: str) -> bool:
+        """Whether it cannot change while the node is configured; rclpy declares overrides then, which are new."""
+        if name.startswith(PREFIX):
+            return bool(self._node.has_parameter(name))
+        return name in known_parameters() and name not in LIVE
+
+    def _after_set(self, changes: Sequence[Parameter]) -> None:
+        ours = {change.name: change.value for change in changes if change.name in LIVE}
+        if self.user and ours:
+            self.user(self.read(), ours)

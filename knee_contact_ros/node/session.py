@@ -1,0 +1,323 @@
+"""One configured life of the node: pipeline, outputs, and the streams between them."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.topics import (
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+)
+from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.node.diagnostics import LagMeter, PairingMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.node.outputs import Outputs
+from knee_contact_ros.node.subscription import InputStream
+from knee_contact_ros.parameters.compartments import BY_MOMENT
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.pipeline.synchronise import PairedSample
+from knee_contact_ros.sinks.process import Tell
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.window import address
+
+OUTPUT_DEPTH = 100
+"""Messages that a publisher keeps for subscribers that are slow"""
+DIAGNOSTICS_PERIOD = 1.0
+REFUSAL_LOG_PERIOD = 5.0
+SILENCE = 5.0
+"""How long [s] an input may be silent before the log says so"""
+SILENCE_LOG_PERIOD = 30.0
+
+
+ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
+
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""Runs on when simulated time stands still, or the system's is set"""
+
+
+def at_most_every(period: float) -> dict[str, Any]:
+    """Arguments for a logger's call that is not to say something again within a period [s]."""
+    return {"throttle_duration_sec": period, "throttle_time_source_type": STEADY}
+
+
+def deserialize(data: bytes, topic: str) -> Any:
+    """An input message the ordinary way."""
+    return deserialize_message(data, ROS_TYPES[topic])
+
+
+class Session:
+    """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
+
+    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
+        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
+
+        Raises:
+            UsageError: a profile cannot be used or an output file cannot be written.
+        """
+        self.node = node
+        self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
+        self.parameters = parameters
+        self._curves = curve_texts(parameters, {})
+        self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
+        self.inputs = {
+            stream.topic: stream
+            for stream in (
+                InputStream(node, JointState, JOINT_STATES, self._on_joint_state, qos_given),
+                InputStream(node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given),
+            )
+        }
+        self.ticks = TickMeter()
+        self.pairing = PairingMeter(parameters.pairing.max_gap)
+        self._too_deep_before = 0
+        for doubt in self.pipeline.doubts.about_parameters:
+            node.get_logger().warning(doubt)
+        self.lag = LagMeter(0.0)
+        self._missed_before = 0
+        topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+        names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        tell = Tell(node.get_logger().error, node.get_logger().warning)
+        by_user = QoSOverridingOptions.with_default_policies()
+        offered = {KNEE_CONTACT: KneeContact, KNEE_CONTACT_WRENCH: WrenchStamped, "/diagnostics": DiagnosticArray}
+        try:
+            self._contact, self._wrench, self._diagnostics = (  # each with a profile of its own: overrides change it
+                node.create_lifecycle_publisher(
+                    message_type, topic, QoSProfile(depth=OUTPUT_DEPTH), qos_overriding_options=by_user
+                )
+                for topic, message_type in offered.items()
+            )
+        except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
+            raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
+        self._services = [
+            self._service("reset", self._reset),
+            self._service("start_recording", self._start_recording),
+            self._service("stop_recording", self._stop_recording),
+        ]
+        try:  # the last thing that can fail: a file is opened if all else is well
+            self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
+        except UsageError:
+            self.destroy_endpoints()
+            raise
+        if parameters.rerun.mode in ("serve", "spawn"):
+            url = address(parameters.rerun.port)
+            node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
+        self._timers: list[Any] = []
+
+    def start(self) -> None:
+        """Listen."""
+        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
+            self._reset()
+        for stream in self.inputs.values():
+            stream.meter.begin()
+            stream.open()
+        self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
+        self._timers = [
+            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=STEADY),
+            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=STEADY),
+        ]
+
+    def stop(self) -> None:
+        """Listen no more; answer what still waits."""
+        if self._timers:
+            self._answer_all()
+            self.pipeline.synchroniser.forget_angles()
+        gc.enable()
+        gc.unfreeze()
+        for stream in self.inputs.values():
+            stream.close()
+        for timer in self._timers:
+            self.node.destroy_timer(timer)
+        self._timers = []
+
+    def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
+        """Go on with parameters of which some have changed."""
+        self.parameters = parameters
+        known = self.pipeline.doubts.about_parameters
+        self.pipeline.retune(parameters)
+        for doubt in self.pipeline.doubts.about_parameters:
+            if doubt not in known:
+                self.node.get_logger().warning(doubt)
+        self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
+
+    def close(self) -> bool:
+        """Complete the files; whether none had to be given up."""
+        return self.outputs.close(self.pipeline.ending())
+
+    def destroy_endpoints(self) -> None:
+        """Offer topics and services no more."""
+        for service in self._services:
+            self.node.destroy_service(service)
+        self._destroy_publishers()
+
+    def _destroy_publishers(self) -> None:
+        for publisher in (self._contact, self._wrench, self._diagnostics):
+            self.node.destroy_lifecycle_publisher(publisher)
+
+    def _on_joint_state(self, data: bytes) -> None:
+        self._answer(self.pipeline.take_joint_state(data))
+
+    def _on_force(self, data: bytes) -> None:
+        self._answer(self.pipeline.take_joint_reaction_force(data, time.perf_counter()))
+
+    def _service(self, name: str, act: Callable[[], str]) -> Any:
+        """A service that does something and says what, or why not."""
+
+        def answer(_request: Any, response: Any) -> Any:
+            try:
+                response.success, response.message = True, act()
+            except UsageError as error:
+                response.success, response.message = False, str(error)
+            except Exception as error:  # whatever it is, the caller shall know, and the node go on
+                response.success, response.message = False, f"{type(error).__name__}: {error}"
+                self.node.get_logger().error(f"~/{name}: {response.message}")
+            return response
+
+        return self.node.create_service(Trigger, f"~/{name}", answer)
+
+    def _answer_all(self) -> None:
+        """Answer what waits or was kept aside, and hold nothing of the streams any more."""
+        self._answer(self.pipeline.synchroniser.finish())
+        self.pipeline.synchroniser.forget()
+
+    def _reset(self) -> str:
+        self._answer_all()
+        self.pipeline.reset()
+        self.outputs.note(RESET, {TICK: str(self.pipeline.ticks)})
+        return "the next tick starts from rest"
+
+    def _start_recording(self) -> str:
+        self.outputs.provenance = self._provenance()
+        return f"recording to {self.outputs.start_recording(self.parameters.record.path)}"
+
+    def _provenance(self) -> dict[str, str]:
+        return provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
+
+    def _stop_recording(self) -> str:
+        path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
+        return f"{path} will be complete in a moment"
+
+    def _on_wait_timer(self) -> None:
+        """Answer loads whose angle is late; listen to publishers that could not be heard."""
+        self.lag.count()
+        arrived_by = time.perf_counter() - self.parameters.pairing.wait
+        self._answer(self.pipeline.synchroniser.give_up(arrived_by))
+        for stream in self.inputs.values():
+            stream.adapt()
+
+    def _answer(self, pairs: Sequence[PairedSample]) -> None:
+        """Compute and publish one after the other; what is not needed for that comes after the publishing."""
+        clock, pipeline = time.perf_counter, self.pipeline
+        for pair in pairs:
+            begin = clock()
+            message, numbers = pipeline.compute(pair)
+            self._contact.publish(message)
+            end = clock()
+            latency = end - pair.load.arrived
+            answer = pipeline.answer(pair, message, numbers, latency)
+            self._wrench.publish(answer.wrench)
+            self.outputs.put(answer)
+            late = latency + self.lag.now > self.parameters.deadline
+            self.ticks.count(answer.contact, end - begin, late)
+            contact = answer.contact
+            pipeline.doubts.add(answer.stamp, contact.load, contact.penetration_depth, contact.status)
+        if pipeline.last_refusal:
+            text = f"sample refused: {pipeline.last_refusal}"
+            self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))
+            pipeline.last_refusal = ""
+
+    def _on_diagnostics_timer(self) -> None:
+        """Report, name silent inputs in the log, and free what reference counting does not."""
+        silent = [stream for stream in self.inputs.values() if time.monotonic() - stream.meter.last > SILENCE]
+        if silent:
+            names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
+            text = f"nothing received on {names} for {SILENCE:g} s or more"
+            self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
+        entries = [self._input_status(stream) for stream in self.inputs.values()]
+        refused = self.pipeline.synchroniser.refused
+        counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
+        entries += [
+            diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
+            self._pairing_status(),
+            self._tick_status(),
+            self._load_status(),
+        ]
+        entries += [
+            diagnostic_status(f"{self._name}: {name}", values, problem, lost)
+            for name, values, problem, lost in self.outputs.said()
+        ]
+        self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
+        gc.collect(0)
+
+    def _input_status(self, stream: InputStream) -> Any:
+        """What there is to say of an input."""
+        meter = stream.meter
+        problem = "" if meter.received else "nothing received yet"
+        if meter.received and meter.age > self.parameters.pairing.max_gap:
+            problem = f"silent for {meter.age:.1f} s"
+        link = {
+            "reliability": stream.reliability.replace("_", " "),
+            "publishers": str(stream.publishers),
+        }
+        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
+
+    def _pairing_status(self) -> Any:
+        """What there is to say of the stamps; problems are logged."""
+        values, problem, lost = self.pairing.report(self.pipeline.synchroniser)
+        if problem:
+            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
+        return diagnostic_status(f"{self._name}: pairing", values, problem, lost)
+
+    def _load_status(self) -> Any:
+        """What there is to say of the load, and of its split where the frontal moment decides; problems are logged."""
+        doubts, values = self.pipeline.doubts, {}
+        problem = doubts.about_load
+        if doubts.ticks:
+            values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
+        if self.parameters.load.compartment in BY_MOMENT:
+            split = self.pipeline.split
+            values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
+            problem = problem or split.problem
+        if problem:
+            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
+        return diagnostic_status(f"{self._name}: load", values, problem)
+
+    def _tick_status(self) -> Any:
+        """What there is to say of the ticks; a node that falls behind is logged too."""
+        missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
+        self._missed_before = self.ticks.missed
+        problem = f"{missed} answers came later than the deadline" if missed else ""
+        doubts = self.pipeline.doubts
+        if doubts.too_deep > self._too_deep_before:
+            self._too_deep_before, problem = doubts.too_deep, doubts.about_depth
+            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
+        if lag > self.parameters.deadline:
+            problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
+            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
+        values = self.ticks.values() | {
+            "lag max [ms]": f"{1e3 * lag:.1f}",
+            "decoded by ROS": str(self.pipeline.decoder.ordinary),
+        }
+        return diagnostic_status(f"{self._name}: ticks", values, problem)

@@ -1,0 +1,101 @@
+"""One input topic of the node: its subscription, as reliable as its publishers, and what came over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from knee_contact_ros.node.diagnostics import InputMeter
+
+DEPTH = 1000
+"""Samples that may wait: one second at 1 kHz"""
+
+
+class InputStream:
+    """Subscribes to the bytes of a topic.
+
+    A reliable subscription hears nothing from a best-effort publisher, and a best-effort one may miss samples. So it
+    begins as reliable, and becomes best-effort when a publisher is met that is not, unless the user has said which.
+    """
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        message_type: type,
+        topic: str,
+        on_data: Callable[[bytes], None],
+        qos_given: Collection[str],
+    ) -> None:
+        """`qos_given` names the QoS overrides that the user has given."""
+        self.topic = topic
+        self.meter = InputMeter()
+        self.best_effort = False
+        self._node = node
+        self._type = message_type
+        self._on_data = on_data
+        self._unheard = False  # a publisher whose samples cannot come
+        name = f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
+        self._decided_by_user = name in qos_given
+        self._subscription: Any = None
+
+    def open(self) -> None:
+        """Listen."""
+        reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
+        self._unheard = False
+        self._subscription = self._node.create_subscription(
+            self._type,
+            self.topic,
+            self._on_message,
+            QoSProfile(depth=DEPTH, reliability=reliability),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible_qos),
+            qos_overriding_options=QoSOverridingOptions(self._left_to_user()),
+        )
+
+    def _left_to_user(self) -> list[QoSPolicyKind]:
+        """What a user may override; once declared, the reliability would stay as it was at first."""
+        ours = self.best_effort and not self._decided_by_user
+        reliability = [] if ours else [QoSPolicyKind.RELIABILITY]
+        return [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, *reliability]
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription = None
+
+    @property
+    def reliability(self) -> str:
+        """How the node listens; empty if it does not."""
+        return self._subscription.qos_profile.reliability.name.lower() if self._subscription is not None else ""
+
+    @property
+    def publishers(self) -> int:
+        """How many publishers are heard."""
+        return self._subscription.get_publisher_count() if self._subscription is not None else 0
+
+    def adapt(self) -> None:
+        """Listen anew if a publisher could not be heard; not to be called from the subscription's own callbacks."""
+        if not self._unheard or self.best_effort:
+            return
+        self._unheard = False
+        name = self._node.resolve_topic_name(self.topic)
+        if self._decided_by_user:
+            self._node.get_logger().warning(f"a publisher of {name} cannot be heard: its QoS does not fit the override")
+            return
+        self.best_effort = True
+        self.close()
+        self.open()
+        self._node.get_logger().info(f"a publisher of {name} is best effort; listening likewise")
+
+    def _on_message(self, data: bytes) -> None:
+        self._on_data(data)
+        self.meter.count()
+
+    def _on_incompatible_qos(self, event: Any) -> None:
+        self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user

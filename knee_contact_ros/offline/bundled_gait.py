@@ -1,0 +1,36 @@
+"""The gait bags that come with the package, as arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.pipeline.decode import joint_state_of, wrench_of
+from knee_contact_ros.pipeline.samples import angle_sample, load_sample
+from knee_contact_ros.system.resources import share_folder
+
+
+def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Time [s], flexion angle [rad] and half the axial load [N] of a bundled bag; both topics have the same stamps.
+
+    Args:
+        side: right or left.
+
+    Returns:
+        Three arrays of shape (n,).
+    """
+    angles, loads = {}, {}
+    with BagReader(share_folder() / "bags" / f"gait2354_{side}") as reader:
+        for topic, _, message in reader.messages():
+            if topic == f"/{JOINT_STATES}":
+                angle = angle_sample(joint_state_of(message), Knee())
+                angles[angle.stamp] = angle.angle
+            else:
+                load = load_sample(wrench_of(message), Load())
+                loads[load.stamp] = load.load
+    stamps = sorted(loads)
+    time = np.array(stamps, dtype=np.float64) * 1e-9
+    return time, np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])

@@ -1,0 +1,39 @@
+"""Tell a wrong joint name at once, and not after a whole bag of refused samples."""
+
+from __future__ import annotations
+
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.messages.ros_types import deserialize
+from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.decode import Decoder
+from knee_contact_ros.pipeline.samples import RefusedSampleError
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.printable import listed
+
+
+def check_joints(bag: BagReader, parameters: Parameters) -> None:
+    """Look for the first sample with the joints that the parameters name; as a rule that is the first of the bag.
+
+    Raises:
+        UsageError: no sample has one of them; lists the joints of the bag.
+    """
+    wanted = {"knee.joint_name": parameters.knee.joint_name}
+    if parameters.drive == "displacement":
+        wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
+    decoder = Decoder(deserialize)
+    found: dict[str, None] = {}  # a set that keeps the order
+    for message in bag.raw_messages((f"/{JOINT_STATES}",)):
+        try:
+            names = decoder.joint_state(message.data).name
+        except RefusedSampleError:
+            continue
+        found |= dict.fromkeys(names)
+        if found.keys() >= set(wanted.values()):
+            return
+    for parameter, joint in wanted.items():
+        if found and joint not in found:
+            known = listed(list(found))
+            raise UsageError(
+                f"bag {bag.path}: joint_states has no joint {joint!r}; it has {known} (parameter {parameter})"
+            )

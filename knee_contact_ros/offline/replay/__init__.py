@@ -1,0 +1,1 @@
+"""A bag over real topics."""

@@ -1,0 +1,85 @@
+"""Read a bag in a thread, ahead of its use and no farther than needed: an hour's bag does not fit the memory."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import Full, Queue
+from threading import Event, Thread
+from types import TracebackType
+
+from knee_contact_ros.bags.reader import RawMessage
+
+BLOCK = 256
+"""Messages that are handed over at once: each handing over wakes the other thread"""
+BLOCKS = 64
+"""Blocks that may wait: 8 s of two topics at 1 kHz, some MB"""
+LOOK_UP = 0.1
+"""[s] after which a thread that cannot go on looks whether it is still wanted"""
+SWITCH_INTERVAL = 1e-4
+"""[s] for which a thread may keep the interpreter from one that has something due; Python's own value is 5 ms"""
+
+Block = list[RawMessage]
+
+
+class ReadAhead:
+    """Messages of an iterator that a thread of its own goes through."""
+
+    def __init__(self, messages: Iterator[RawMessage]) -> None:
+        self._queue: Queue[Block | Exception | None] = Queue(BLOCKS)
+        self._unwanted = Event()
+        self._thread = Thread(target=self._read, args=(messages,), name="read ahead", daemon=True)
+
+    def __enter__(self) -> ReadAhead:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._unwanted.set()
+        self._thread.join()
+
+    def __iter__(self) -> Iterator[RawMessage]:
+        """The messages; an error comes behind all that could be read before it."""
+        while (block := self._queue.get()) is not None:
+            if isinstance(block, Exception):
+                raise block
+            yield from block
+
+    def _read(self, messages: Iterator[RawMessage]) -> None:
+        block: Block = []
+        ending: Exception | None = None
+        try:
+            for message in messages:
+                block.append(message)
+                if len(block) == BLOCK:
+                    if not self._hand_over(block):
+                        return
+                    block = []
+        except Exception as error:  # whatever it is, it belongs to whoever uses the messages
+            ending = error
+        if self._hand_over(block):
+            self._hand_over(ending)
+
+    def _hand_over(self, what: Block | Exception | None) -> bool:
+        """False if nobody wants it any more."""
+        while not self._unwanted.is_set():
+            try:
+                self._queue.put(what, timeout=LOOK_UP)
+            except Full:
+                continue
+            return True
+        return False
+
+
+@contextmanager
+def quick_switching() -> Iterator[None]:
+    """Let a thread that wakes up have the interpreter at once while another one reads."""
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(usual)

@@ -1,0 +1,214 @@
+"""`knee-contact replay`: a bag's input topics in time, over real ROS topics, as `ros2 bag play` does it."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import rclpy
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import WrenchStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.recovery.source import in_a_line
+from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_terminal, unwinding_on_signals
+from knee_contact_ros.offline.replay.lateness import Lateness
+from knee_contact_ros.offline.replay.player import Player
+from knee_contact_ros.offline.replay.read_ahead import ReadAhead, quick_switching
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.ros_graph import joining
+from knee_contact_ros.system.terminal import Bar, progress, say
+
+QOS = QoSProfile(depth=1000)
+LAST_ACKNOWLEDGEMENTS = 0.5
+"""How long [s] subscribers have to acknowledge what was sent when a signal ends the replay"""
+
+
+class Timing(NamedTuple):
+    """How to time a replay."""
+
+    rate: float = 1.0
+    """Seconds of the bag per second"""
+    loop: bool = False
+    clock: float | None = None
+    """[Hz] at which to publish /clock; 0: with every message; None: not at all"""
+    wait: float = 10.0
+    """How long [s] to wait for a subscriber of each topic; then publish all the same"""
+    start_offset: float = 0.0
+    """[s] of the bag to leave out at its beginning"""
+    duration: float | None = None
+    """[s] of the bag to play; None: all"""
+    delay: float = 0.0
+    """[s] to wait before the first message"""
+    start_paused: bool = False
+
+
+class Span(NamedTuple):
+    """The part of a bag that is played."""
+
+    start: int
+    """Log time [ns] of the first message"""
+    stop: int
+    """Log time [ns] behind the last one"""
+
+
+class Replayer:
+    """Publishers for the input topics of a bag."""
+
+    def __init__(self, node: Node, *, clock: bool = False) -> None:
+        """With `clock`, /clock can be published too."""
+        self.publishers = {
+            f"/{JOINT_STATES}": node.create_publisher(JointState, JOINT_STATES, QOS),
+            f"/{JOINT_REACTION_FORCE}": node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS),
+        }
+        self._clock = node.create_publisher(Clock, "/clock", QOS) if clock else None
+
+    def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
+        """Wait until each topic has a subscriber; False if the time runs out."""
+        deadline = time.monotonic() + seconds
+        while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
+            if time.monotonic() > deadline:
+                return False
+            spin(0.02)
+        return True
+
+    def publish(self, message: RawMessage) -> None:
+        """Publish a message as it was recorded, the stamp in it included."""
+        self.publishers[message.topic].publish(message.data)
+
+    def publish_clock(self, now: int) -> None:
+        """Publish the bag's time [ns]."""
+        if self._clock:
+            seconds, nanoseconds = divmod(now, NANOSECONDS)
+            self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+    def wait_for_acknowledgements(self, seconds: float) -> None:
+        """Wait until subscribers have what was published, so long at most."""
+        deadline = time.monotonic() + seconds
+        for publisher in self.publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
+
+
+def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
+    """Publish a bag's inputs in time, with a progress bar and keys, and say at the end how late they were.
+
+    Raises:
+        UsageError: the bag cannot be used, nothing of it is in the span, nobody could end the pause it is to start
+            with, or ROS does not let us in.
+    """
+    if timing.start_paused and not has_terminal():
+        raise UsageError("--start-paused needs a terminal at standard input: nobody could end the pause")
+    with ExitStack() as opened:
+        opened.enter_context(unwinding_on_signals())
+        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        if reader.damage:
+            say(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
+        span = span_of(reader, timing)
+        with joining():
+            rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+            opened.callback(rclpy.shutdown)
+            node = Node("knee_contact_replay")
+            opened.callback(node.destroy_node)
+        replayer = Replayer(node, clock=timing.clock is not None)
+        if not replayer.wait_for_subscribers(timing.wait, time.sleep):
+            say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
+        time.sleep(timing.delay)
+        play(reader, span, replayer, timing)
+
+
+def span_of(reader: BagReader, timing: Timing) -> Span:
+    """The part of the bag that the timing asks for.
+
+    Raises:
+        UsageError: no message is in it.
+    """
+    message = next(reader.raw_messages(), None)
+    if message is None:
+        raise UsageError(f"bag {reader.path} has none of the {reader.count} messages that its metadata.yaml counts")
+    first = message.log_time
+    start = first + round(timing.start_offset * NANOSECONDS)
+    stop = reader.end if timing.duration is None else start + round(timing.duration * NANOSECONDS)
+    if next(reader.raw_messages(start=start, stop=stop), None) is None:
+        lasts = (reader.end - 1 - first) / NANOSECONDS
+        raise UsageError(
+            f"--start-offset {timing.start_offset:g}: bag {reader.path} has no message there; it lasts {lasts:.3f} s"
+        )
+    return Span(start, min(stop, reader.end))
+
+
+def play(reader: BagReader, span: Span, replayer: Replayer, timing: Timing) -> None:
+    """Play the span once or again and again; the last line is printed also if a signal ends it."""
+    lateness = Lateness()
+    done = False
+    with ExitStack() as opened:
+        opened.callback(lambda: click.echo(str(lateness)))  # when bar and keyboard have left the terminal
+        opened.enter_context(undisturbed())
+        bar = opened.enter_context(progress(description(reader.path.name, timing.rate, timing.start_paused)))
+        player = make_player(replayer, timing, bar, reader.path.name, opened)
+        try:
+            play_once(player, reader, span, lateness, bar)
+            while timing.loop:
+                play_once(player, reader, span, lateness, bar)
+            done = True
+        finally:
+            replayer.wait_for_acknowledgements(timing.wait if done else LAST_ACKNOWLEDGEMENTS)
+            lateness.end()
+
+
+def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened: ExitStack) -> Player:
+    """A player that obeys keys if there is a terminal."""
+
+    def stood_still(seconds: float) -> None:
+        player.stood_still(seconds)
+
+    def changed(rate: float, paused: bool) -> None:
+        bar.describe(description(name, rate, paused))
+
+    keyboard = opened.enter_context(Keyboard(stood_still))
+    player = Player(replayer.publish, keyboard.wait, rate=timing.rate, paused=timing.start_paused, changed=changed)
+    if timing.clock is not None:
+        player.tell_time(replayer.publish_clock, timing.clock)
+    return player
+
+
+def play_once(player: Player, reader: BagReader, span: Span, lateness: Lateness, bar: Bar) -> None:
+    """Play the span from beginning to end."""
+    start, stop = span
+    with ReadAhead(reader.raw_messages(start=start, stop=stop)) as messages:
+        for message, late in player.play(messages):
+            lateness.add(late)
+            bar(message.log_time - start, stop - start)
+    lateness.end()
+
+
+def description(name: str, rate: float, paused: bool) -> str:
+    """What stands beside the bar."""
+    state = "Paused" if paused else "Replaying"
+    keys = f" ({HELP})" if has_terminal() else ""
+    return f"{state} {name} at rate {rate:.3g}{keys}"
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Keep what could take the interpreter for milliseconds from it: another thread's turn, a look through the heap."""
+    gc.collect()
+    gc.freeze()
+    try:
+        with quick_switching():
+            yield
+    finally:
+        gc.unfreeze()

@@ -1,0 +1,143 @@
+"""`knee-contact solve`: a bag through the pipeline as fast as the machine allows, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from itertools import islice
+from pathlib import Path
+
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, AnswerWriter
+from knee_contact_ros.bags.block_recorder import write_rows
+from knee_contact_ros.bags.provenance import Provenance, provenance_record
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.recovery.inspection import refuse_input
+from knee_contact_ros.bags.recovery.source import in_a_line
+from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.offline.history import Changes
+from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.offline.solve_blocks import take
+from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.parameters.compartments import BY_MOMENT
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.errors import UsageError
+
+BLOCK = 8192
+"""Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
+SOURCE_DAMAGE = "source_damage"
+"""Name of the metadata record that says what is wrong with the bag"""
+WORTH_COMPILING = 50_000
+"""Messages of a bag from which on compiling the kernel takes less time than it saves"""
+
+
+def solve(
+    bag: Path,
+    how: Parameters | Provenance,
+    output: Path,
+    advance: Callable[[int, int], None],
+    overwrite: bool = False,
+    names: Names = OWN_NAMES,
+) -> Summary:
+    """Compute every tick of `bag` and write inputs and outputs to `output`.
+
+    `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
+    called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
+    once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
+    computed; the summary and a metadata record say what is wrong with it.
+
+    Raises:
+        UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
+    """
+    parameters = how.parameters if isinstance(how, Provenance) else how
+    curves = how.texts() if isinstance(how, Provenance) else curve_texts(parameters, {})
+    changes = Changes(how.changes if isinstance(how, Provenance) else ())
+    with ExitStack() as opened:
+        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        refuse_input(bag, output)
+        check_joints(reader, parameters)
+        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
+        writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
+        recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
+        summary = Summary(parameters.body_weight, pipeline.doubts)
+        run, done = Run(pipeline, recorder, summary, changes), 0
+        for block in blocks(reader.raw_messages()):
+            run.take(block)
+            done += len(block)
+            advance(done, reader.count)
+        run.keep(pipeline.finish())
+        recorder.finish(pipeline.ending())
+        damage = reader.damage
+        if isinstance(how, Provenance):
+            late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
+            damage = [*how.damage, *damage, *(late if damage and how.changes else []), *_order(pipeline)]
+        if damage:
+            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
+        summary.refused, summary.damage = pipeline.synchroniser.refused, damage
+        summary.split = pipeline.split if parameters.load.compartment in BY_MOMENT else None
+        if not summary.ticks:
+            reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
+            told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){told}")
+    return summary
+
+
+def _order(pipeline: Pipeline) -> list[str]:
+    """What is wrong with the order in which a recording was read: it holds nothing that the node has refused."""
+    refused = pipeline.synchroniser.refused
+    out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
+    words = "samples that were answered then are refused now: stamps go back, and a recording is read in their order"
+    return [f"{out_of_order} {words}"] if out_of_order else []
+
+
+class Run:
+    """Takes messages, and writes and sums up what comes of them."""
+
+    def __init__(self, pipeline: Pipeline, recorder: AnswerWriter, summary: Summary, changes: Changes) -> None:
+        self._pipeline, self._recorder, self._summary, self._changes = pipeline, recorder, summary, changes
+
+    def take(self, block: Sequence[RawMessage]) -> None:
+        """Take messages in their order: at once if they allow it, else one by one."""
+        if self._changes.waiting or not self._take_at_once(block):
+            for message in block:
+                self._take_one(message)
+
+    def keep(self, answers: Iterable[Answer]) -> None:
+        """Write answers and take them into account, and what has changed between them."""
+        for answer in answers:
+            self._recorder.write(answer)
+            self._summary.add(answer.stamp, answer.contact)
+            self._make_changes()
+
+    def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
+        by_topic = [
+            [message.data for message in block if message.topic == ABSOLUTE_NAMES[topic]]
+            for topic in (JOINT_STATES, JOINT_REACTION_FORCE)
+        ]
+        answers = take(self._pipeline, *by_topic)
+        if answers is None:
+            return False
+        write_rows(self._recorder.bag, [row._replace(topic=ABSOLUTE_NAMES[row.topic]) for row in answers.rows])
+        self._summary.add_all(answers.stamps, answers.numbers, answers.status)
+        return True
+
+    def _take_one(self, message: RawMessage) -> None:
+        self._make_changes()
+        ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
+        feed = self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force
+        self.keep(feed(message.data))
+
+    def _make_changes(self) -> None:
+        for name, values in self._changes.make(self._pipeline):
+            self._recorder.note(name, values)
+
+
+def blocks(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
+    """Messages by the block."""
+    coming = iter(messages)
+    while block := list(islice(coming, BLOCK)):
+        yield block

@@ -1,0 +1,163 @@
+"""What a run amounts to: counts, and the peaks of load, contact force and depth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.bags.recorded_answers import answer_blocks
+from knee_contact_ros.bags.recovery.metadata_records import metadata_records
+from knee_contact_ros.bags.writer import REFUSED_SAMPLES
+from knee_contact_ros.core.types import COLUMN, Contact, Fidelity, Status
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.parameters.compartments import Split
+from knee_contact_ros.parameters.plausibility import Doubts
+from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
+
+PEAKS = ("load", "contact_force", "penetration_depth")
+"""Fields whose largest values are kept"""
+
+
+class Peak(NamedTuple):
+    """A value and its stamp."""
+
+    value: float
+    """In the field's SI unit"""
+    stamp: int
+    """[ns]"""
+
+
+class LoadPeak(NamedTuple):
+    """The contact where the load has a local peak."""
+
+    stamp: int
+    """[ns]"""
+    load: float
+    """[N]"""
+    contact_force: float
+    """[N]"""
+    penetration_depth: float
+    """[m]"""
+
+
+@dataclass
+class Summary:
+    """Running figures of a run of any length."""
+
+    body_weight: float
+    """[N]"""
+    doubts: Doubts = field(default_factory=Doubts)
+    """What makes no sense"""
+    ticks: int = 0
+    flagged: Counter[str] = field(default_factory=Counter)
+    """Ticks per status bit"""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Refused samples per reason"""
+    damage: list[str] = field(default_factory=list)
+    """What is wrong with the bag that was computed, as sentences"""
+    levels: Counter[str] = field(default_factory=Counter)
+    """Ticks by the level that computed them"""
+    evaluations: int = 0
+    largest_error: float = 0.0
+    """[m] of the depth; infinite if one is not a number"""
+    largest_force_error: float = 0.0
+    """[N] of the contact force; infinite if one is not a number"""
+    first_stamp: int = 0
+    last_stamp: int = 0
+    peaks: dict[str, Peak] = field(default_factory=dict)
+    """Largest value of a field"""
+    split: Split | None = None
+    """Where the frontal moment decides what the compartment gets"""
+    load_peaks: list[LoadPeak] = field(default_factory=list)
+    """Local peaks of the load, where they were looked for"""
+
+    def add(self, stamp: int, contact: Contact) -> None:
+        """Take an answer into account."""
+        if not self.ticks:
+            self.first_stamp = stamp
+        self.last_stamp = stamp
+        self.ticks += 1
+        self.doubts.add(stamp, contact.load, contact.penetration_depth, contact.status)
+        self.evaluations += contact.evaluations
+        self.levels[Fidelity(contact.fidelity).name.lower()] += 1
+        self.largest_error = max(self.largest_error, bound(contact.error_estimate))
+        self.largest_force_error = max(self.largest_force_error, bound(contact.force_error_estimate))
+        for name in PEAKS:
+            value = getattr(contact, name)
+            if name not in self.peaks or value > self.peaks[name].value:
+                self.peaks[name] = Peak(value, stamp)
+        for bit in Status:
+            if contact.status & bit:
+                self.flagged[bit.name or ""] += 1
+
+    def add_all(self, stamps: NDArray[np.int64], numbers: NDArray[np.float64], status: NDArray[np.int64]) -> None:
+        """Take many answers into account, at least one: numbers as in `Stream.answer`, and more bits of the status."""
+        if not self.ticks:
+            self.first_stamp = int(stamps[0])
+        self.last_stamp = int(stamps[-1])
+        self.ticks += len(stamps)
+        self.evaluations += int(numbers[:, COLUMN["evaluations"]].sum())
+        for level, count in zip(*np.unique(numbers[:, COLUMN["fidelity"]], return_counts=True), strict=True):
+            self.levels[Fidelity(int(level)).name.lower()] += int(count)
+        self.largest_error = max(self.largest_error, bound(numbers[:, COLUMN["error_estimate"]]))
+        self.largest_force_error = max(self.largest_force_error, bound(numbers[:, COLUMN["force_error_estimate"]]))
+        for name in PEAKS:
+            index = int(numbers[:, COLUMN[name]].argmax())
+            value = float(numbers[index, COLUMN[name]])
+            if name not in self.peaks or value > self.peaks[name].value:
+                self.peaks[name] = Peak(value, int(stamps[index]))
+        flags = numbers[:, COLUMN["status"]].astype(np.int64) | status
+        self.doubts.add_all(stamps, numbers[:, COLUMN["load"]], numbers[:, COLUMN["penetration_depth"]], flags)
+        for bit in Status:
+            if count := int(np.count_nonzero(flags & bit)):
+                self.flagged[bit.name or ""] += count
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last tick [s]."""
+        return (self.last_stamp - self.first_stamp) / NANOSECONDS
+
+
+def bound(errors: float | NDArray[np.float64]) -> float:
+    """The largest of some errors, at least one; what is not a number bounds nothing."""
+    return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
+
+
+def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = None) -> Summary:
+    """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N.
+
+    `doubts` are those about its parameters, if they are known.
+    """
+    summary = Summary(body_weight, doubts or Doubts())
+    rows: list[LoadPeak] = []
+    for answers in answer_blocks(recording):
+        summary.add_all(answers.stamps, np.column_stack(answers[1:]), np.zeros_like(answers.stamps))
+        columns = (answers.stamps, answers.load, answers.contact_force, answers.penetration_depth)
+        rows += [LoadPeak(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    summary.refused = read_refused(recording)
+    summary.load_peaks = load_peaks(rows, body_weight)
+    return summary
+
+
+def read_refused(recording: Path) -> Counter[str]:
+    """Refused samples by reason, as the recording, a file or a folder of several, tells."""
+    records: dict[str, dict[str, str]] = {}
+    for path in recording.glob("*.mcap") if recording.is_dir() else (recording,):
+        records |= {record.name: record.metadata for record in metadata_records(path)}
+    counts = records.get(REFUSED_SAMPLES, {})
+    return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
+
+
+def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> list[LoadPeak]:
+    """The rows where the load has a peak of stance; see `GaitEvents`. `body_weight` is in N."""
+    stamps, load = np.array([row.stamp for row in rows], dtype=np.int64), np.array([row.load for row in rows])
+    finder = GaitEvents(body_weight)
+    events = finder.add(stamps, np.zeros_like(load), load) + finder.finish()
+    found = {event.stamp for event in events if event.kind == LOAD_PEAK}
+    return [row for row in rows if row.stamp in found]

@@ -1,0 +1,85 @@
+"""The table of results that `demo` and `solve` print."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.system.printable import printable
+from knee_contact_ros.system.terminal import WIDTH, shown
+
+MM = 1e3
+MICROMETRE = 1e6
+
+
+def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
+    """Print the peaks, the figures of the run and where the files are; `live` has rows that only a live run knows."""
+    console = Console(width=WIDTH)
+    console.print(peak_table(summary))
+    figures = Table(box=None, show_header=False, pad_edge=False)
+    figures.add_column(no_wrap=True)
+    figures.add_column(overflow="fold")
+    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
+    for name, value in live.items():
+        figures.add_row(name, shown(value))
+    if summary.split:
+        figures.add_row("share of the load", summary.split.text)
+    figures.add_row("samples refused", _counts(summary.refused))
+    figures.add_row("ticks flagged", _counts(summary.flagged))
+    figures.add_row("error estimate", f"{error_of_depth(summary)} of depth at most, {error_of_force(summary)} of force")
+    figures.add_row("levels", _shares(summary.levels))
+    figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
+    for sentence in summary.doubts.sentences:
+        figures.add_row("warning", shown(sentence))
+    console.print(figures)
+    console.print()
+    for name, path in files.items():
+        console.print(printable(f"{name}: {path}"), soft_wrap=True, highlight=False, markup=False)
+
+
+def error_of_depth(summary: Summary) -> str:
+    """The largest estimate of the depth's error, with its unit."""
+    error = summary.largest_error
+    return f"{error * MICROMETRE:.2g} um" if math.isfinite(error) else "no bound"
+
+
+def error_of_force(summary: Summary) -> str:
+    """The largest estimate of the contact force's error, with its unit."""
+    error = summary.largest_force_error
+    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
+
+
+def peak_table(summary: Summary) -> Table:
+    """Peaks in N, BW and mm: those of the whole run, and each local peak of the load if they were looked for."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("")
+    for heading in ("load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"):
+        table.add_column(escape(heading), justify="right", no_wrap=True)
+
+    def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
+        weight = summary.body_weight
+        return f"{load:.1f}", f"{load / weight:.2f}", f"{force:.1f}", f"{force / weight:.2f}", f"{depth * MM:.3f}"
+
+    for number, peak in enumerate(summary.load_peaks, start=1):
+        values = forces(peak.load, peak.contact_force, peak.penetration_depth)
+        table.add_row(f"peak {number}", *values, f"{peak.stamp / NANOSECONDS:.3f}")
+    load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
+    table.add_row("largest", *forces(load.value, force.value, depth.value), f"{depth.stamp / NANOSECONDS:.3f}")
+    return table
+
+
+def _counts(counter: Mapping[str, int]) -> str:
+    reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
+    return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
+
+
+def _shares(levels: Mapping[str, int]) -> str:
+    whole = max(sum(levels.values()), 1)
+    return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))

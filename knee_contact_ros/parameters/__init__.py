@@ -1,0 +1,1 @@
+"""From names in a file to a model."""

@@ -1,0 +1,148 @@
+"""From parameters to a model: names become laws, surfaces and mechanisms here, and nowhere else."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
+from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
+from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
+from knee_contact_ros.core.contact_pairs.base import ContactPair
+from knee_contact_ros.core.geometries import Circle, Profile
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.mechanisms import MECHANISMS
+from knee_contact_ros.core.mechanisms.base import Mechanism
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.regions import Regions
+from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
+from knee_contact_ros.parameters.plausibility import doubts_about
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.schema import ContactParameters, Femur, Parameters, Tibia, Translation, constants_of
+from knee_contact_ros.system.errors import UsageError
+
+
+def load_model(
+    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path],
+    *,
+    compiled: bool = False,
+    curves: Mapping[str, str] = MappingProxyType({}),
+) -> KneeModel:
+    """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
+
+    With `compiled`, runs and streams use the compiled kernel: the same bits some hundred times quicker, after seconds
+    of compiling or, if this machine has compiled this kind of scene before, a second of loading. `curves` gives the
+    contents of files that parameters name, by parameter, in place of the files. What makes no sense in the parameters
+    (a stiffness or a body weight that must be meant in other units) is warned of.
+
+    Raises:
+        UsageError: see `load_parameters`; also a profile or a table that cannot be used.
+    """
+    parameters = load_parameters(source)
+    model = build_model(parameters, compiled=compiled, curves=curve_texts(parameters, curves))
+    for doubt in doubts_about(parameters, model).about_parameters:
+        warnings.warn(doubt, stacklevel=2)
+    return model
+
+
+def build_model(
+    parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] | None = None
+) -> KneeModel:
+    """A model from parameters, without a warning.
+
+    `curves` gives the contents of all files that are needed, and none is opened then.
+    """
+    texts = curve_texts(parameters, {}) if curves is None else curves
+    law = contact_law(parameters.contact)
+    model = KneeModel(
+        pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
+        mechanism=mechanism(parameters.translation, texts),
+        regions=law,
+        mass=parameters.femur.mass,
+        tolerance=parameters.fidelity.tolerance,
+        budget=parameters.fidelity.budget,
+        force_tolerance=parameters.fidelity.force_tolerance,
+        height_prescribed=parameters.drive == "displacement",
+        level=LEVELS[parameters.fidelity.level],
+    )
+    if not compiled:
+        return model
+    from knee_contact_ros.compiled import compiled as with_compiled_kernel  # half a second to import
+
+    return with_compiled_kernel(model)
+
+
+def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
+    """A model with the numbers of other parameters: law's constants, mass, tolerances and budget.
+
+    Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
+    """
+    return replace(
+        model, regions=contact_law(parameters.contact), mass=parameters.femur.mass,
+        tolerance=parameters.fidelity.tolerance, force_tolerance=parameters.fidelity.force_tolerance,
+        budget=parameters.fidelity.budget,
+    )  # fmt: skip
+
+
+def contact_law(contact: ContactParameters) -> Regions:
+    """The contact law by its name, with the parameters that its signature asks for.
+
+    Raises:
+        UsageError: the law breaks the contract of `ContactLaw`.
+    """
+    constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
+    if contact.stiffness_from == "material":
+        constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
+    law = CONTACT_LAWS[contact.law](**constants)
+    try:
+        contract.check(law)
+    except ValueError as error:
+        raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
+    return Regions(law, contact.allow_tension)
+
+
+def material_stiffness(contact: ContactParameters) -> dict[str, float]:
+    """Hertz stiffness of both layers [N/m^1.5] from modulus, Poisson's ratio and radii."""
+    radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
+    return {
+        "stiffness": hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius),
+        "stiffness_2": hertz_stiffness(contact.youngs_modulus_2, contact.poissons_ratio_2, radius),
+    }
+
+
+def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile:
+    """The femoral surface by its name; `texts` has the contents of files by parameter."""
+    if femur.geometry == "circle":
+        return Circle(femur.radius)
+    points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
+    try:
+        return Profile(*(femur.scale * column for column in points))
+    except ValueError as error:
+        raise UsageError(f"parameter femur.profile: {femur.profile}: {error}") from None
+
+
+def contact_pair(femur: Circle | Profile, tibia: Tibia, texts: Mapping[str, str]) -> ContactPair:
+    """The femur over the tibial surface by its name."""
+    pair = TIBIAL_GEOMETRIES[tibia.geometry]
+    if tibia.geometry != "profile":
+        return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
+    points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
+    try:
+        return pair(femur, *(tibia.scale * column for column in points))
+    except ValueError as error:
+        raise UsageError(f"parameter tibia.profile: {tibia.profile}: {error}") from None
+
+
+def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:
+    """The knee mechanism by its name."""
+    if translation.mechanism != "table":
+        return MECHANISMS[translation.mechanism]()
+    columns = translation_points("translation.table", translation.table, texts["translation.table"])
+    try:
+        return MECHANISMS["table"](*columns)
+    except ValueError as error:
+        raise UsageError(f"parameter translation.table: {translation.table}: {error}") from None

@@ -1,0 +1,191 @@
+"""Parameters from ROS 2 parameter files and from mappings, for the node, the commands and `load_model` alike."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from knee_contact_ros.parameters.schema import Parameters, Section
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.yaml_file import read_mapping
+
+NODE_NAME = "knee_contact"
+LONGEST_VALUE = 80
+"""Characters of a value that an error shows"""
+STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
+"""Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
+
+
+def known_parameters() -> dict[str, tuple[Any, str]]:
+    """Every parameter's dotted name, with default and description."""
+    names: dict[str, tuple[Any, str]] = {}
+    for name, field in Parameters.model_fields.items():
+        if isinstance(field.default, Section):
+            for inner, inner_field in type(field.default).model_fields.items():
+                names[f"{name}.{inner}"] = (inner_field.default, inner_field.description or "")
+        else:
+            names[name] = (field.default, field.description or "")
+    return names
+
+
+def flat_parameters(parameters: Parameters) -> dict[str, Any]:
+    """All values by their dotted names."""
+    return _flat(parameters.model_dump())
+
+
+def load_parameters(
+    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path | Mapping[str, Any]],
+) -> Parameters:
+    """Read parameters from a ROS 2 parameter file, from a mapping, or from several of these (the later one wins).
+
+    A mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+
+    Raises:
+        UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
+    """
+    if isinstance(source, Parameters):
+        return source
+    if isinstance(source, Mapping):
+        return _validated(_flat(_section_of_node(source, "the mapping")), "")
+    parts = [source] if isinstance(source, (str, Path)) else source
+    merged: dict[str, Any] = {}
+    for part in parts:
+        if isinstance(part, Mapping):
+            merged |= _flat(_section_of_node(part, "the mapping"))
+            continue
+        values = _flat(_section_of_node(read_mapping(Path(part)), str(part)))
+        _validated(values, f"{part}: ")
+        merged |= values
+    return _validated(merged, "")
+
+
+def check_parameter_file(path: Path) -> None:
+    """Check a file that ROS will read; sections of other nodes are none of our business.
+
+    Raises:
+        UsageError: as `load_parameters`.
+    """
+    sections = _sections_of_node(read_mapping(path), str(path))
+    for_all = {
+        name: value for key, section in sections.items() if not _is_own(key) for name, value in _flat(section).items()
+    }
+    own = [_flat(section) for key, section in sections.items() if _is_own(key)]
+    for values in own or [{}]:  # knees in several namespaces may share a file
+        _validated(for_all | values, f"{path}: ")
+
+
+def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Parameters of our node in a parameter file's content, or the content itself if it has no node names."""
+    ours = _sections_of_node(content, name)
+    if ours:
+        merged: dict[str, Any] = {}
+        for section in ours.values():
+            merged |= _flat(section)
+        return merged
+    if any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
+        raise UsageError(f"{name}: no parameters for node {NODE_NAME}; found {_short(', '.join(map(str, content)))}")
+    return content
+
+
+def _sections_of_node(content: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
+    """Our node's sections of a parameter file by their keys; wildcards first, so that the node's own section wins."""
+    ours = [
+        key
+        for key, value in content.items()
+        if isinstance(value, Mapping) and "ros__parameters" in value
+        and str(key).rsplit("/", 1)[-1] in (NODE_NAME, "*", "**")
+    ]  # fmt: skip
+    sections = {}
+    for key in sorted(ours, key=_is_own):
+        section = content[key]["ros__parameters"] or {}
+        if not isinstance(section, Mapping):
+            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {_short(repr(section))}")
+        sections[key] = section
+    return sections
+
+
+def _is_own(key: object) -> bool:
+    """Whether a section is for a node of our name, and not for every node."""
+    return str(key).endswith(NODE_NAME)
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested or dotted names to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _validated(values: Mapping[str, Any], where: str) -> Parameters:
+    """Check dotted values against the declarations."""
+    known = known_parameters()
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(_short(name), known, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+            raise UsageError(f"{where}unknown parameter {_short(name)}; {hint}")
+        section, _, inner = name.rpartition(".")
+        (nested.setdefault(section, {}) if section else nested)[inner] = value
+    try:
+        parameters = Parameters.model_validate(nested)
+    except ValidationError as error:
+        raise UsageError(f"{where}parameter {first_error(error)}") from None
+    _check_together(parameters, where)
+    return parameters
+
+
+def _check_together(parameters: Parameters, where: str) -> None:
+    """Refuse values that are allowed alone but not with each other."""
+    femur, tibia, contact, translation = parameters.femur, parameters.tibia, parameters.contact, parameters.translation
+    material = contact.stiffness_from == "material"
+    rules = (
+        (femur.geometry == "profile" and not femur.profile,
+         "femur.profile is empty; femur.geometry profile needs the name of a CSV file"),
+        (tibia.geometry == "profile" and not tibia.profile,
+         "tibia.profile is empty; tibia.geometry profile needs the name of a CSV file"),
+        (femur.geometry != "profile" and femur.scale != 1.0,
+         f"femur.scale: {femur.scale:g} is not allowed; only femur.geometry profile is scaled"),
+        (tibia.geometry != "profile" and tibia.scale != 1.0,
+         f"tibia.scale: {tibia.scale:g} is not allowed; only tibia.geometry profile is scaled"),
+        (tibia.geometry != "plane" and tibia.slope != 0.0,
+         f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
+        (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
+         f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}"),
+        (translation.mechanism == "table" and not translation.table,
+         "translation.table is empty; translation.mechanism table needs the name of a CSV file"),
+        (material and contact.exponent != 1.5,
+         f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 (Hertz)"),
+        ((material or contact.law == "elastic_foundation") and contact.tibial_radius <= contact.femoral_radius,
+         f"contact.tibial_radius: {contact.tibial_radius:g} is not allowed; it must exceed contact.femoral_radius, "
+         f"{contact.femoral_radius:g}"),
+        (parameters.rerun.mode == "file" and not parameters.rerun.path,
+         "rerun.path is empty; rerun.mode file needs the name of an .rrd file"),
+    )  # fmt: skip
+    for broken, reason in rules:
+        if broken:
+            raise UsageError(f"{where}parameter {reason}")
+
+
+def first_error(error: ValidationError) -> str:
+    """The first of what is wrong, in one line: name, value, and what is allowed."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] in ("missing", "extra_forbidden"):
+        return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
+    return f"{name}: {_short(repr(first['input']))} is not allowed; {reason}"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

@@ -1,0 +1,262 @@
+"""The parameters, declared here once with type, range, default and meaning.
+
+How they are read and checked says `reading.py`; a value means the same to the node, the commands and `load_model`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
+
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
+from knee_contact_ros.core.geometries import GEOMETRIES
+from knee_contact_ros.core.levels import LEVELS
+from knee_contact_ros.core.mechanisms import MECHANISMS
+from knee_contact_ros.parameters.compartments import COMPARTMENTS
+
+
+def one_of(*allowed: str | float) -> AfterValidator:
+    """Allow these values only."""
+
+    def check(value: Any) -> Any:
+        if value not in allowed:
+            raise ValueError(f"allowed: {', '.join(map(str, allowed))}")
+        return value
+
+    return AfterValidator(check)
+
+
+def _budget(value: int) -> int:
+    if 0 < value < 100 or value < 0:
+        raise ValueError("allowed: 0 (no limit) or an integer >= 100")
+    return value
+
+
+def _off_or_at_least(least: float) -> AfterValidator:
+    """Allow 0, which means off, and values from `least` on."""
+
+    def check(value: float) -> float:
+        if 0.0 < value < least or value < 0.0:
+            raise ValueError(f"allowed: 0 (off) or a number >= {least:g}")
+        return value
+
+    return AfterValidator(check)
+
+
+def _off(value: object) -> object:
+    """ROS 2 parameter files take a bare `off` for the truth value false (YAML 1.1)."""
+    return "off" if value is False else value
+
+
+class Section(BaseModel):
+    """A group of parameters; names and types are strict, numbers finite."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Knee(Section):
+    """Which joint, and how its position becomes the flexion angle: flexion_sign x position + flexion_offset."""
+
+    joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
+    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = Field(
+        1.0, description="1 if the position grows in flexion, or -1"
+    )
+    flexion_offset: float = Field(0.0, description="[rad] added to the signed position")
+    height_joint_name: str = Field(
+        "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
+    )
+
+
+class Load(Section):
+    """Which part of the axial joint reaction drives the compartment."""
+
+    compartment: Annotated[str, one_of(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
+    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
+    compartment_spacing: float = Field(
+        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
+    )
+
+
+class Pairing(Section):
+    """How angle and force samples are brought together by their stamps."""
+
+    wait: float = Field(
+        0.1, ge=0.0, le=10.0, description="[s] how long a force waits for an angle at or after its stamp"
+    )
+    max_gap: float = Field(
+        0.1, gt=0.0, le=3600.0, description="[s] largest gap between stamps that is not flagged stale"
+    )
+    queue: int = Field(
+        20_000, ge=100, le=10**7, description="samples of a stream that may wait for the other one, at most"
+    )
+
+
+class Femur(Section):
+    """The femur: its mass and the surface that touches."""
+
+    mass: float = Field(9.3014, ge=1e-4, le=1e3, description="[kg] that follows the reference point")
+    geometry: Annotated[str, one_of(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
+    radius: float = Field(0.034, gt=0.0, le=1.0, description="[m] of the circle")
+    profile: str = Field("", description="CSV of x, y [m] in the femur frame, ordered along the curve")
+    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
+
+
+class Tibia(Section):
+    """The plateau."""
+
+    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
+    slope: float = Field(
+        0.0, ge=-0.7, le=0.7, description="[rad] of the plane, > 0 when the anterior edge is the higher one"
+    )
+    radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] of the concave circle")
+    profile: str = Field("", description="CSV of x, y [m] in the tibia frame, from posterior to anterior")
+    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
+
+
+class Translation(Section):
+    """Anterior-posterior translation of the femur."""
+
+    mechanism: Annotated[str, one_of(*MECHANISMS)] = Field("hinge", description=", ".join(MECHANISMS))
+    table: str = Field("", description="CSV of flexion_angle [rad], x [m] of the femoral reference point")
+
+
+class ContactParameters(Section):
+    """The contact law and the constants of more than one law, or that others depend on.
+
+    What a law's factory asks for beside these is a parameter too; see `with_constants_of_laws`.
+    """
+
+    law: Annotated[str, one_of(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
+    stiffness: float = Field(7.905694e7, ge=1.0, le=1e15, description="[N/m^exponent] of the first layer")
+    exponent: float = Field(1.5, ge=1.0, le=3.0, description="of the depth; 1.5 for two curved solids")
+    damping: float = Field(5000.0, ge=0.0, le=1e9, description="[N s/m]")
+    allow_tension: bool = Field(False, description="let the law pull instead of clamping it at 0")
+    layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1, description="[m] at which the second layer begins")
+    stiffness_2: float = Field(3.112e9, ge=1.0, le=1e15, description="[N/m^exponent] of the second layer")
+    damp_first_layer: bool = Field(False, description="two_layer_viscoelastic: put the dashpot into both layers")
+    restitution: float = Field(0.5, ge=0.01, le=1.0, description="asked for; laws with impact damping")
+    least_impact_speed: float = Field(
+        0.1, ge=1e-6, le=100.0, description="[m/s] that slower touches, and the static start, count as"
+    )
+    stiffness_from: Annotated[str, one_of("value", "material")] = Field(
+        "value", description="value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
+    )
+    youngs_modulus: float = Field(24e6, ge=1.0, le=1e13, description="[Pa] of cartilage (first layer)")
+    poissons_ratio: float = Field(0.38, ge=0.0, lt=0.5, description="of cartilage (first layer)")
+    youngs_modulus_2: float = Field(17.2e9, ge=1.0, le=1e13, description="[Pa] of bone (second layer)")
+    poissons_ratio_2: float = Field(0.39, ge=0.0, lt=0.5, description="of bone (second layer)")
+    femoral_radius: float = Field(0.034, gt=0.0, le=10.0, description="[m] convex, for the stiffness only")
+    tibial_radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] concave, for the stiffness only")
+    foundation_thickness: float = Field(
+        4.4e-3, gt=0.0, le=0.1, description="[m] of both cartilages; elastic_foundation"
+    )
+
+
+def constants_of(law: str) -> list[str]:
+    """The parameters `contact.*` that a law asks for."""
+    return list(inspect.signature(CONTACT_LAWS[law]).parameters)
+
+
+def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[ContactParameters]:
+    """`ContactParameters` and what these laws ask for beyond it, each with a default and a `Range` in the signature."""
+    more: dict[str, Any] = {}
+    for factory in laws.values():
+        types = get_type_hints(factory, include_extras=True)
+        for name, parameter in inspect.signature(factory).parameters.items():
+            if name not in ContactParameters.model_fields:
+                (limits,) = types[name].__metadata__
+                field = Field(parameter.default, ge=limits.least, le=limits.most, description=limits.meaning)
+                more[name] = (types[name].__origin__, field)
+    return create_model("ContactParameters", __base__=ContactParameters, __doc__=ContactParameters.__doc__, **more)
+
+
+if TYPE_CHECKING:
+    ContactSection = ContactParameters
+else:
+    ContactSection = with_constants_of_laws(CONTACT_LAWS)
+
+
+class FidelityParameters(Section):
+    """How exactly to solve, and how much that may cost."""
+
+    level: Annotated[str, one_of(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
+    tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
+    force_tolerance: Annotated[float, _off_or_at_least(1e-9)] = Field(
+        0.0, le=1e6, description="[N] wanted error of the contact force; 0: off"
+    )
+    budget: Annotated[int, AfterValidator(_budget)] = Field(
+        0, description="contact law evaluations a tick may cost; 0: no limit"
+    )
+
+
+def _queue(answers: int) -> Any:
+    """Answers that may wait for an output's process."""
+    return Field(answers, ge=100, le=10_000_000, description="answers that may wait for its process")
+
+
+def _queue_size(size: float) -> Any:
+    """Memory that answers may take while they wait."""
+    return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
+
+
+class Record(Section):
+    """Recording to MCAP."""
+
+    path: str = Field("", description="MCAP file to write; empty: none")
+    flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
+    sync_period: Annotated[float, _off_or_at_least(0.05)] = Field(
+        1.0, le=3600.0, description="[s] what a power failure may lose; 0: off"
+    )
+    max_size: Annotated[float, _off_or_at_least(0.1)] = Field(
+        0.0, le=1e9, description="[MB] of a file, from which on the recording goes on in a new one; 0: off"
+    )
+    max_duration: Annotated[float, _off_or_at_least(1.0)] = Field(
+        0.0, le=1e9, description="[s] of stamps in a file, from which on the recording goes on in a new one; 0: off"
+    )
+    min_free: float = Field(
+        100.0, ge=0.0, le=1e9, description="[MB] that stay free on the disk: a recording ends before it takes them"
+    )
+    queue: int = _queue(30_000)
+    queue_size: float = _queue_size(100.0)
+
+
+class Rerun(Section):
+    """The Rerun scene."""
+
+    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = Field(
+        "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
+    )
+    path: str = Field("", description=".rrd file to write in mode file")
+    port: int = Field(9876, ge=1024, le=65535, description="to serve on")
+    knees: str = Field(
+        "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
+    )
+    queue: int = _queue(20_000)
+    queue_size: float = _queue_size(64.0)
+
+
+class Parameters(Section):
+    """All parameters of the node and of the offline commands."""
+
+    knee: Knee = Knee()
+    load: Load = Load()
+    pairing: Pairing = Pairing()
+    drive: Annotated[str, one_of("force", "displacement")] = Field(
+        "force", description="force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
+    )
+    femur: Femur = Femur()
+    tibia: Tibia = Tibia()
+    translation: Translation = Translation()
+    contact: ContactSection = ContactSection()
+    fidelity: FidelityParameters = FidelityParameters()
+    body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
+    autostart: bool = Field(True, description="configure and activate without being asked")
+    deadline: float = Field(
+        0.02, gt=0.0, le=3600.0, description="[s] from a force to its answer; later ones are counted"
+    )
+    record: Record = Record()
+    rerun: Rerun = Rerun()

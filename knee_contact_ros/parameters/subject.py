@@ -1,0 +1,93 @@
+"""A subject file: one page in YAML that names what a person's knee differs in, and the gait to compute."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from knee_contact_ros.parameters.reading import first_error, load_parameters
+from knee_contact_ros.parameters.schema import Section
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import expanded, find_file
+from knee_contact_ros.system.yaml_file import read_mapping
+
+GRAVITY = 9.80665
+"""[m/s^2]"""
+FEMORAL_SHARE = 9.3014 / 75.16
+"""Mass of the femur's segment over that of the body in OpenSim's model gait2354, which scales both alike"""
+DEFAULT = "healthy.yaml"
+
+
+class SubjectFile(Section):
+    """What a subject file may say."""
+
+    name: str = Field("", description="of the person; for the reader")
+    mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
+    parameters: list[str] = Field([DEFAULT], min_length=1, description="parameter files, the later one wins")
+    profile: str = Field("", description="femoral profile: CSV of x, y [m]")
+    tibial_profile: str = Field("", description="CSV of x, y [m]")
+    scale: float = Field(1.0, ge=0.2, le=5.0, description="size of this knee over that of the surfaces given")
+    thickness: float | None = Field(None, gt=0.0, le=0.1, description="[m] of cartilage at which bone begins")
+    joint: str = Field("", description="in joint_states")
+    bag: str = Field("", description="gait bag")
+
+
+class Subject:
+    """A subject file that was read; files that it names lie beside it, or among the package's own."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a subject file.
+
+        Raises:
+            UsageError: it cannot be read, or says something that is not allowed.
+        """
+        self.path = path
+        content = read_mapping(path, "subject file", "names to values")
+        try:
+            self.says = SubjectFile.model_validate(dict(content))
+        except ValidationError as error:
+            raise UsageError(f"subject file {path}: {first_error(error)}") from None
+
+    @property
+    def bag(self) -> Path | None:
+        """The gait bag that it names."""
+        return self._file(self.says.bag) if self.says.bag else None
+
+    def sources(self) -> list[Path | Mapping[str, Any]]:
+        """What `load_parameters` takes: the files that it names, and its own values, which win.
+
+        Raises:
+            UsageError: a parameter file that it names cannot be used.
+        """
+        files: list[Path | Mapping[str, Any]] = [self._file(name) for name in self.says.parameters]
+        before = load_parameters(files)
+        values: dict[str, Any] = {
+            "body_weight": self.says.mass * GRAVITY,
+            "femur.mass": self.says.mass * FEMORAL_SHARE,
+        }
+        if self.says.thickness is not None:
+            values["contact.layer_depth"] = self.says.thickness
+        if self.says.joint:
+            values["knee.joint_name"] = self.says.joint
+        values |= self._surface("femur", self.says.profile, before.femur.geometry, before.femur.radius)
+        values |= self._surface("tibia", self.says.tibial_profile, before.tibia.geometry, before.tibia.radius)
+        return [*files, values]
+
+    def _surface(self, bone: str, profile: str, geometry: str, radius: float) -> dict[str, Any]:
+        """A bone's surface: the profile given or what the parameter files have, to scale."""
+        scale = self.says.scale
+        if profile:
+            return {
+                f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile)), f"{bone}.scale": scale
+            }  # fmt: skip
+        if geometry == "profile":
+            return {f"{bone}.scale": scale}
+        return {f"{bone}.radius": radius * scale} if geometry == "circle" else {}
+
+    def _file(self, name: str) -> Path:
+        path = expanded(name)
+        beside = self.path.parent / path
+        return path if path.is_absolute() else beside if beside.exists() else find_file(name)

@@ -1,0 +1,1 @@
+"""From samples of two streams to answers; no file, no clock."""

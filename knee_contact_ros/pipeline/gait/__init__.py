@@ -1,0 +1,1 @@
+"""Gait events in angle and load: NumPy only."""

@@ -1,0 +1,125 @@
+"""Strides, from a heel strike to the next of the same leg, and how far the femur slides on the tibia in each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knee_contact_ros.core.types import ContactState
+from knee_contact_ros.messages.cdr_in import SECOND
+from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEvents
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+SHORTEST, LONGEST = 0.4, 2.5
+"""[s] of a stride"""
+
+
+class Span(NamedTuple):
+    """When a stride was."""
+
+    start: int
+    """[ns] heel strike"""
+    toe_off: int
+    """[ns]"""
+    end: int
+    """[ns] the next heel strike"""
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return (self.end - self.start) / SECOND
+
+    @property
+    def stance(self) -> float:
+        """Share of the stride from heel strike to toe-off [%]."""
+        return 100.0 * (self.toe_off - self.start) / (self.end - self.start)
+
+    def percent(self, stamp: int) -> float:
+        """Where a stamp [ns] lies [%]."""
+        return 100.0 * (stamp - self.start) / (self.end - self.start)
+
+
+class Sliding(NamedTuple):
+    """How far the femur slides in a stride."""
+
+    span: Span
+    distance: float
+    """[m] along the tibia, to and fro, while in contact"""
+
+
+def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
+    """The strides between heel strikes [ns] in their order: of a plausible duration, with one toe-off."""
+    found = []
+    for start, end in pairwise(strikes):
+        between = [stamp for stamp in toe_offs if start < stamp < end]
+        if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST:
+            found.append(Span(start, between[0], end))
+    return found
+
+
+def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tuple[Floats, Floats]:
+    """Samples between two stamps [ns], with those of `at_stamps` at both.
+
+    Returns:
+        Time [s] since `start`, shape (n,), and values, shape (n, columns).
+    """
+    inner = slice(*np.searchsorted(stamps, (start + 1, end)))
+    at = np.concatenate(([start], stamps[inner], [end]))
+    edges = at_stamps(stamps, values, np.array([start, end]), held)
+    return (at - start) / SECOND, np.concatenate((edges[:1], values[inner], edges[1:]))
+
+
+def at_stamps(stamps: Stamps, values: Floats, at: Stamps, held: int) -> Floats:
+    """Values at stamps, shape (n, columns): interpolated, but for the last columns, `held` of them."""
+    since = (stamps - stamps[0]).astype(np.float64)
+    wanted = (at - stamps[0]).astype(np.float64)
+    last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None)]
+    between = [np.interp(wanted, since, column) for column in values.T[: values.shape[1] - held]]
+    return np.column_stack((*between, *last.T[values.shape[1] - held :]))
+
+
+def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floats) -> float:
+    """Integral of the sliding speed over the time in contact [m]: ∫ |v| dt, v linear between ticks.
+
+    Args:
+        time: Of the ticks [s], shape (n,), not decreasing.
+        sliding_velocity: [m/s], shape (n,).
+        contact_state: `ContactState`, shape (n,); that of a tick counts for the interval before it.
+
+    Returns:
+        The distance; not a number if a velocity of it is none.
+    """
+    touching = contact_state[1:] != ContactState.SEPARATED
+    begin, end = sliding_velocity[:-1][touching], sliding_velocity[1:][touching]
+    speeds = np.abs(begin) + np.abs(end)
+    turned = begin * end < 0.0  # then two triangles
+    mean = np.where(turned, (begin * begin + end * end) / np.where(turned, speeds, 1.0), speeds) / 2.0
+    return float(np.sum(mean * np.diff(time)[touching]))
+
+
+def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:
+    """The strides that flexion and load tell (see `GaitEvents`), each with its sliding distance. Needs no ROS.
+
+    Args:
+        time: Stamps [s], shape (n,), increasing: those that `KneeModel.run` was given.
+        series: What it gave for them, shape (n,).
+        body_weight: [N]; a load peak is 1 BW or more.
+
+    Returns:
+        One entry per whole stride, in their order; none where there is no gait.
+    """
+    stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
+    finder = GaitEvents(body_weight)
+    events = finder.add(stamps, series["flexion_angle"], series["load"]) + finder.finish()
+    strikes, toe_offs = (sorted(event.stamp for event in events if event.kind == k) for k in (HEEL_STRIKE, TOE_OFF))
+    values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
+    found = []
+    for span in spans(strikes, toe_offs):
+        since, (velocity, state) = (columns.T for columns in cut(stamps, values, span.start, span.end, held=1))
+        found.append(Sliding(span, sliding_distance(since, velocity, state)))
+    return found

@@ -1,0 +1,272 @@
+"""Pair load and angle by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
+
+No clock in here: whether an angle is late is for the caller to say (`give_up`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
+from knee_contact_ros.pipeline.timeline import Timeline
+
+SECOND = 1_000_000_000
+# Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
+OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Status.TIME_RESET)
+INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
+
+
+class PairedSample(NamedTuple):
+    """What one tick is made of."""
+
+    load: LoadSample
+    angle: float
+    """Flexion angle [rad] at the load's stamp"""
+    height: float | None
+    """Femoral height [m] there, with the displacement drive"""
+    status: int
+    """Bits of `Status`"""
+    angles: tuple[AngleSample, ...]
+    """Angle samples up to this stamp that no earlier pair has taken along"""
+
+
+class Steady(NamedTuple):
+    """What a synchroniser holds between two samples while nothing unusual happens."""
+
+    angles: tuple[AngleSample, ...]
+    """From the last one before the next load on, or earlier"""
+    fresh: tuple[AngleSample, ...]
+    """Those that no pair has taken along"""
+    loads: tuple[LoadSample, ...]
+    """That wait for an angle"""
+    last_angle: int | None
+    """Stamps [ns]"""
+    last_load: int | None
+    last_pair: int | None
+    angle_steps: tuple[int, ...]
+    """As in `Timeline`"""
+    load_steps: tuple[int, ...]
+
+
+class Synchroniser:
+    """Two streams in, pairs out, in the order of the load's stamps.
+
+    Which samples of a stream are believed, and when it has jumped, its `Timeline` says. Where the load has jumped back,
+    the run starts anew; where the angle has, the angles of before are forgotten.
+    """
+
+    def __init__(self, pairing: Pairing) -> None:
+        self.refused: Counter[str] = Counter()
+        """Refused samples by reason"""
+        self._max_gap, self._queue = round(pairing.max_gap * SECOND), pairing.queue
+        self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
+        self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
+        self.unrecorded = 0
+        """Angles that no pair will take along: more than `pairing.queue` came between two loads"""
+        self._loads: deque[LoadSample] = deque()  # that wait for an angle
+        self._angles: deque[AngleSample] = deque(maxlen=self._queue)  # from the last one before the next load on
+        self._fresh: deque[AngleSample] = deque()  # that no pair has taken along
+        self._left: list[AngleSample] = []  # likewise, of before a jump: the next pair takes them
+        self._last_load: int | None = None
+        self._last_pair: int | None = None
+        self._met = False  # loads before all angles are the clocks' fault, and not of the beginning
+        self._flags = OK
+
+    @property
+    def waiting(self) -> int:
+        """Loads that wait for an angle."""
+        return len(self._loads)
+
+    @property
+    def fill(self) -> float:
+        """The part of `pairing.queue` that the fuller one of the queues takes up."""
+        return max(len(self._loads), len(self._left) + len(self._fresh)) / self._queue
+
+    @property
+    def lead(self) -> float | None:
+        """By how much [s] the last load's stamp is later than the last angle's; None while one is not known."""
+        angle, load = self.angle_time.last, self.load_time.last
+        return None if angle is None or load is None else (load - angle) / SECOND
+
+    def steady(self) -> Steady | None:
+        """What is held; None after something unusual, until a pair has told it."""
+        if self._flags or self._left or self.angle_time.aside or self.load_time.aside:
+            return None
+        return Steady(
+            tuple(self._angles), tuple(self._fresh), tuple(self._loads),
+            self.angle_time.last, self.load_time.last, self._last_pair,
+            tuple(self.angle_time.steps), tuple(self.load_time.steps),
+        )  # fmt: skip
+
+    def go_on(self, steady: Steady) -> None:
+        """Hold this; only while `steady` gives something."""
+        self._angles = deque(steady.angles, maxlen=self._queue)
+        self._fresh, self._loads = deque(steady.fresh), deque(steady.loads)
+        self.angle_time.go_on(steady.last_angle, steady.angle_steps)
+        self.load_time.go_on(steady.last_load, steady.load_steps)
+        self._last_load, self._last_pair, self._met = steady.last_load, steady.last_pair, True
+
+    def refuse(self, reason: str) -> None:
+        """Count a sample that cannot be used; the next tick says so."""
+        self.refused[reason] += 1
+        self._flags |= INPUT_REJECTED
+
+    def start_anew(self) -> None:
+        """Have the next tick start from rest, as after a jump back in time."""
+        self._last_pair = None
+        self._flags |= TIME_RESET
+
+    def forget(self) -> None:
+        """Expect nothing of the streams any more: they may go on anywhere; after `finish`."""
+        self.angle_time.clear()
+        self.load_time.clear()
+        self._last_load = None
+
+    def forget_angles(self) -> None:
+        """Answer nothing with an angle of before any more; after `forget`, where the streams were left."""
+        self._left += self._fresh
+        self._angles.clear()
+        self._fresh.clear()
+        self._met = False
+
+    def push_angle(self, sample: AngleSample) -> list[PairedSample]:
+        """Take an angle; return the pairs that can be made now."""
+        jumps = self.angle_time.jumps
+        pairs = self._take_angles(self.angle_time.take(sample, self.load_time))
+        if not self.load_time.aside:
+            return pairs
+        jumped = self.angle_time.jumps > jumps
+        return pairs + self._take_loads(self.load_time.look_again(self.angle_time, jumped))
+
+    def push_load(self, sample: LoadSample) -> list[PairedSample]:
+        """Take a load; return the pairs that can be made now."""
+        jumps = self.load_time.jumps
+        believed = self.load_time.take(sample, self.angle_time)
+        if not self.angle_time.aside:
+            return self._take_loads(believed)
+        # The angles first: the loads may have to be answered with them.
+        jumped = self.load_time.jumps > jumps
+        pairs = self._take_angles(self.angle_time.look_again(self.load_time, jumped))
+        return pairs + self._take_loads(believed)
+
+    def give_up(self, arrived_by: float = math.inf) -> list[PairedSample]:
+        """Answer the waiting loads that have `arrived` [s] by then with the last angle before them.
+
+        No angle at or after their stamps came in time. Those kept aside for so long are believed.
+        """
+        aside = self.load_time.aside
+        if aside and aside[0].arrived <= arrived_by < math.inf:
+            jumped = self.load_time.believe()
+            angles = self._take_angles(self.angle_time.look_again(self.load_time, jumped=True))
+            return angles + self._take_loads(jumped) + self.give_up(arrived_by)
+        number = sum(1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self._loads))
+        return self._pairs(hold=True, most=number)
+
+    def finish(self) -> list[PairedSample]:
+        """Answer all that came: no more samples will tell whether those kept aside are right.
+
+        So no force that waits is answered with an angle kept aside, as if it were known to be.
+        """
+        pairs = self.give_up() if self.angle_time.aside else []
+        pairs += self._take_angles(self.angle_time.believe())
+        return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
+
+    def rest(self) -> list[AngleSample]:
+        """Angle samples that no pair has taken along; for the end of a stream."""
+        rest = [*self._left, *self._fresh]
+        self._fresh.clear()
+        self._left = []
+        return rest
+
+    def _take_angles(self, samples: Sequence[AngleSample]) -> list[PairedSample]:
+        pairs = []
+        for sample in samples:
+            if self._angles and sample.stamp <= self._angles[-1].stamp:
+                pairs += self.give_up()
+                self.forget_angles()
+            self._angles.append(sample)
+            self._fresh.append(sample)
+        while len(self._left) + len(self._fresh) > self._queue:
+            self._left.pop(0) if self._left else self._fresh.popleft()
+            self.unrecorded += 1
+        return pairs + self._pairs() if self._loads else pairs
+
+    def _take_loads(self, samples: Sequence[LoadSample]) -> list[PairedSample]:
+        pairs = []
+        for sample in samples:
+            if self._last_load is not None and sample.stamp <= self._last_load:
+                pairs += self.give_up()
+                self.start_anew()
+            self._last_load = sample.stamp
+            self._met |= bool(self._angles) and sample.stamp < self._angles[0].stamp - self._max_gap
+            self._loads.append(sample)
+        pairs += self._pairs()
+        if (surplus := len(self._loads) - self._queue) > 0:
+            pairs += self._pairs(hold=True, most=surplus)
+        return pairs
+
+    def _pairs(self, hold: bool = False, most: int | None = None) -> list[PairedSample]:
+        """The oldest loads, `most` of them at most, with their angles; with `hold` also where none is known."""
+        pairs: list[PairedSample] = []
+        for _ in range(len(self._loads) if most is None else most):
+            load = self._loads[0]
+            found = self._angle_at(load.stamp, hold)
+            if found is None:
+                break
+            self._loads.popleft()
+            pose, status = found
+            if pose is None:
+                self.refuse("no_angle_before")
+                continue
+            self._met = True
+            if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
+                status |= STALE_INPUT
+            self._last_pair = load.stamp
+            taken = self._taken(max(load.stamp, pose.stamp))
+            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken))
+            self._flags = OK
+        return pairs
+
+    def _taken(self, until: int) -> tuple[AngleSample, ...]:
+        """Angles up to a stamp [ns] that no pair has taken along yet."""
+        taken, self._left = self._left, []
+        while self._fresh and self._fresh[0].stamp <= until:
+            taken.append(self._fresh.popleft())
+        return tuple(taken)
+
+    def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
+        """The angle at a stamp that no later call goes behind, and what is to be said of it; no angle: refuse the load.
+
+        None while it is not known; with `hold` the last one is given then.
+        """
+        angles = self._angles
+        while len(angles) > 1 and angles[1].stamp <= stamp:
+            angles.popleft()
+        if not angles:
+            return (None, OK) if hold else None
+        before, after = angles[0], angles[1] if len(angles) > 1 else None
+        if before.stamp > stamp:  # the loads have jumped back alone, or began sooner
+            return (angles[-1], INPUT_HELD | STALE_INPUT) if self._met else (None, OK)
+        if before.stamp == stamp:
+            return before, OK
+        if after is not None:
+            return _between(before, after, stamp), self._stale(after.stamp - before.stamp)
+        return (before, INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
+
+    def _stale(self, gap: int) -> int:
+        return STALE_INPUT if gap > self._max_gap else OK
+
+
+def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:
+    """The sample at a stamp between two: linear in time."""
+    part = (stamp - before.stamp) / (after.stamp - before.stamp)
+    height = before.height
+    if height is not None and after.height is not None:
+        height += part * (after.height - height)
+    return before._replace(stamp=stamp, angle=before.angle + part * (after.angle - before.angle), height=height)

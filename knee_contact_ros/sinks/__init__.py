@@ -1,0 +1,1 @@
+"""Where answers go: each in a process of its own."""

@@ -1,0 +1,163 @@
+"""The process of a sink: it takes what the node sends and keeps it, until the node says that it ends, or is gone.
+
+It imports no ROS, and what its output needs only once it runs. The other side is `process.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import suppress
+from importlib import import_module
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.system.errors import UsageError
+
+REPORT_PERIOD = 1.0
+"""[s]"""
+SWITCH_PERIOD = 1e-4
+"""How long [s] a thread that computes may hold up the one that takes what is sent: it asks for the interpreter often"""
+LOOK_PERIOD = 1.0
+"""How often [s] to look whether the output can go on"""
+
+
+class Output(Protocol):
+    """What a sink writes to."""
+
+    name: str
+    """Of the file; empty if there is none"""
+    period: float
+    """How often [s] to flush"""
+
+    def write(self, row: tuple[Any, ...]) -> None:
+        """Take what was sent of an answer."""
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Take a note."""
+
+    def flush(self) -> None:
+        """Leave nothing for later."""
+
+    def must_end(self) -> str:
+        """Why the output has to be completed though more may come; empty if it has not. Asked once a second."""
+
+    def news(self) -> tuple[str, ...]:
+        """What the user shall know and was not told yet. Asked once a second."""
+
+    def finish(self, ending: Ending | None) -> None:
+        """Complete the output; without an ending, because the node is gone or it has to end."""
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+
+
+class Child:
+    """Takes what is sent."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.written = 0
+        self._connection = connection
+        self._reported = 0
+        self._name = ""
+
+    def work(self, job: Job) -> bool:
+        """Do a job; whether it went well."""
+        try:
+            output = import_module(job.module).open_output(*job.arguments)
+            self._name = output.name
+            self._report(OPEN, remarks=output.news())
+            reason = self._keep(output)
+            self._name = output.name
+            self._report(ENDED if reason else DONE, reason, output.news())
+        except UsageError as error:
+            self._report(REFUSED, str(error))
+        except Exception as error:  # whatever it is, the node shall know
+            self._report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
+            return False
+        return True
+
+    def _keep(self, output: Output) -> str:
+        """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
+        due = reported = looked = time.monotonic()
+        while True:
+            for item in self._next(min(due, looked + LOOK_PERIOD) - time.monotonic()):
+                if isinstance(item, Note):
+                    output.note(item.name, item.values)
+                elif isinstance(item, Discard):
+                    output.discard()
+                    return ""
+                elif item is None or isinstance(item, Ending):
+                    output.finish(item)
+                    return ""
+                else:
+                    output.write(item)
+                    self.written += 1
+            now = time.monotonic()
+            if now >= due:  # who wakes up late takes what has come meanwhile before
+                output.flush()
+                due = now + output.period
+            if now >= looked + LOOK_PERIOD:
+                if reason := self._must_end(output):
+                    return reason
+                looked = now
+            if now >= reported + REPORT_PERIOD and self.written != self._reported:
+                self._report(OPEN)
+                reported = now
+
+    def _must_end(self, output: Output) -> str:
+        """Complete the output if it has to be, and give the reason; report its news."""
+        reason = output.must_end()
+        if reason:
+            output.finish(None)
+        elif news := output.news():
+            self._report(OPEN, remarks=news)
+        return reason
+
+    def _next(self, patience: float) -> list[Any]:
+        """What was sent; empty if nothing comes within `patience` [s], None in it if nothing will any more."""
+        try:
+            return self._connection.recv() if self._connection.poll(max(patience, 0.0)) else []
+        except (EOFError, OSError):
+            return [None]
+
+    def _report(self, state: str, reason: str = "", remarks: tuple[str, ...] = ()) -> None:
+        self._reported = self.written
+        with suppress(OSError):  # nobody may be there any more
+            self._connection.send(Report(state, self.written, self._name, reason, remarks))
+
+
+def step_back(niceness: int) -> None:
+    """Be a process that the node's do not have to wait for, and that ends when the node has it end.
+
+    `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and with this policy it still
+    interrupts nobody when it wakes up.
+    """
+    # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    if niceness:
+        os.nice(niceness)
+
+
+def main() -> None:
+    """Work on the socket that the command line names, with the niceness that it names."""
+    step_back(int(sys.argv[2]))
+    sys.setswitchinterval(SWITCH_PERIOD)
+    with Connection(int(sys.argv[1])) as connection:
+        try:
+            job = connection.recv()
+        except (EOFError, OSError):
+            return
+        well = Child(connection).work(job)
+    if not well:
+        os._exit(1)  # libraries that try once more to write what could not be written would only be in the way
+
+
+if __name__ == "__main__":
+    main()

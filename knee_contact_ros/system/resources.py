@@ -1,0 +1,43 @@
+"""Where the package's files lie: parameter files, bags, message definitions."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+PACKAGE = "knee_contact_ros"
+
+
+def share_folder() -> Path:
+    """The package's share folder: the source tree if this module runs from one, else that of an ament prefix.
+
+    Raises:
+        FileNotFoundError: the package is not installed completely.
+    """
+    source_tree = Path(__file__).resolve().parents[2]
+    if (source_tree / "package.xml").is_file():
+        return source_tree
+    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        share = Path(prefix) / "share" / PACKAGE
+        if (share / "package.xml").is_file():
+            return share
+    raise FileNotFoundError(f"share/{PACKAGE} is in none of {prefixes}; install the package again")
+
+
+def find_file(name: str) -> Path:
+    """A file that a parameter names: as given (from the current folder), else in the package's config folder."""
+    path = expanded(name)
+    if path.is_absolute() or path.exists():
+        return path
+    packaged = share_folder() / "config" / path
+    return packaged if packaged.exists() else path
+
+
+def expanded(name: str) -> Path:
+    """A file's name with ~ and ~somebody replaced by their folders; as it is if there is no such person."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)

@@ -1,0 +1,70 @@
+"""What a person sees on the terminal: progress bars (none in a pipe), and lines that hold texts of others."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from knee_contact_ros.system.printable import printable
+
+WIDTH = 78
+PERIOD = 0.05
+"""[s] from one movement of a bar to the next: a movement takes some 20 µs, more than many a message"""
+
+
+class Bar:
+    """A function of (done, total) that moves a bar on the terminal."""
+
+    def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
+        self._bar = bar
+        self._task = bar.add_task(shown(what), total=None)
+        self._still = still
+        self._next = 0.0 if not bar.disable else math.inf
+
+    def __call__(self, done: int, total: int) -> None:
+        """Move the bar, unless it has just moved; the last step always shows."""
+        now = time.monotonic()
+        if now >= self._next or (done == total and self._next < math.inf):
+            self._next = now + PERIOD
+            self._bar.update(self._task, completed=done, total=total, refresh=self._still)
+
+    def describe(self, what: str) -> None:
+        """Say something else beside the bar."""
+        self._bar.update(self._task, description=shown(what), refresh=self._still)
+
+
+@contextmanager
+def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
+    """A bar on the terminal, nothing in a pipe; yields a function of (done, total).
+
+    A `still` bar moves only in that function, so that no thread disturbs what is measured.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    disable = not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
+        console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
+        yield Bar(bar, what, still=still)
+
+
+def warn(sentences: Iterable[str]) -> None:
+    """Say what makes no sense, a line each, beside what is printed."""
+    for sentence in sentences:
+        say(f"knee-contact: warning: {sentence}", err=True)
+
+
+def say(line: str, *, err: bool = False) -> None:
+    """Print a line, whatever names and texts of others are in it."""
+    click.echo(printable(line), err=err)
+
+
+def shown(text: str) -> str:
+    """A text for a cell or a bar of Rich, likewise."""
+    return escape(printable(text))

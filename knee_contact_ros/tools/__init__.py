@@ -1,0 +1,1 @@
+"""What is not needed to compute: each a command of its own; none imports another."""

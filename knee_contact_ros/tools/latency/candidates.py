@@ -1,0 +1,80 @@
+"""What is measured: our node as it is, and bare nodes beside it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from knee_contact_ros.offline.demo import node_process
+from knee_contact_ros.system.processes import PATIENCE, Child, child_process
+from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.tools.latency import bare
+from knee_contact_ros.tools.latency.driver import Driver
+
+PARAMETERS = share_folder() / "config" / "healthy.yaml"
+
+
+class Candidate(NamedTuple):
+    """A node."""
+
+    name: str
+    about: str
+    start: Callable[[Path, float], AbstractContextManager[Child]]
+    """Its process, with its files in a folder and some time [s] to end"""
+
+
+def start_ours(work: Path, patience: float) -> AbstractContextManager[Child]:
+    """Our node, recording to MCAP and drawing to a Rerun file."""
+    return node_process([PARAMETERS], work, patience)
+
+
+def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
+    """A bare node."""
+    return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
+
+
+OURS = Candidate(
+    "this node", "computes, publishes, records to MCAP and draws to a Rerun file (healthy.yaml)", start_ours
+)
+BARE = Candidate(
+    "bare", "rclpy's events executor, ordinary messages in and out, no computation, no files",
+    partial(start_bare, bare.EVENTS),
+)  # fmt: skip
+SINGLE = Candidate(
+    "bare, single-threaded", "the same with rclpy's single-threaded executor", partial(start_bare, bare.SINGLE)
+)
+BYTES = Candidate(
+    "bare, bytes", "the events executor with bytes in and prepared bytes out: the least that rclpy can take",
+    partial(start_bare, bare.BYTES),
+)  # fmt: skip
+CANDIDATES = (OURS, BARE, SINGLE, BYTES)
+
+
+@contextmanager
+def running(candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE) -> Iterator[Child]:
+    """A candidate that answers, in a process of its own; its files are in `work` until it has ended.
+
+    Raises:
+        UsageError: it failed.
+    """
+    work.mkdir()
+    with candidate.start(work, patience) as child:
+        driver.wait_for_node(child.check)
+        yield child
+        child.check()
+    driver.wait_for_nobody()
+
+
+def rotated(candidates: tuple[Candidate, ...], number: int) -> tuple[Candidate, ...]:
+    """The order of a round, from 0 on: each time another one is first."""
+    first = number % len(candidates)
+    return candidates[first:] + candidates[:first]
+
+
+def forget(work: Path) -> None:
+    """Remove a candidate's files."""
+    shutil.rmtree(work)

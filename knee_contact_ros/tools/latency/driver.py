@@ -1,0 +1,209 @@
+"""The measuring process: one thread publishes samples on schedule and receives the answers meanwhile.
+
+A sample is late if this process is; that is counted (`slips`), and a latency counts from when a force was published.
+"""
+
+from __future__ import annotations
+
+import gc
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, NamedTuple, TypeVar
+
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from knee_contact_ros.messages.cdr_in import SECOND, stamp_in
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.latency.samples import Sample, samples
+
+START = 300.0
+"""How long [s] a node may take to appear; ours may have to compile first"""
+DISAPPEARANCE = 60.0
+"""How long [s] a node may be seen after its end"""
+LAST_ANSWERS = 1.0
+"""How long [s] nothing must come before what is missing is lost"""
+CHECK = 0.05
+"""How often [s] to look while waiting"""
+KNOCK_RATE = 100.0
+"""[Hz] of the samples that find out whether a node hears and is heard"""
+QOS = QoSProfile(depth=10_000)
+"""What a busy receiver has not taken yet must not be lost here."""
+
+
+class Run(NamedTuple):
+    """What became of a number of samples at some rate."""
+
+    published: int
+    latencies: list[int]
+    """[ns] from just before publishing a force to receiving its answer, in the order of the answers"""
+    slips: list[int]
+    """[ns] by which this process was late in publishing"""
+    sending: float
+    """[s] from the first to the last publishing"""
+    tail: float
+    """[s] from the last publishing to the last answer"""
+
+    @property
+    def lost(self) -> int:
+        """Samples without an answer."""
+        return self.published - len(self.latencies)
+
+    @property
+    def published_rate(self) -> float:
+        """How many a second [Hz] were published."""
+        return (self.published - 1) / self.sending
+
+
+class Driver:
+    """Publishes samples and listens to answers."""
+
+    def __init__(self, node: Node, executor: Any) -> None:
+        self._node = node
+        self._executor = executor
+        self._angle = node.create_publisher(JointState, JOINT_STATES, QOS)
+        self._force = node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS)
+        node.create_subscription(KneeContact, KNEE_CONTACT, self._on_contact, QOS, raw=True)
+        self._stamp = SECOND  # of the next sample [ns]; all life long they grow
+        self._waiting: dict[int, int] = {}  # stamp to time of publishing, both in [ns]
+        self._latencies: list[int] = []
+        self._last = 0  # time of the last answer [ns]
+        self._spinning = self._interrupted = False
+
+    def wait_for_node(self, check: Callable[[], None]) -> None:
+        """Wait until the one node is there and answers; `check` raises if it has died.
+
+        Raises:
+            UsageError: it does not answer in time.
+        """
+        deadline = time.monotonic() + START
+        while not (self._peers() == [1, 1, 1] and self._knock()):
+            check()
+            if time.monotonic() > deadline:
+                raise UsageError(f"the node did not answer within {START:g} s")
+            self._spin(CHECK)
+        self._wait_for_answers()
+
+    def wait_for_nobody(self) -> None:
+        """Wait until no node is seen any more.
+
+        Raises:
+            UsageError: one still is.
+        """
+        deadline = time.monotonic() + DISAPPEARANCE
+        while any(self._peers()):
+            if time.monotonic() > deadline:
+                raise UsageError(f"a node was still seen {DISAPPEARANCE:g} s after its end")
+            self._spin(CHECK)
+
+    def run(self, rate: float, number: int) -> Run:
+        """Publish a number of samples at `rate` [Hz] and wait for their answers."""
+        coming = samples(rate, self._stamp)
+        self._waiting, self._latencies = {}, []
+        next(coming)  # so that what is prepared once is
+        gc.collect()
+        gc.disable()
+        try:
+            slips, sending = self._publish_all(coming, 1e9 / rate, number)
+            end = time.perf_counter_ns()
+            self._wait_for_answers()
+        finally:
+            gc.enable()
+        return Run(number, self._latencies, slips, sending, max(self._last - end, 0) * 1e-9)
+
+    def _publish_all(self, coming: Iterator[Sample], period: float, number: int) -> tuple[list[int], float]:
+        """Publish on schedule, `period` in [ns]; return how late each was [ns] and how long it took [s]."""
+        clock, spin, waiting = time.perf_counter_ns, self._spin, self._waiting
+        publish_angle, publish_force = self._angle.publish, self._force.publish
+        slips = []
+        begin = clock()
+        for index in range(number):
+            stamp, angle, force = next(coming)
+            due = begin + int(index * period)
+            if waiting and clock() > due:
+                spin(0.0)  # behind the schedule there is time for one answer per sample all the same
+            while (left := due - clock()) > 0:
+                spin(left * 1e-9)
+            slips.append(-left)
+            publish_angle(angle)
+            waiting[stamp] = clock()
+            publish_force(force)
+        self._stamp = stamp + round(period)
+        return slips, (clock() - begin) * 1e-9
+
+    def _on_contact(self, data: bytes) -> None:
+        now = time.perf_counter_ns()
+        sent = self._waiting.pop(stamp_in(data), None)
+        if sent is not None:
+            self._latencies.append(now - sent)
+            self._last = now
+
+    def _wait_for_answers(self) -> None:
+        """Until all are there, or nothing has come for a while."""
+        since = time.perf_counter_ns()
+        while self._waiting and time.perf_counter_ns() - max(since, self._last) < LAST_ANSWERS * 1e9:
+            self._spin(CHECK)
+
+    def _knock(self) -> bool:
+        """Whether a sample is answered."""
+        self._waiting, self._latencies = {}, []
+        self._publish_all(samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
+        end = time.monotonic() + 2.0 * CHECK
+        while not self._latencies and time.monotonic() < end:
+            self._spin(CHECK)
+        return bool(self._latencies)
+
+    def _peers(self) -> list[int]:
+        """Who listens to the two inputs, and who speaks."""
+        listening = [publisher.get_subscription_count() for publisher in (self._angle, self._force)]
+        return [*listening, self._node.count_publishers(KNEE_CONTACT)]
+
+    def _spin(self, seconds: float) -> None:
+        """Handle an event; Ctrl-C meanwhile counts behind it, for the executor logs what is raised within."""
+        self._spinning = True
+        self._executor.spin_once(timeout_sec=seconds)
+        self._spinning = False
+        if self._interrupted:
+            raise KeyboardInterrupt
+
+    def on_interrupt(self, _number: int, _frame: object) -> None:
+        """Take SIGINT."""
+        self._interrupted = True
+        if not self._spinning:
+            raise KeyboardInterrupt
+
+
+AnyDriver = TypeVar("AnyDriver", bound=Driver)
+
+
+def driver() -> AbstractContextManager[Driver]:
+    """The driver, in the ROS graph that the environment tells."""
+    return joined(Driver)
+
+
+@contextmanager
+def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
+    """A driver of some kind, likewise."""
+    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("knee_contact_latency")
+    executor = EventsExecutor()
+    executor.add_node(node)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        peer = kind(node, executor)
+        signal.signal(signal.SIGINT, peer.on_interrupt)
+        yield peer
+    finally:
+        signal.signal(signal.SIGINT, before)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()

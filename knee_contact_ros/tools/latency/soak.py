@@ -1,0 +1,152 @@
+"""A long run of our node alone: what it holds in memory, and whether it recorded what its samples give offline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.offline.demo import RECORDING
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, forget, running
+from knee_contact_ros.tools.latency.driver import Driver
+from knee_contact_ros.tools.latency.figures import figures
+from knee_contact_ros.tools.latency.report import Cell, Page, Sheet, milliseconds
+from knee_contact_ros.tools.latency.usage import Usage, between, snapshot
+
+PERIOD = 10_000
+"""Ticks from one look at the memory to the next"""
+WARM_UP = 50_000
+"""Ticks after which memory must not grow"""
+PATIENCE = 1200.0
+"""How long [s] the node may take to complete its files"""
+MB = 1e6
+NODE = "node"
+Advance = Callable[[int, int], None]
+INTRODUCTION = """
+The node ({about}) alone, fed at {rate:g} Hz.
+Memory is resident memory, looked at every {period} ticks. At the end the recording is computed again offline, and all
+bytes of its `knee_contact` messages are compared.
+"""
+
+
+class Moment(NamedTuple):
+    """After a number of ticks."""
+
+    ticks: int
+    resident_mb: float
+    """Of the node's process"""
+    children: tuple[Usage, ...]
+    """Its child processes"""
+    lost: int
+    """So far"""
+    published_rate: float
+    """[Hz] since the moment before, as the other figures"""
+    median_ms: float
+    p99_ms: float
+    p999_ms: float
+    max_ms: float
+    others_percent: float
+    """What others took of the machine meanwhile"""
+
+
+class Comparison(NamedTuple):
+    """A recording beside the same samples computed offline."""
+
+    recorded: int
+    """Answers in the recording"""
+    computed: int
+    """Answers offline"""
+    different: int
+    """Answers whose bytes or stamps differ, or that one of the two lacks"""
+
+
+def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> list[Moment]:
+    """Run the node for a number of ticks at `rate` [Hz]; its recording stays in `work`.
+
+    Raises:
+        UsageError: the node failed.
+    """
+    moments: list[Moment] = []
+    done = lost = 0
+    with running(OURS, driver, work / NODE, PATIENCE) as node:
+        while done < ticks:
+            advance(done, ticks)
+            before = snapshot(node.process.pid)
+            run = driver.run(rate, min(PERIOD, ticks - done))
+            after = snapshot(node.process.pid)
+            node.check()
+            done, lost = done + run.published, lost + run.lost
+            own, *children = after.family
+            moments.append(
+                Moment(
+                    done, own.resident / MB, tuple(children), lost, run.published_rate, *figures(run.latencies),
+                    between(before, after).others_percent,
+                )
+            )  # fmt: skip
+        advance(done, ticks)
+    return moments
+
+
+def computed_again(work: Path, advance: Advance) -> Comparison:
+    """Compute the recording offline and compare.
+
+    Raises:
+        UsageError: the recording cannot be used.
+    """
+    recording, offline = work / NODE / RECORDING, work / "offline.mcap"
+    solve(recording, load_parameters([PARAMETERS]), offline, advance)
+    found = compare(recording, offline)
+    offline.unlink()
+    forget(work / NODE)
+    return found
+
+
+def compare(recording: Path, offline: Path) -> Comparison:
+    """Compare all answers of two recordings."""
+    types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
+    recorded = computed = different = 0
+    with BagReader(recording, types) as one, BagReader(offline, types) as other:
+        for mine, theirs in zip_longest(one.raw_messages(), other.raw_messages()):
+            recorded += mine is not None
+            computed += theirs is not None
+            different += mine != theirs
+    return Comparison(recorded, computed, different)
+
+
+def warm(moments: Sequence[Moment]) -> Sequence[Moment]:
+    """Moments after the warm-up, or the last one of a run that is too short for one."""
+    return [moment for moment in moments if moment.ticks >= WARM_UP] or moments[-1:]
+
+
+def page(rate: float, moments: Sequence[Moment], compared: Comparison) -> Page:
+    """What the study says."""
+    counted, last = warm(moments), moments[-1]
+    first, largest = counted[0].resident_mb, max(moment.resident_mb for moment in counted)
+    rows: list[list[Cell]] = [
+        ["ticks", str(last.ticks)],
+        ["lost", str(last.lost)],
+        ["lowest rate published [Hz]", f"{min(moment.published_rate for moment in moments):.0f}"],
+        ["largest median of latency [ms]", milliseconds(max(moment.median_ms for moment in moments))],
+        ["largest p99 of latency [ms]", milliseconds(max(moment.p99_ms for moment in moments))],
+        [f"node's memory after {counted[0].ticks} ticks [MB]", f"{first:.1f}"],
+        ["its largest growth since then [MB]", f"{largest - first:.1f}"],
+        ["node's memory at the end [MB]", f"{last.resident_mb:.1f}"],
+        ["its child processes' memory at the end [MB]", in_short(last.children) or "-"],
+        ["others' part of the machine, at most [%]", f"{max(moment.others_percent for moment in moments):.0f}"],
+        ["answers recorded", str(compared.recorded)],
+        ["answers offline", str(compared.computed)],
+        ["of these not identical", str(compared.different)],
+    ]
+    introduction = INTRODUCTION.strip().format(about=OURS.about, rate=rate, period=PERIOD)
+    lines = [moment._replace(children=in_short(moment.children)) for moment in moments]  # type: ignore[arg-type]
+    return Page("Soak", introduction, (Sheet("Figures", ("long run", "value"), rows),), Moment._fields, lines)
+
+
+def in_short(children: Sequence[Usage]) -> str:
+    """Number of each process, and its memory [MB]."""
+    return ", ".join(f"{child.process}: {child.resident / MB:.1f}" for child in children)

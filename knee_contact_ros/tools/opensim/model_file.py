@@ -1,0 +1,50 @@
+"""What a model file (.osim, of any version) says of a knee."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+from knee_contact_ros.system.errors import UsageError
+
+
+class ModelFacts(NamedTuple):
+    """What a model's file says."""
+
+    mass: float
+    """[kg] of all bodies"""
+    bounds: tuple[float, float] | None
+    """Range [rad] of the coordinate; None: it has none"""
+
+
+def read_xml(path: Path, root: str | None = None) -> ET.Element:
+    """An OpenSim document's root.
+
+    Raises:
+        UsageError: it cannot be read, or is no such document.
+    """
+    try:
+        found = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except ET.ParseError as error:
+        raise UsageError(f"{path} is no OpenSim document: {error}") from None
+    if root is not None and found.find(root) is None:
+        raise UsageError(f"{path} is no OpenSim {root.lower()} file")
+    return found
+
+
+def read_model(path: Path, coordinate: str | None) -> ModelFacts:
+    """Read mass, and the range of a coordinate.
+
+    Raises:
+        UsageError: it is no model, or has no such coordinate.
+    """
+    root = read_xml(path, "Model")
+    mass = sum(float(body.findtext("mass", "0")) for body in root.iter("Body"))
+    found = next((c for c in root.iter("Coordinate") if c.get("name") == coordinate), None)
+    if found is None:
+        raise UsageError(f"{path} (--model) has no coordinate {coordinate}; is it the model of these results?")
+    numbers = [float(number) for number in found.findtext("range", "").split()]
+    return ModelFacts(mass, (numbers[0], numbers[1]) if len(numbers) == 2 else None)

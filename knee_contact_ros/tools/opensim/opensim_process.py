@@ -1,0 +1,82 @@
+"""A step of OpenSim in a process of its own: started, watched by its log, ended with us."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import end, signals_later
+from knee_contact_ros.system.terminal import Bar
+from knee_contact_ros.tools.opensim import opensim_step
+from knee_contact_ros.tools.opensim.opensim_setups import TOOLS, Setup
+
+PERIOD = 0.2
+"""[s] between two looks at a running step"""
+PATIENCE = 5.0
+"""[s] that a step gets to end"""
+TAIL = 4096
+"""Bytes of a log in which its last time is looked for"""
+TIMES = re.compile(rb"\bt(?:ime)? = ([0-9.eE+-]+)")
+MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
+FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
+
+
+def run_step(setup: Setup, work: Path, bar: Bar) -> None:
+    """Run a tool in a process of its own, in its set-up file's folder, with its output in `work`/logs.
+
+    Raises:
+        UsageError: it has failed.
+    """
+    log = work / "logs" / f"{setup.step}.log"
+    command = [sys.executable, "-P", opensim_step.__file__, TOOLS[setup.step], setup.path.name]
+    process = None
+    window = times_of(setup)
+    try:
+        with log.open("wb") as output, signals_later():
+            process = subprocess.Popen(
+                command, cwd=setup.folder, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+            )
+        while process.poll() is None:
+            bar(*progress_of(log, window))
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(PERIOD)
+    finally:
+        if process:
+            end(process, PATIENCE)
+    if process.returncode:
+        raise UsageError(
+            f"OpenSim's {setup.step} ({setup.path.name}) failed with code {process.returncode}: {last_words(log)}; "
+            "--work DIR keeps its log"
+        )
+
+
+def times_of(setup: Setup) -> tuple[float, float]:
+    """First and last time [s] of a step; both 0 if it has none."""
+    texts = setup.text("time_range").split() or [setup.text("initial_time"), setup.text("final_time")]
+    try:
+        return float(texts[0]), float(texts[1])
+    except (ValueError, IndexError):
+        return 0.0, 0.0
+
+
+def progress_of(log: Path, window: tuple[float, float]) -> tuple[int, int]:
+    """Thousandths done, as the last time in the log says."""
+    with log.open("rb") as file:
+        file.seek(max(file.seek(0, 2) - TAIL, 0))
+        times = TIMES.findall(file.read())
+    if not times or window[1] <= window[0]:
+        return 0, 1000
+    with suppress(ValueError):
+        return max(0, min(999, round(1000 * (float(times[-1]) - window[0]) / (window[1] - window[0])))), 1000
+    return 0, 1000
+
+
+def last_words(log: Path) -> str:
+    """The last line of a log that tells of a failure, else the last one."""
+    lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    telling = [line for line in lines if FAILED.search(line) and not MESHES.search(line)]
+    return (telling or lines or ["it said nothing"])[-1]

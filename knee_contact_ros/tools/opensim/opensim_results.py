@@ -1,0 +1,221 @@
+"""Results of OpenSim, kinematics and joint reactions, as a knee's gait; notes say what was found and converted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.opensim import knee_gait
+from knee_contact_ros.tools.opensim.angle import AUTO, DEGREES, sign_of, unit_of
+from knee_contact_ros.tools.opensim.columns import (
+    AXES,
+    LEFT,
+    POINT,
+    Reaction,
+    angle_column,
+    coordinate_of,
+    find_reaction,
+    speed_column,
+)
+from knee_contact_ros.tools.opensim.knee_gait import Angles, Reactions
+from knee_contact_ros.tools.opensim.model_file import read_model
+from knee_contact_ros.tools.opensim.storage import Floats, Storage, read_storage
+
+GRAVITY = 9.80665
+"""[m/s²]"""
+SMALLEST_FORCE, LARGEST_FORCE = 20.0, 1e6
+"""[N] Axial force whose peak lies outside is not in N"""
+MOVES = 0.1
+"""[rad/s] RMS below which a rate says nothing"""
+FITS = (0.5, 2.0)
+"""Regression of the rate given on the one derived; outside, it has another unit or is another joint's"""
+
+
+@dataclass(frozen=True)
+class Files:
+    """What to read."""
+
+    kinematics: Path
+    reactions: Path
+    speeds: Path | None = None
+    model: Path | None = None
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to read it."""
+
+    joint: str | None = None
+    """Of the reactions; None: the one whose name says knee and side"""
+    coordinate: str | None = None
+    """Likewise of the kinematics"""
+    angle_unit: str = AUTO
+    angle_sign: int | None = None
+    """1 or -1; None: as the data say"""
+    start: float | None = None
+    """[s]"""
+    end: float | None = None
+    """[s]"""
+    rate: float | None = None
+    """[Hz]; None: every row keeps its stamp"""
+
+
+class KneeGait(NamedTuple):
+    """A knee's gait, and where it comes from."""
+
+    side: str
+    angles: Angles
+    reactions: Reactions
+    columns: dict[str, str]
+    """What was taken from where"""
+    notes: tuple[str, ...]
+    """What was converted or left out"""
+    body_weight: float | None
+    """[N] of the model"""
+
+
+def read_knee(side: str, files: Files, settings: Settings) -> KneeGait:
+    """Read one knee's gait.
+
+    Raises:
+        UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
+    """
+    for name in ("start", "end", "rate"):
+        value = getattr(settings, name)
+        if value is not None and not math.isfinite(value):
+            raise UsageError(f"--{name} {value}: it must be a finite number")
+    kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
+    column = angle_column(kinematics, side, settings.coordinate)
+    facts = read_model(files.model, coordinate_of(column)) if files.model else None
+    angles, angle_notes = read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
+    chosen = find_reaction(reactions, side, settings.joint)
+    wrenches, wrench_notes = read_wrenches(reactions, chosen, side)
+    window = knee_gait.common_window(angles, wrenches, settings.start, settings.end)
+    rows = len(wrenches.stamps)
+    if settings.rate:
+        angles, wrenches = knee_gait.resample(angles, wrenches, window, settings.rate)
+        window_notes = [f"both interpolated linearly at {settings.rate:g} Hz"]
+    else:
+        angles, wrenches = knee_gait.cut(angles, wrenches, window)
+        outside = rows - len(wrenches.stamps)
+        window_notes = [f"{outside} reactions left out: no angle at their time, or outside --start and --end"] * (
+            outside > 0
+        )
+    columns = {"angle": column, "reaction": chosen.prefix + f"({' '.join(AXES)})"}
+    return KneeGait(
+        side,
+        knee_gait.with_rate(angles),
+        wrenches,
+        columns,
+        (*angle_notes, *wrench_notes, *window_notes),
+        facts.mass * GRAVITY if facts else None,
+    )
+
+
+def read_angles(
+    storage: Storage, column: str, speeds: Path | None, settings: Settings, bounds: tuple[float, float] | None
+) -> tuple[Angles, list[str]]:
+    """Flexion with its rate if a file has it, and notes; `bounds` is the coordinate's range [rad] in the model.
+
+    Raises:
+        UsageError: unit, sign or rate are wrong or not clear, or there are fewer than two rows.
+    """
+    if len(storage.stamps) < 2:
+        raise UsageError(f"{storage.path} has {len(storage.stamps)} row, and an angle over time needs two")
+    unit = unit_of(storage, column, settings.angle_unit)
+    factor = math.radians(1.0) if unit == DEGREES else 1.0
+    angle = storage.column(column) * factor
+    sign = sign_of(angle, f"{storage.path}: {column}", settings.angle_sign, bounds)
+    notes = [f"angle: {'degrees to rad' if unit == DEGREES else 'rad'}"]
+    notes[0] += ", sign turned (flexion was negative)" if sign < 0 else ", flexion positive as it was"
+    angles = Angles(storage.stamps, sign * angle, None)
+    source = read_storage(speeds) if speeds else storage
+    name = speed_column(source.names, column) if speeds or column.endswith("/value") else None
+    if name is not None:
+        rate = sign * source.column(name) * (math.radians(1.0) if source.degrees else 1.0)
+        angles = angles._replace(rate=checked_rate(angles, source, name, rate))
+        notes.append(f"rate: {name} of {source.path.name}")
+    elif speeds:
+        raise UsageError(f"{speeds} has no rate of {column}")
+    else:
+        notes.append("rate: derived from the angle")
+    return angles, [*notes, *duplicate_notes(storage)]
+
+
+def checked_rate(angles: Angles, source: Storage, name: str, rate: Floats) -> Floats:
+    """A rate [rad/s] at the angles' stamps.
+
+    Raises:
+        UsageError: it does not span them, or is not the rate of these angles.
+    """
+    if source.stamps[0] > angles.stamps[0] or source.stamps[-1] < angles.stamps[-1]:
+        raise UsageError(f"{source.path} spans {source.span()}, less than the angles")
+    first = angles.stamps[0]
+    found: Floats = np.interp(angles.stamps - first, source.stamps - first, rate)
+    derived = knee_gait.with_rate(angles).rate
+    assert derived is not None  # noqa: S101  (with_rate gives one)
+    power = float(derived @ derived)
+    slope = float(found @ derived) / power if power > MOVES**2 * len(derived) else 1.0
+    if not FITS[0] <= slope <= FITS[1]:
+        raise UsageError(
+            f"{source.path}: {name} is {slope:.3g} times the rate of the angle; another unit than its "
+            "inDegrees says, or another coordinate's?"
+        )
+    return found
+
+
+def read_wrenches(storage: Storage, reaction: Reaction, side: str) -> tuple[Reactions, list[str]]:
+    """What acts on the tibia at its frame's origin, a left one mirrored, and notes.
+
+    Raises:
+        UsageError: it pulls the joint apart, or is not in N.
+    """
+    force, torque = (np.column_stack([storage.column(reaction.prefix + axis) for axis in part]) for part in SPLIT)
+    notes = []
+    if reaction.on_femur:
+        force, torque = -force, -torque
+        notes.append(f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)")
+    points = [reaction.prefix + axis for axis in POINT]
+    if set(points) <= set(storage.names):
+        point = np.column_stack([storage.column(name) for name in points])
+        if point.any():
+            torque = torque + np.cross(point, force)
+            notes.append("torque: moved to the tibia frame's origin")
+    check_axial(storage, reaction, -force[:, 1])
+    found = Reactions(storage.stamps, force, torque)
+    if side == LEFT:
+        found = knee_gait.mirrored(found)
+        notes.append("reaction: left knee mirrored to a right one (force z, torque x and y turned)")
+    return found, [*notes, *duplicate_notes(storage)]
+
+
+def check_axial(storage: Storage, reaction: Reaction, load: Floats) -> None:
+    """Check the axial load [N], compression positive.
+
+    Raises:
+        UsageError: it is mostly tension, or not in N.
+    """
+    name = f"{storage.path}: {reaction.prefix}fy"
+    if load.max() < -load.min():
+        raise UsageError(
+            f"{name} pulls the knee apart, by up to {-load.min():.0f} N, and presses with {load.max():.0f} N at most: "
+            "it is not what acts on the tibia, or its y does not point up"
+        )
+    if not SMALLEST_FORCE <= load.max() <= LARGEST_FORCE:
+        raise UsageError(f"{name} presses with {load.max():.3g} at most; it must be in N")
+
+
+def duplicate_notes(storage: Storage) -> list[str]:
+    """Note on rows that had the same stamp as the next, if there were any."""
+    if not storage.duplicates:
+        return []
+    rows = "row gave" if storage.duplicates == 1 else "rows gave"
+    return [f"{storage.path.name}: {storage.duplicates} {rows} way to the next of the same time"]
+
+
+SPLIT = (AXES[:3], AXES[3:])

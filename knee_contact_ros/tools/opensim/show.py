@@ -1,0 +1,104 @@
+"""What `knee-contact import-opensim` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
+from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.tools.opensim.opensim_pipeline import WORDS, Run
+from knee_contact_ros.tools.opensim.opensim_quality import Check
+from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait
+from knee_contact_ros.tools.opensim.storage import Stamps
+
+USUAL_WEIGHT = 737.068
+"""[N] For the search for peaks where no model tells: the default of `body_weight`"""
+SHARE = 0.5
+"""Of the axial load that a compartment gets by default (`load.share`)"""
+
+
+def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
+    """Print rows, spans, angle range, load peaks, what was converted, and where the bag is."""
+    console = Console(width=WIDTH)
+    degrees = np.degrees(knee.angles.angle)
+    rows = Table(box=None, show_header=False, pad_edge=False)
+    rows.add_column(no_wrap=True)
+    rows.add_column(overflow="fold")
+    rows.add_row(f"{knee.side} knee", "")
+    rows.add_row("angle", shown(f"{knee.columns['angle']} of {files.kinematics.name}"))
+    rows.add_row("", f"{span(knee.angles.stamps)}, {degrees.min():.1f} to {degrees.max():.1f} deg")
+    rows.add_row("reaction", shown(f"{knee.columns['reaction']} of {files.reactions.name}"))
+    rows.add_row("", span(knee.reactions.stamps))
+    if knee.body_weight:
+        rows.add_row("body weight", f"{knee.body_weight:.1f} N, of the model's mass")
+    console.print(rows, highlight=False)
+    console.print(peak_table(knee), highlight=False)
+    for line in (*(f"- {note}" for note in knee.notes), "", f"Bag: {bag}", ""):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+
+
+def span(stamps: Stamps) -> str:
+    """Rows, and from when to when."""
+    return f"{len(stamps)} rows, {stamps[0] / NANOSECONDS:.3f} to {stamps[-1] / NANOSECONDS:.3f} s"
+
+
+def peak_table(knee: KneeGait) -> Table:
+    """Local peaks of the axial load, and its largest value."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    weight = knee.body_weight
+    for heading in ("", "axial load [N]", f"x {SHARE:g} [N]", *(["x 0.5 [BW]"] if weight else []), "at [s]"):
+        table.add_column(shown(heading), justify="right" if heading else "left", no_wrap=True)
+    for name, index in peaks(knee).items():
+        load = -float(knee.reactions.force[index, 1])
+        in_weights = [f"{SHARE * load / weight:.2f}"] if weight else []
+        at = f"{knee.reactions.stamps[index] / NANOSECONDS:.3f}"
+        table.add_row(name, f"{load:.1f}", f"{SHARE * load:.1f}", *in_weights, at)
+    return table
+
+
+def peaks(knee: KneeGait) -> dict[str, int]:
+    """Rows of the local peaks of the load, as `pipeline.gait` finds them, and of the largest."""
+    load, stamps = -knee.reactions.force[:, 1], knee.reactions.stamps
+    finder = GaitEvents(knee.body_weight or USUAL_WEIGHT)
+    found = finder.add(stamps, np.zeros_like(load), SHARE * load) + finder.finish()
+    local = sorted(event.stamp for event in found if event.kind == LOAD_PEAK)
+    numbered = {f"peak {n}": int(np.searchsorted(stamps, stamp)) for n, stamp in enumerate(local, start=1)}
+    return numbered | {"largest": int(load.argmax())}
+
+
+def show_steps(run: Run) -> None:
+    """Print how long each step took."""
+    console = Console(width=WIDTH)
+    took = ", ".join(f"{WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
+    console.print(f"OpenSim: {took}", highlight=False, markup=False)
+
+
+def show_checks(checks: Sequence[Check], fault: str = "") -> None:
+    """Print residuals, reserves and marker errors beside what is allowed, and what follows; or why there are none."""
+    console = Console(width=WIDTH)
+    if fault:
+        console.print(fault, soft_wrap=True, highlight=False, markup=False)
+        return
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "peak", "RMS", "allowed", "", ""):
+        table.add_column(heading, justify="right" if heading else "left", overflow="fold")
+    for check in checks:
+        verdict = "" if check.passed else "ABOVE"
+        numbers = (f"{check.peak:.3g}", f"{check.rms:.3g}", f"{check.allowed:.3g}")
+        table.add_row(shown(check.name), *numbers, check.unit, verdict)
+    console.print(table, highlight=False)
+    above = [check.name for check in checks if not check.passed]
+    text = "Residuals, reserves and markers are within what the literature allows (doi:10.1115/1.4029304)."
+    if above:
+        text = (
+            f"Do not trust these results before you know why these are above what the literature allows "
+            f"(doi:10.1115/1.4029304): {', '.join(above)}."
+        )
+    console.print(text, highlight=False, markup=False)

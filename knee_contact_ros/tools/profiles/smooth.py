@@ -1,0 +1,172 @@
+"""The smoothest profile that stays within a stated tolerance of a slice.
+
+v of `charts` is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx 1996, Stat Sci 11:89-121), a
+femur's is kept positive. What any such profile leaves, even with hardly a penalty, is the slice's roughness (noise and
+dents); the penalty is the largest with which the deviation is no more than roughness and tolerance together, as
+independent errors add up. So the noise of a mesh changes how far the profile is from the slice, but not how smooth it
+is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.tools.profiles.charts import Chart
+from knee_contact_ros.tools.profiles.slices import Slices
+
+KNOTS = 2.5e-3
+"""[m] between the knots of v"""
+TILT_KNOTS = 10e-3
+"""[m] between the knots of what changes across the slab"""
+BENDS = 3
+"""Degree in the place of the bend across the slab"""
+GRID = 2001
+ROUGHEST, SMOOTHEST = -5.0, 4.0
+"""Decadic logarithms of the penalty; with less than the first, a profile follows the noise of a mesh"""
+HALVINGS = 12
+SPACING = 0.75e-3
+"""[m] between the points of a profile"""
+
+
+class Smoothed(NamedTuple):
+    """A profile and how far it is from the slice."""
+
+    points: Floats
+    """Shape (n, 2) [m], from posterior to anterior at equal arc length"""
+    raw: Floats
+    """Points of the slice, shape (m, 2) [m], from posterior to anterior"""
+    deviations: Floats
+    """Of the slice's points, shape (m,) [m]: > 0 where they lie outside of the profile"""
+    roughness: float
+    """RMS [m] that is left however little is smoothed"""
+    deviation: float
+    """RMS [m] of all points of the slab"""
+
+    @property
+    def rms(self) -> float:
+        """RMS [m] of the slice's deviations."""
+        return float(np.sqrt(np.mean(self.deviations**2)))
+
+    @property
+    def largest(self) -> float:
+        """The largest of the slice's deviations [m]."""
+        return float(np.abs(self.deviations).max())
+
+
+class _Problem(NamedTuple):
+    """Linear least squares with a penalty: rows scaled so that residuals are in m."""
+
+    data: Floats
+    target: Floats
+    penalty: Floats
+    lower: Floats
+    basis: Floats
+    """g on the grid of every unknown but those of the tilt"""
+    grid: Floats
+    inside: Any
+    """Which of the rows belong to the slice itself"""
+
+
+def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
+    """Smooth a slice within an RMS `tolerance` [m] beyond its roughness."""
+    problem = pose(slab, chart)
+    roughness = residual(problem, solve(problem, ROUGHEST))
+    allowed = math.hypot(roughness, tolerance)
+    low, high = ROUGHEST, SMOOTHEST
+    if residual(problem, solve(problem, high)) > allowed:
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            within = residual(problem, solve(problem, middle)) <= allowed
+            low, high = (middle, high) if within else (low, middle)
+    else:
+        low = high
+    unknowns = solve(problem, low)
+    curve = chart.curve(problem.grid, problem.basis @ unknowns[: problem.basis.shape[1]])
+    raw = slab.raw[np.argsort(chart.place(slab.raw))]
+    deviations = distances(raw, curve, chart)
+    return Smoothed(evenly(curve), raw, deviations, roughness, residual(problem, unknowns))
+
+
+def pose(slab: Slices, chart: Chart) -> _Problem:
+    """The problem that a slice poses."""
+    place = chart.place(slab.points)
+    low, high = float(place.min()), float(place.max())
+    grid = np.linspace(low, high, GRID)
+    v = b_splines(grid, low, high, KNOTS / chart.scale)
+    basis = np.column_stack([chart.free(grid), chart.from_v(grid, v)])
+    metres = chart.metres(slab.points)[:, None]
+    columns = [at(place, grid, basis)]
+    if slab.offsets.any():
+        tilt = b_splines(place, low, high, TILT_KNOTS / chart.scale)
+        turn = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
+        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * turn]
+    data = np.concatenate(columns, axis=1) * metres
+    bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
+    penalty = np.zeros((len(bends), data.shape[1]))
+    penalty[:, 2 : 2 + v.shape[1]] = bends * chart.scale
+    lower = np.full(data.shape[1], -np.inf)
+    lower[2 : 2 + v.shape[1]] = chart.least
+    return _Problem(data, chart.value(slab.points) * metres[:, 0], penalty, lower, basis, grid, slab.inside)
+
+
+def b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
+    """Cubic B-splines on equal knots, shape (places, n)."""
+    from scipy.interpolate import BSpline
+
+    pieces = max(3, math.ceil((high - low) / spacing))
+    knots = low + (high - low) / pieces * np.arange(-3, pieces + 4)
+    inside = np.clip(places, low, high - 1e-12 * (high - low))
+    return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
+
+
+def at(places: Floats, grid: Floats, columns: Floats) -> Floats:
+    """Columns on an equal grid, linear in between."""
+    position = (places - grid[0]) / (grid[1] - grid[0])
+    i = np.clip(position.astype(np.int64), 0, len(grid) - 2)
+    share = (position - i)[:, None]
+    return np.asarray((1.0 - share) * columns[i] + share * columns[i + 1])
+
+
+def solve(problem: _Problem, logarithm: float) -> Floats:
+    """The unknowns for a penalty of 10^logarithm per point."""
+    from scipy.optimize import lsq_linear
+
+    weight = math.sqrt(10.0**logarithm * len(problem.target))
+    rows = np.concatenate([problem.data, weight * problem.penalty])
+    target = np.concatenate([problem.target, np.zeros(len(problem.penalty))])
+    # The same problem in as many rows as unknowns.
+    orthogonal, triangle = np.linalg.qr(rows)
+    target = orthogonal.T @ target
+    free = np.linalg.lstsq(triangle, target, rcond=None)[0]
+    if (free >= problem.lower).all():
+        return np.asarray(free)
+    found: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
+    return np.asarray(found.x)
+
+
+def residual(problem: _Problem, unknowns: Floats) -> float:
+    """RMS distance [m] of the slab's points from the profile, apart from how the slab bends."""
+    return float(np.sqrt(np.mean((problem.data @ unknowns - problem.target) ** 2)))
+
+
+def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
+    """Shortest distances [m] of points from a curve, > 0 outside of it."""
+    from scipy.spatial import cKDTree
+
+    nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
+    along = curve[nearest + 1] - curve[nearest - 1]
+    aside = points - curve[nearest]
+    across = np.abs(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) / np.hypot(*along.T)
+    out = chart.outwards(points) - np.interp(chart.place(points), chart.place(curve), chart.outwards(curve))
+    return np.asarray(np.copysign(across, out))
+
+
+def evenly(curve: Floats) -> Floats:
+    """Points at equal arc length, `SPACING` [m] or a little less."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
+    places = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
+    return np.column_stack([np.interp(places, way, axis) for axis in curve.T])

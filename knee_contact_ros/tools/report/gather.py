@@ -1,0 +1,122 @@
+"""Gathers what a report says of a run from its answers, block by block, in memory that does not grow with them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.bags.recorded_answers import Answers
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.parameters.plausibility import Doubts
+from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.pipeline.gait.strides import LONGEST, Span, spans
+from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Mean, curves, measured
+from knee_contact_ros.tools.report.totals import Course, Totals
+
+KEPT = round((LONGEST + 3.0) * NANOSECONDS)
+"""[ns] of samples that are kept: a cycle, and as late as events become certain"""
+CERTAIN = round(2.2 * NANOSECONDS)
+"""[ns] after which all events are: a toe-off may wait for a slow flexion and a slow extension"""
+
+
+class Moment(NamedTuple):
+    """A gait event and the contact at it."""
+
+    event: GaitEvent
+    elapsed: float
+    """[s] since the run's first tick; as stamps go, but for those that went back"""
+    load: float
+    """[N]"""
+    contact_force: float
+    """[N]"""
+    penetration_depth: float
+    """[m]"""
+    force_error: float
+    """[N] estimated error of the contact force; not a number if the recording does not tell"""
+    depth_error: float
+    """[m] that of the depth"""
+
+
+class Gathered:
+    """All that a report says of a run."""
+
+    def __init__(self, body_weight: float, doubts: Doubts | None = None) -> None:
+        """`body_weight` is in N; `doubts` are those about the run's parameters."""
+        self.body_weight = body_weight
+        self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
+        self.moments: list[Moment] = []
+        self.cycles: list[Cycle] = []
+        self.strikes = 0
+        """Heel strikes that another one followed: as many cycles, if all had been plausible"""
+        self._finder = GaitEvents(body_weight)
+        self._stamps, self._values = np.empty(0, dtype=np.int64), np.empty((0, len(COLUMNS)))
+        self._since = 0
+        """[ns] that elapsed time lags behind the stamps"""
+        self._pending: list[GaitEvent] = []
+
+    def add(self, answers: Answers) -> None:
+        """Take answers, at least one."""
+        cuts = np.flatnonzero((np.diff(answers.stamps) <= 0) | (np.diff(answers.stamps) > GAP)) + 1
+        for part in np.split(np.arange(len(answers.stamps)), cuts):
+            self._add(_part(answers, part))
+
+    def finish(self) -> Gathered:
+        """No more will come."""
+        self._take(self._finder.finish(), ended=True)
+        self.moments.sort(key=lambda moment: moment.elapsed)
+        return self
+
+    def _add(self, part: Answers) -> None:
+        first, last = int(part.stamps[0]), self.totals.last_stamp
+        goes_on = self.totals.ticks > 0 and 0 < first - last <= GAP
+        if not self.totals.ticks:
+            self._since = first
+        elif not goes_on:
+            self._take(self._finder.finish(), ended=True)
+            self._since -= max(last - first, 0)  # stamps that went back: as if it went on at once
+        values = np.column_stack([getattr(part, name) for name in COLUMNS])
+        self.totals.add(part, np.diff(part.stamps, prepend=last if goes_on else first) / NANOSECONDS)
+        self.course.add(part.stamps - self._since, values)
+        self._stamps = np.append(self._stamps, part.stamps)
+        self._values = np.concatenate((self._values, values))
+        self._take(self._finder.add(part.stamps, part.flexion_angle, part.load), ended=False)
+
+    def _take(self, events: list[GaitEvent], *, ended: bool) -> None:
+        for event in events:
+            elapsed = (event.stamp - self._since) / NANOSECONDS
+            self.moments.append(Moment(event, elapsed, *self._contact_at(event.stamp)))
+        self._pending += [event for event in events if event.kind != LOAD_PEAK]
+        self._cycles(ended=ended)
+        if ended:
+            self._pending, self._stamps, self._values = [], self._stamps[:0], self._values[:0]
+        elif len(self._stamps):
+            kept = np.searchsorted(self._stamps, self._stamps[-1] - KEPT)
+            self._stamps, self._values = self._stamps[kept:], self._values[kept:]
+
+    def _contact_at(self, stamp: int) -> list[float]:
+        """Load, contact force, depth and the errors of these two, of the tick at a stamp, or the last one before."""
+        row = self._values[max(int(np.searchsorted(self._stamps, stamp, "right")) - 1, 0)]
+        told = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate")
+        return [float(row[COLUMNS.index(name)]) for name in told]
+
+    def _cycles(self, *, ended: bool) -> None:
+        """Take the cycles whose events are all certain."""
+        strikes = sorted(event.stamp for event in self._pending if event.kind == HEEL_STRIKE)
+        toe_offs = sorted(event.stamp for event in self._pending if event.kind == TOE_OFF)
+        certain = [stamp for stamp in strikes if ended or stamp <= self._stamps[-1] - CERTAIN]
+        for span in spans(certain, toe_offs):
+            if self._stamps[0] <= span.start:
+                self._add_cycle(span)
+        self.strikes += max(len(certain) - 1, 0)
+        oldest = max(certain[-1] if certain else 0, int(self._stamps[-1]) - KEPT) if len(self._stamps) else 0
+        self._pending = [event for event in self._pending if event.stamp >= oldest]
+
+    def _add_cycle(self, span: Span) -> None:
+        self.mean.add(curves(self._stamps, self._values, span))
+        self.cycles.append(measured(self._stamps, self._values, span))
+
+
+def _part(answers: Answers, chosen: NDArray[np.intp]) -> Answers:
+    return Answers._make(column[chosen] for column in answers)

@@ -1,0 +1,120 @@
+"""Published ranges that figures show behind the curves. Every number was read in the source named with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from knee_contact_ros.parameters.schema import Parameters
+
+CARTILAGE_THICKNESS = 3.0
+"""[mm] of resting cartilage that the range of depths assumes, as the model's paper does"""
+FIRST_PEAK, SECOND_PEAK = (8.0, 24.0), (38.0, 54.0)
+"""Percent of the gait cycle in which the peaks of stance are expected; the sources give no times"""
+
+
+class Source(NamedTuple):
+    """Where a range comes from."""
+
+    short: str
+    text: str
+    identifier: str
+    """DOI or the like; empty: none is known"""
+
+
+class Range(NamedTuple):
+    """A range of a quantity's peak."""
+
+    text: str
+    """In a legend, in BW or mm"""
+    lowest: float
+    """[BW] of a force, [mm] of a depth; equal to `highest` where the source gives one number"""
+    highest: float
+    window: tuple[float, float]
+    """Percent of the gait cycle in which it is drawn"""
+    sources: tuple[int, ...]
+    """Numbers in `SOURCES`, counted from 0"""
+
+
+SOURCES = (
+    Source(
+        "Kutzner et al. 2010",
+        "Kutzner I. et al. (2010): Loading of the knee joint during activities of daily living measured in vivo in "
+        "five subjects. J Biomech 43:2164–2173. Total resultant force, level walking, instrumented knee implants: "
+        "261 % of body weight, the mean of five subjects' peaks.",
+        "doi:10.1016/j.jbiomech.2010.03.046",
+    ),
+    Source(
+        "D'Lima et al. 2013",
+        "D'Lima D. D., Fregly B. J., Colwell C. W. (2013): Implantable sensor technology: measuring bone and joint "
+        "biomechanics of daily life in vivo. Arthritis Res Ther 15:203. Peak tibial force, walking on a laboratory "
+        "floor, instrumented knee implants, of the five studies that its table 1 names: 2.5–2.8 body weights.",
+        "doi:10.1186/ar4138",
+    ),
+    Source(
+        "Erhart et al. 2010",
+        "Erhart J. C. et al. (2010): Changes in in vivo knee loading with a variable-stiffness intervention shoe "
+        "correlate with changes in the knee adduction moment. J Orthop Res 28. The medial compartment takes some "
+        "60–80 % of the total, as its introduction says of the studies that it names; not its own measurement.",
+        "PMC2965044",
+    ),
+    Source(
+        "the model's paper, 2025",
+        "“The prediction of knee contact forces with the novel two-dimensional dynamic model of human knee” (2025), "
+        "the model's paper. Medial force of healthy people walking in the studies that it names: first peak 1.8–2, "
+        "second peak 2–2.3 body weights.",
+        "",
+    ),
+    Source(
+        "Liu et al. 2010",
+        "Liu F. et al. (2010): In vivo tibiofemoral cartilage deformation during the stance phase of gait. J Biomech "
+        "43:658–665, as quoted by the model's paper: peak deformations of 7–23 % of the resting thickness.",
+        "",
+    ),
+)
+
+STANCE = (FIRST_PEAK[0], SECOND_PEAK[1])
+MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
+"""[BW] of the total force: the mean of five people, and that of five studies"""
+MEDIAL_SHARES = (0.6, 0.8)
+TOTAL = (
+    Range("in vivo: 2.5–2.8 [2]", *PEAKS, STANCE, (1,)),
+    Range("in vivo: mean 2.61 [1]", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
+)
+MEDIAL = (
+    Range(
+        "in vivo: 60–80 % of 2.5–2.8 [2, 3]",
+        MEDIAL_SHARES[0] * PEAKS[0],
+        MEDIAL_SHARES[1] * PEAKS[1],
+        STANCE,
+        (1, 2),
+    ),
+    Range("healthy people, computed [4]", 1.8, 2.0, FIRST_PEAK, (3,)),
+    Range("healthy people, computed [4]", 2.0, 2.3, SECOND_PEAK, (3,)),
+)
+DEPTH = Range(
+    f"in vivo, 7–23 % of {CARTILAGE_THICKNESS:g} mm [5]", 0.07 * CARTILAGE_THICKNESS, 0.23 * CARTILAGE_THICKNESS,
+    (0.0, 100.0), (4,),
+)  # fmt: skip
+
+
+def cited(ranges: Sequence[Range]) -> str:
+    """The sources of ranges, each once."""
+    numbers = sorted({number for each in ranges for number in each.sources})
+    told = ((number + 1, SOURCES[number]) for number in numbers)
+    return "; ".join(f"[{number}] {', '.join(filter(None, (each.short, each.identifier)))}" for number, each in told)
+
+
+def is_total(parameters: Parameters) -> bool:
+    """Whether the load is that of the whole joint, and not of one compartment."""
+    whole = parameters.load.compartment == "fixed_share" and parameters.load.share == 1.0
+    return whole or parameters.load.compartment == "total"
+
+
+def which_load(parameters: Parameters) -> str:
+    """What the load is, in words."""
+    if is_total(parameters):
+        return "total: the whole axial joint reaction"
+    if parameters.load.compartment == "moment_balance":
+        return "medial compartment: what balances the frontal moment of the joint reaction"
+    return f"medial compartment: {parameters.load.share:g} of the axial joint reaction"

@@ -1,0 +1,73 @@
+"""The command's work: gather, draw, write, move into place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from knee_contact_ros.bags.recovery.source import in_a_line
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.work_folder import replace, work_folder
+from knee_contact_ros.tools.report.runs import Asked, Run, collect
+
+NEEDED = ("matplotlib", "jinja2")
+EXTRA = "knee-contact-ros[report]"
+PAGE = "report.html"
+TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
+FIGURES = ("flexion", "contact_force", "depth", "contact_point", "contact_point_flexion", "over_time_[0-9]*")
+"""Names of the pictures, without their suffix; those of an earlier report are taken away"""
+
+
+def run_report(asked: Asked, output: Path) -> list[Path]:
+    """Write the report into the folder `output`; give the names of its files, the page first.
+
+    Raises:
+        UsageError: a file, parameter or the folder cannot be used, or a library is missing.
+        IncompleteError: the report is there, but a bag was damaged and could be taken in part only.
+    """
+    for needed in NEEDED:
+        if find_spec(needed) is None:
+            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+    if asked.labels and len(asked.labels) != len(asked.files):
+        raise UsageError(f"--label: {len(asked.labels)} given for {len(asked.files)} FILEs; give one each, or none")
+    with work_folder(output) as work:
+        with progress("Reading") as bar:
+
+            def say(what: str) -> Callable[[int, int], None]:
+                bar.describe(what)
+                return bar
+
+            runs = collect(asked, work, say)
+            bar.describe("Drawing")
+            names = write(runs, work)
+        for pattern in FIGURES:
+            for earlier in output.glob(f"{pattern}.png"):
+                earlier.unlink()
+        for name in names:
+            replace(work / name, output / name)
+    damage = [sentence for run in runs if run.beside is None for sentence in run.damage]
+    if damage:
+        raise IncompleteError(f"{output / PAGE} tells what can be read of a damaged bag: {in_a_line(damage)}")
+    return [output / name for name in names]
+
+
+def write(runs: Sequence[Run], folder: Path) -> list[str]:
+    """Write all files of the report; give their names, the page first."""
+    from knee_contact_ros.tools.report.data import tables
+    from knee_contact_ros.tools.report.figures import over_cycle
+    from knee_contact_ros.tools.report.over_time import over_time
+    from knee_contact_ros.tools.report.page import page
+
+    cyclic = [run for run in runs if run.gathered.cycles]
+    cycle_figures, time_figures = over_cycle(runs, cyclic) if cyclic else [], over_time(runs)
+    (folder / PAGE).write_text(page(runs, cycle_figures, time_figures), encoding="utf-8")
+    names = [PAGE]
+    for name, content in tables(runs).items():
+        (folder / name).write_text(content, encoding="utf-8")
+        names.append(name)
+    for figure in (*cycle_figures, *time_figures):
+        (folder / f"{figure.name}.png").write_bytes(figure.png)
+        names.append(f"{figure.name}.png")
+    return names

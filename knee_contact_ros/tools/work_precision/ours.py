@@ -1,0 +1,78 @@
+"""This package in the form in which the study takes every solver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.types import COLUMN
+from knee_contact_ros.parameters.build import load_model
+from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
+from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
+
+NAME = "knee-contact"
+LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
+"""Values of `fidelity.level` to measure"""
+LAW = "exact; `KneeModel.run`, or `Stream.advance` for every sample; compiled"
+DEPTH, GAP, EVALUATIONS = (COLUMN[name] for name in ("penetration_depth", "gap", "evaluations"))
+"""Where they stand in `Stream.answer`"""
+
+
+def solvers() -> list[Solver]:
+    """One per level."""
+    settings = tolerances(*range(4, 13))
+    return [Solver(solver_name(level), NAME, LAW, settings, whole(level), stream(level)) for level in LEVELS]
+
+
+def solver_name(level: str) -> str:
+    """As it appears in the tables."""
+    return f"{NAME} {level}"
+
+
+def whole(level: str) -> Run:
+    """`KneeModel.run`."""
+
+    def run(problem: Problem, setting: Setting) -> Outcome:
+        model, angle = model_of(problem, level, setting), np.zeros_like(problem.time)
+        model.run(problem.time[:2], angle[:2], problem.load[:2])  # compiles
+        with stopwatch() as watch:
+            series = model.run(problem.time, angle, problem.load)
+        depth = np.asarray(series.penetration_depth - series.gap)
+        return Outcome(depth, watch.seconds, float(series.evaluations.sum()))
+
+    return run
+
+
+def stream(level: str) -> Run:
+    """`Stream.advance`."""
+
+    def run(problem: Problem, setting: Setting) -> Outcome:
+        ticks = model_of(problem, level, setting).stream()  # compiles
+        samples = list(zip(np.round(problem.time * 1e9).astype(np.int64).tolist(), problem.load.tolist(), strict=True))
+        depths: list[float] = []
+        evaluations, answer = 0.0, ticks.answer
+        with stopwatch() as watch:
+            for stamp, load in samples:
+                ticks.advance(stamp, 0.0, load)
+                depths.append(answer[DEPTH] - answer[GAP])
+                evaluations += answer[EVALUATIONS]
+        return Outcome(np.array(depths), watch.seconds, float(evaluations))
+
+    return run
+
+
+def model_of(problem: Problem, level: str, setting: Setting) -> KneeModel:
+    """The problem as a parameter file would describe it."""
+    law: dict[str, Any] = {"law": "kelvin_voigt"}
+    if problem.layered:
+        law = {
+            "law": "two_layer_viscoelastic",
+            "layer_depth": problem.layer_depth,
+            "stiffness_2": problem.stiffness_2,
+            "damp_first_layer": problem.damp_first_layer,
+        }
+    law |= {"stiffness": problem.stiffness, "exponent": EXPONENT, "damping": problem.damping}
+    fidelity = {"level": level, "tolerance": setting.value}
+    return load_model({"femur": {"mass": problem.mass}, "contact": law, "fidelity": fidelity}, compiled=True)

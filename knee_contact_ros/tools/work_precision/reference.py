@@ -1,0 +1,208 @@
+"""A reference solution by another method, another library and another formulation.
+
+SciPy's DOP853 (8th order) or Radau (5th order, for stiff scenes) at a relative tolerance of 1e-12, stopped at every
+event and started again behind it. Laws and surfaces are written down once more (`reference_laws`, `reference_femur`);
+nothing else of the package is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from knee_contact_ros.tools.work_precision.reference_femur import Femur, State
+from knee_contact_ros.tools.work_precision.reference_laws import Layers
+
+RTOL = 1e-12
+ATOL = 1e-17
+"""[m] and [m/s]: a part of 1e-13 of the depths and rates that occur"""
+MAX_EVENTS = 1000
+"""In one tick"""
+
+Event = Callable[[float, NDArray[np.float64]], float]
+
+
+class Scene(NamedTuple):
+    """A knee and what it goes through; no tension."""
+
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    load: NDArray[np.float64]
+    layers: Layers
+    mass: float
+    femur: Femur
+    stiff: bool = False
+    relative_tolerance: float = RTOL
+
+
+class Answers(NamedTuple):
+    """What the reference says at every tick, shape (n,) each."""
+
+    depth: NDArray[np.float64]
+    """Signed: penetration > 0, gap < 0 [m]"""
+    force: NDArray[np.float64]
+    """Of the contact, along its normal [N]"""
+    state: NDArray[np.float64]
+    """The first of the femur's two numbers: depth or height [m]"""
+
+
+class _Mode(NamedTuple):
+    layer: int
+    """-1 apart"""
+    pressing: bool
+
+
+class _Tick(NamedTuple):
+    """What is prescribed from one stamp to the next."""
+
+    angle: float
+    turn: float
+    load: float
+    slope: float
+
+
+class _Point(NamedTuple):
+    """Where a solution stands."""
+
+    s: float
+    state: State
+    mode: _Mode
+    impact: float
+
+
+def solve(scene: Scene) -> NDArray[np.float64]:
+    """Signed depth [m] at every tick, shape (n,), from the static start under the first load."""
+    return answers(scene).depth
+
+
+def answers(scene: Scene) -> Answers:
+    """All that is known at every tick, from the static start under the first load."""
+    depth = static_depth(scene)
+    layer = sum(begin < depth for begin, _ in scene.layers) - 1
+    point = _Point(0.0, scene.femur.start(depth, scene.angle[0]), _mode_in(scene.layers, layer, depth, 0.0, 0.0), 0.0)
+    found = [(depth, _force(scene.layers, point, depth, 0.0), point.state[0])]
+    turn = 0.0
+    for i in range(1, len(scene.time)):
+        duration = scene.time[i] - scene.time[i - 1]
+        before, turn = turn, (scene.angle[i] - scene.angle[i - 1]) / duration
+        slope = (scene.load[i] - scene.load[i - 1]) / duration
+        tick = _Tick(scene.angle[i - 1], turn, scene.load[i - 1], slope)
+        state = _turned(scene, point, tick, before, first=i == 1)
+        contact = scene.femur.contact(state, tick.angle, turn)
+        mode = _mode_in(scene.layers, point.mode.layer, *contact, point.impact)  # the rate has jumped, and the force
+        point = _Point(0.0, state, mode, point.impact)
+        events = 0
+        while point.s < duration:
+            point = _piece(scene, tick, duration, point)
+            events += 1
+            if events > MAX_EVENTS:
+                raise RuntimeError(f"more than {MAX_EVENTS} events in tick {i}")
+        depth, rate = scene.femur.contact(point.state, scene.angle[i], turn)
+        found.append((depth, _force(scene.layers, point, depth, rate), point.state[0]))
+    return Answers(*np.array(found).T)
+
+
+def _force(layers: Layers, point: _Point, depth: float, rate: float) -> float:
+    """Force of the contact [N] at a point with this depth [m] and rate [m/s]."""
+    return max(0.0, layers[point.mode.layer][1](depth, rate, point.impact)) if point.mode.pressing else 0.0
+
+
+def _turned(scene: Scene, point: _Point, tick: _Tick, before: float, first: bool) -> State:
+    """The state at the beginning of a tick: the angle's rate has jumped; the first one begins with a rate of 0."""
+    if not first:
+        return scene.femur.turned(point.state, tick.angle, before, tick.turn)
+    _, rate = scene.femur.contact(point.state, tick.angle, tick.turn)
+    _, slower = scene.femur.contact((point.state[0], 1.0), tick.angle, tick.turn)
+    return point.state[0], rate / (rate - slower) if rate else 0.0
+
+
+def _piece(scene: Scene, tick: _Tick, end: float, start: _Point) -> _Point:
+    """Integrate within one mode to the next event or to the end of the tick."""
+    layers, mode, impact = scene.layers, start.mode, start.impact
+    pressing = layers[mode.layer][1] if mode.pressing else None
+
+    def contact(s: float, z: NDArray[np.float64]) -> State:
+        return scene.femur.contact((z[0], z[1]), tick.angle + tick.turn * s, tick.turn)
+
+    def motion(s: float, z: NDArray[np.float64]) -> State:
+        force = pressing(*contact(s, z), impact) if pressing else 0.0
+        load = tick.load + tick.slope * s
+        angle = tick.angle + tick.turn * s
+        return scene.femur.motion((z[0], z[1]), angle, tick.turn, force / scene.mass, load / scene.mass)
+
+    events = _events(layers, mode, impact, contact)
+    method = "Radau" if scene.stiff else "DOP853"
+    span = (start.s, end)
+    solution = solve_ivp(
+        motion, span, start.state, method=method, rtol=scene.relative_tolerance, atol=ATOL, events=list(events.values())
+    )
+    if not solution.success:
+        raise RuntimeError(solution.message)
+    s, z = float(solution.t[-1]), solution.y[:, -1]
+    if solution.status == 1:
+        hit = next(name for name, times in zip(events, solution.t_events, strict=True) if len(times))
+        mode, impact = _behind(layers, mode, hit, contact(s, z), impact)
+    return _Point(s, (float(z[0]), float(z[1])), mode, impact)
+
+
+def _behind(layers: Layers, mode: _Mode, hit: str, contact: State, impact: float) -> tuple[_Mode, float]:
+    """Mode and speed of touch behind an event."""
+    if hit == "force":
+        return _Mode(mode.layer, not mode.pressing), impact
+    depth, rate = contact
+    if mode.layer < 0:
+        impact = float(rate)
+    return _mode_in(layers, mode.layer + (1 if hit == "below" else -1), depth, rate, impact), impact
+
+
+def _events(
+    layers: Layers, mode: _Mode, impact: float, contact: Callable[[float, NDArray[np.float64]], State]
+) -> dict[str, Event]:
+    """What ends a mode: the layer's two ends, and the force's change of sign."""
+    found: dict[str, Event] = {}
+
+    def watch(name: str, direction: float, value: Callable[[float, float], float]) -> None:
+        def event(s: float, z: NDArray[np.float64]) -> float:
+            return value(*contact(s, z))
+
+        event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
+        found[name] = event
+
+    if mode.layer >= 0:
+        begin, force = layers[mode.layer]
+        watch("above", -1.0, lambda depth, _rate: depth - begin)
+        watch("force", -1.0 if mode.pressing else 1.0, lambda depth, rate: force(depth, rate, impact))
+    if mode.layer + 1 < len(layers):
+        end = layers[mode.layer + 1][0]
+        watch("below", 1.0, lambda depth, _rate: depth - end)
+    return found
+
+
+def _mode_in(layers: Layers, layer: int, depth: float, rate: float, impact: float) -> _Mode:
+    return _Mode(layer, layer >= 0 and layers[layer][1](depth, rate, impact) >= -1e-10)
+
+
+def static_depth(scene: Scene) -> float:
+    """Depth [m] at which the contact carries the first load; the normal's lean is part of the balance."""
+    if scene.load[0] <= 0.0:
+        return 0.0
+    depth, last = 0.0, -1.0
+    while depth != last:  # the normal hardly leans with the height
+        state = scene.femur.start(depth, scene.angle[0])
+        push, pull = (scene.femur.motion(state, scene.angle[0], 0.0, force, 0.0)[1] for force in (1.0, 0.0))
+        depth, last = _static_depth(scene.layers, scene.load[0] / abs(push - pull)), depth
+    return depth
+
+
+def _static_depth(layers: Layers, force: float) -> float:
+    layer = max(i for i in range(len(layers)) if i == 0 or layers[i - 1][1](layers[i][0], 0.0, 0.0) < force)
+    begin, law = layers[layer]
+    end = begin + 1e-9
+    while law(end, 0.0, 0.0) < force:
+        end = begin + 2.0 * (end - begin)
+    return float(brentq(lambda depth: law(depth, 0.0, 0.0) - force, begin, end, xtol=1e-20, rtol=1e-15))

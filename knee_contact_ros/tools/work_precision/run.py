@@ -1,0 +1,138 @@
+"""The command's work: choose, measure, write, show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.system import machine
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.tools.work_precision import frontier, ours, plot, report, steadiness, study
+from knee_contact_ros.tools.work_precision.peers import PEERS, Entry, entries
+from knee_contact_ros.tools.work_precision.problems import Problem, find_problems, problems
+from knee_contact_ros.tools.work_precision.study import Row
+
+EXTRA = "knee-contact-ros[trade]"
+FILES = ("trade.md", "trade.csv", "trade.png")
+WIDTH = 120
+"""Of the tables where there is no terminal"""
+NAMES, COLUMN = 27, 11
+"""Width of the solvers' names and of a problem's column"""
+"""Columns that the tables need"""
+DRAWING = ("matplotlib", "tabulate")
+
+
+def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, ...], repeat: int) -> None:
+    """Measure and write `trade.md`, `trade.csv` and `trade.png`.
+
+    Args:
+        output: Folder for the files.
+        problem_names: Problems to solve; none: all.
+        solver_names: Solvers to run, by their names' beginnings, whatever the case; none: all that are installed.
+        repeat: In how many turns runs are timed.
+
+    Raises:
+        UsageError: an unknown name, or something that the report needs is not installed.
+    """
+    for needed in DRAWING:
+        if find_spec(needed) is None:
+            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+    chosen = known_problems(problem_names)
+    candidates, absent = available()
+    solvers = matching(candidates, solver_names)
+    output.mkdir(parents=True, exist_ok=True)
+    measured_on = f"{machine.describe(('numpy', *(peer.distribution for peer in PEERS)))}; {machine.business()}"
+    with progress("Measuring") as advance:
+        rows, yardsticks = study.measure(chosen, solvers, repeat, advance)
+        levels = [
+            level for level in ours.LEVELS if any(each.solver.name == ours.solver_name(level) for each in solvers)
+        ]
+        moments = [moment for level in levels for moment in steadiness.moments(level)]
+    report.write_csv(rows, output / FILES[1])
+    plot.draw(rows, output / FILES[2])
+    command = " ".join(["knee-contact trade", *(f'--problem "{name}"' for name in problem_names),
+                        *(f'--solver "{name}"' for name in solver_names), f"--repeat {repeat}"])  # fmt: skip
+    solved_by = [each.solver for each in solvers]
+    page = report.Study(chosen, solved_by, absent, rows, yardsticks, moments, repeat, command, measured_on)
+    report.write_page(output / FILES[0], page)
+    show(rows, chosen, absent, [output / name for name in FILES])
+
+
+def known_problems(names: tuple[str, ...]) -> list[Problem]:
+    """The problems of these names.
+
+    Raises:
+        UsageError: no such problem.
+    """
+    try:
+        return find_problems(names)
+    except KeyError as error:
+        known = ", ".join(f'"{problem.name}"' for problem in problems())
+        raise UsageError(f"--problem {error.args[0]}: no such problem; there are {known}") from None
+
+
+def available() -> tuple[list[Entry], list[str]]:
+    """Ours and those of every peer that is installed; a sentence for every peer that is not."""
+    found, absent = entries(ours.__name__), []
+    for peer in PEERS:
+        if peer.installed:
+            found += peer.entries()
+        else:
+            absent.append(f"{peer.name} is not installed: pip install '{EXTRA}'")
+    return found, absent
+
+
+def matching(candidates: Sequence[Entry], names: tuple[str, ...]) -> list[Entry]:
+    """The solvers whose names begin with one of these.
+
+    Raises:
+        UsageError: a name that begins none.
+    """
+    for name in names:
+        if not any(begins(entry, name) for entry in candidates):
+            known = ", ".join(f'"{entry.solver.name}"' for entry in candidates)
+            raise UsageError(f"--solver {name}: no such solver installed; there are {known}")
+    return [entry for entry in candidates if not names or any(begins(entry, name) for name in names)]
+
+
+def begins(entry: Entry, name: str) -> bool:
+    """Whether a solver's name begins so, whatever the case."""
+    return entry.solver.name.lower().startswith(name.lower())
+
+
+def short_table(rows: Sequence[Row], chosen: Sequence[Problem], mode: str) -> Table:
+    """A line per level of ours and per peer, a column per problem."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for problem in chosen:
+        table.add_column(problem.name, justify="right")
+    for name in frontier.line_names(rows):
+        table.add_row(name, *(report.short_cell(rows, name, problem.name, mode) for problem in chosen))
+    return table
+
+
+def batched(chosen: Sequence[Problem], size: int) -> list[Sequence[Problem]]:
+    """As many problems side by side as there is room for."""
+    return [chosen[begin : begin + size] for begin in range(0, len(chosen), size)]
+
+
+def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
+    """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
+    console = Console()
+    width = console.width if console.is_terminal else WIDTH
+    wide = Console(width=width)
+    asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
+    for mode, title in report.TITLES.items():
+        console.print(f"{title}: {asked}", highlight=False, soft_wrap=True)
+        for beside in batched(chosen, max(1, (width - NAMES) // COLUMN)):
+            wide.print(short_table(rows, beside, mode))
+    for sentence in absent:
+        console.print(sentence, markup=False, highlight=False)
+    for path in files:
+        console.print(str(path), soft_wrap=True, highlight=False, markup=False)

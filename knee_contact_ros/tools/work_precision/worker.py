@@ -1,0 +1,138 @@
+"""A process of its own for a tool: it may hang or end the process, and must not load what another one loads."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+from importlib import import_module
+from multiprocessing.connection import Connection
+from typing import NamedTuple
+
+from knee_contact_ros.tools.work_precision.problems import Problem
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver
+from knee_contact_ros.tools.work_precision.timing import runs_for
+
+GRACE = 30.0
+"""Seconds beyond the limit for the tool to be imported"""
+START = 600.0
+"""Seconds for the process to start: on a busy machine imports take minutes"""
+READY = "ready"
+
+
+class Task(NamedTuple):
+    """One run."""
+
+    driver: str
+    """Module with a function `solvers`"""
+    solver: str
+    streamed: bool
+    problem: Problem
+    setting: Setting
+
+
+class FailedRunError(Exception):
+    """Says in a line why there is no outcome."""
+
+
+class GivenUpError(FailedRunError):
+    """The run took too long."""
+
+
+class LostProcessError(FailedRunError):
+    """The tool ended the process."""
+
+
+class Worker:
+    """Runs tasks in a process that is started anew if it was lost."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._connection: Connection | None = None
+
+    def run(self, task: Task, limit: float) -> Outcome:
+        """The outcome of a task.
+
+        Raises:
+            GivenUpError: no outcome within `limit` [s], and a little for the start.
+            LostProcessError: the tool ended the process.
+            FailedRunError: the tool raised something.
+        """
+        connection = self._connection or self._start()
+        connection.send(task)
+        if not connection.poll(limit + GRACE):
+            self.stop()
+            raise GivenUpError(f"given up after {limit:g} s")
+        try:
+            answer = connection.recv()
+        except EOFError:
+            self.stop()
+            raise LostProcessError("ended the process") from None
+        if isinstance(answer, str):
+            raise FailedRunError(answer)
+        assert isinstance(answer, Outcome)  # noqa: S101 - for the type checker
+        return answer
+
+    def stop(self) -> None:
+        """End the process."""
+        if self._process and self._connection:
+            self._connection.close()
+            self._process.kill()
+            self._process.join()
+        self._process = self._connection = None
+
+    def _start(self) -> Connection:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=serve, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        self._process, self._connection = process, ours
+        try:
+            if ours.poll(START) and ours.recv() == READY:
+                return ours
+        except EOFError:
+            pass
+        self.stop()
+        raise RuntimeError("a process for the study did not start")
+
+
+def serve(connection: Connection) -> None:
+    """Answer tasks with an outcome, or with what went wrong, until the other end is closed."""
+    for stream in (1, 2):  # tools print as they like
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    pin()
+    connection.send(READY)
+    while True:
+        try:
+            task = connection.recv()
+        except (EOFError, KeyboardInterrupt):
+            return
+        try:
+            connection.send(best(task))
+        except KeyboardInterrupt:
+            return
+        except Exception as error:  # whatever a tool raises
+            connection.send(f"{type(error).__name__}: {' '.join(str(error).split())}"[:100])
+
+
+def best(task: Task) -> Outcome:
+    """The fastest of some runs, one after another; a long run is not repeated."""
+    solver: Solver = next(each for each in import_module(task.driver).solvers() if each.name == task.solver)
+    run = solver.stream if task.streamed else solver.whole
+    assert run is not None  # noqa: S101 - for the type checker
+    gc.collect()
+    gc.disable()  # as `timeit` does: one run in many would pay for all
+    try:
+        outcome = run(task.problem, task.setting)
+        for _ in range(runs_for(outcome.seconds) - 1):
+            outcome = min(outcome, run(task.problem, task.setting), key=lambda each: each.seconds)
+    finally:
+        gc.enable()
+    return outcome
+
+
+def pin() -> None:
+    """Stay on one processor, where the system lets a process choose."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

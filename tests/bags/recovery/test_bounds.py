@@ -1,0 +1,77 @@
+"""What a file may claim: it is read in proportion to its size, and holds no more than makes sense."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import closing
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+import zstandard
+
+from knee_contact_ros.bags.recovery.chunks import LARGEST_CHUNK, MOST_RECORDS, Chunk, unpack
+from knee_contact_ros.bags.recovery.mcap_file import McapFile
+from knee_contact_ros.bags.recovery.records import BLOCK, HEAD, MAGIC, MOST_READ, read_records
+from knee_contact_ros.bags.recovery.source import MOST_AT_ONCE, open_bag
+from knee_contact_ros.system.errors import UsageError
+from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros
+
+
+class Counting(BytesIO):
+    """Counts the bytes that are read of it."""
+
+    total = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        self.total += len(data)
+        return data
+
+
+@pytest.mark.parametrize("opcode", [5, 7, 9, 12])
+def test_what_only_looks_like_records_is_read_to_a_limit(opcode: int) -> None:
+    """Each of them claims all that follows."""
+    count = 60_000
+    heads = b"".join(struct.pack("<BQ", opcode, HEAD.size * (left - 1)) for left in range(count, 0, -1))
+    content = MAGIC + b"\xff" + heads + b"\xff" * 9
+    file = Counting(content)
+    assert sum(1 for _ in read_records(file, len(content))) < 10
+    longest = HEAD.size * count  # the one that is over the limit is read to its end
+    assert file.total < (MOST_READ + 10) * len(content) + 2 * BLOCK + 2 * longest + 50 * count
+
+
+def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
+    assert "claims to hold" in unpack(Chunk(LARGEST_CHUNK + 1, 0, "zstd", b"")).fault
+    path = tmp_path / "bag.mcap"
+    for content, words in (
+        (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
+        (whole(chunk(record(0x80, b"") * (MOST_RECORDS + 1), 9 * (MOST_RECORDS + 1), "")), f"{MOST_RECORDS} records"),
+    ):
+        path.write_bytes(content)
+        with closing(McapFile(path)) as file:
+            assert any(words in fault for fault in file.faults)
+
+
+def test_nothing_is_hidden_behind_the_end_of_a_chunk() -> None:
+    """Others would unpack it."""
+    data = zstandard.compress(b"good")
+    assert unpack(Chunk(4, 0, "zstd", data)) == (b"good", "", 4)
+    assert unpack(Chunk(4, 0, "zstd", data + zstd_of_zeros(1))).fault == "goes on behind its end"
+
+
+def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path) -> None:
+    padding = record(0x80, bytes(2**20))
+    path, topics = tmp_path / "bag.mcap", schema(1, "sensor_msgs/msg/JointState", b"") + channel(1, "/joint_states")
+    names = {}
+    for last in (0, 300):
+        chunks = []
+        for number in range(300):
+            data = message(1, b"", number) + padding + message(1, b"", number + last)
+            chunks.append(chunk(data, len(data), "", number, number + last))
+        path.write_bytes(whole(topics, *chunks))
+        with closing(McapFile(path)) as file:
+            names[last] = file.at_once
+    assert names[0] < 2**21 < MOST_AT_ONCE < names[300]
+    with pytest.raises(UsageError, match="its chunks lie over each other in time"):
+        open_bag(path)

@@ -1,0 +1,209 @@
+"""Damaged MCAP files: what is read is what was written, and what is missing is said."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+
+from knee_contact_ros.bags.recovery.mcap_file import McapFile
+from knee_contact_ros.bags.recovery.records import CHUNK_HEAD, HEAD
+from knee_contact_ros.messages.ros_types import typestore
+from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
+
+FORMS = {
+    "plain": lambda path: mcap(path, CompressionType.NONE),
+    "zstd": lambda path: mcap(path, CompressionType.ZSTD),
+    "lz4": lambda path: mcap(path, CompressionType.LZ4),
+    "no checksums": lambda path: mcap(path, CompressionType.NONE, checksums=False),
+    "no chunks": lambda path: mcap(path, CompressionType.NONE, chunks=False),
+}
+WRITTEN = list(messages())
+
+
+def made(tmp_path: Path, form: str) -> Path:
+    path = tmp_path / "bag.mcap"
+    FORMS[form](path)
+    return path
+
+
+def read(path: Path) -> tuple[list[Message], list[str]]:
+    """Messages by time, and faults."""
+    with closing(McapFile(path)) as file:
+        found = list(file.by_time(file.streams))
+        topics = {number: stream.channel.topic for number, stream in file.streams.items()}
+        assert file.counts.total() == len(found)
+        return [(topics[message.channel], message.log_time, message.data) for message in found], file.faults
+
+
+def chunks(path: Path) -> list[tuple[int, int]]:
+    """Offsets and lengths of the chunks, by the file's own index."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return sorted((index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes)
+
+
+def change(path: Path, offset: int, data: bytes) -> None:
+    content = bytearray(path.read_bytes())
+    content[offset : offset + len(data)] = data
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_whole_file_has_no_faults(tmp_path: Path, form: str) -> None:
+    assert read(made(tmp_path, form)) == (WRITTEN, [])
+
+
+def test_the_shipped_bags_have_no_faults_and_are_read_in_the_ordinary_order(right_bag: Path) -> None:
+    path = right_bag / "gait2354_right_0.mcap"
+    with AnyReader([path], default_typestore=typestore()) as reader:
+        ordinary = [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages()]
+    assert read(path) == (ordinary, [])
+
+
+def test_messages_come_by_time_and_equal_times_as_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=200)
+        writer.start("ros2")
+        channel = writer.register_channel("/things", "cdr", 0)
+        for number in range(100):
+            writer.add_message(channel, number * 37 % 50, b"%3d" % number, 0)
+        writer.finish()
+    found, faults = read(path)
+    assert faults == []
+    assert [(time, int(data)) for _, time, data in found] == sorted((n * 37 % 50, n) for n in range(100))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: str) -> None:
+    path = made(tmp_path, form)
+    whole, most = path.read_bytes(), 0
+    for size in range(len(whole) - 1, 8, -211):
+        path.write_bytes(whole[:size])
+        found, faults = read(path)
+        assert found == WRITTEN[: len(found)]
+        assert faults[0] == "the end is missing: the recording was cut off"
+        most = max(most, len(found))
+    assert most == 2 * TICKS  # cut off in the summary
+
+
+def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(tmp_path: Path) -> None:
+    path, random = tmp_path / "bag.mcap", np.random.default_rng(0)
+    payloads = [random.bytes(1000) for _ in range(1000)]
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=10**7, compression=CompressionType.ZSTD)
+        writer.start()
+        channel = writer.register_channel("/noise", "", 0)
+        for time, payload in enumerate(payloads):
+            writer.add_message(channel, time, payload, time)
+        writer.finish()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    found, faults = read(path)
+    assert 300 < len(found) <= 500  # zstd gives blocks of 128 KiB
+    assert [data for _, _, data in found] == payloads[: len(found)]
+    assert f"is cut off; {len(found)} messages could be read" in faults[1]
+
+
+@pytest.mark.parametrize("form", ["plain", "zstd", "lz4"])
+def test_a_chunk_that_does_not_fit_its_checksum_is_left_out_and_nothing_else(tmp_path: Path, form: str) -> None:
+    path = made(tmp_path, form)
+    offset, length = chunks(path)[2]
+    whole = path.read_bytes()
+    change(path, offset + length // 2, bytes([whole[offset + length // 2] ^ 4]))
+    found, faults = read(path)
+    assert set(found) < set(WRITTEN)
+    assert len(found) == sum(message in found for message in WRITTEN)
+    missing = [index for index, message in enumerate(WRITTEN) if message not in found]
+    assert missing == list(range(missing[0], missing[-1] + 1))  # one chunk
+    assert faults[0].startswith(f"the chunk at byte {offset} ")
+    assert f"{len(missing)} of {2 * TICKS} messages are missing" in faults
+
+
+def test_reading_goes_on_behind_records_whose_length_is_damaged(tmp_path: Path) -> None:
+    path = made(tmp_path, "plain")
+    (offset, length), following = chunks(path)[1], chunks(path)[2][0]
+    change(path, offset + 1, (length + 7).to_bytes(8, "little"))
+    found, faults = read(path)
+    assert set(found) < set(WRITTEN)
+    assert len(found) > 0.7 * len(WRITTEN)
+    assert any(f"bytes from byte {offset} on are no records" in fault for fault in faults)
+    assert following > offset
+
+
+def test_messages_of_broken_chunks_are_left_out(tmp_path: Path) -> None:
+    """Uncompressed, they look like messages outside chunks; but no checksum covers them any more."""
+    path = made(tmp_path, "plain")
+    offset, _ = chunks(path)[1]
+    payload = path.read_bytes().index(WRITTEN[70][2])
+    assert offset < payload
+    change(path, offset, b"\x00")
+    change(path, payload + 60, b"\xff")
+    found, faults = read(path)
+    assert set(found) < set(WRITTEN)
+    assert any("messages of broken chunks are left out" in fault for fault in faults)
+
+
+def test_a_message_that_swallows_others_is_a_hole(tmp_path: Path) -> None:
+    path = made(tmp_path, "no chunks")
+    payload = path.read_bytes().index(WRITTEN[50][2])
+    length = payload - 22 - 8
+    change(path, length, (len(WRITTEN[50][2]) + 22 + 512).to_bytes(8, "little"))
+    found, faults = read(path)
+    assert found == WRITTEN[:50] + WRITTEN[51:]
+    assert f"from byte {length - 1} on are no records" in faults[0]
+
+
+def test_without_checksums_the_index_tells_which_messages_are_not_as_they_were(tmp_path: Path) -> None:
+    path = made(tmp_path, "no checksums")
+    payload = path.read_bytes().index(WRITTEN[50][2])
+    change(path, payload - 22, b"\x02")  # a load's channel
+    found, faults = read(path)
+    assert found == WRITTEN[:50] + WRITTEN[51:]
+    assert "which has no checksum; 1 messages are left out" in faults[0]
+
+
+def test_channels_come_from_the_summary_where_their_chunk_is_damaged(tmp_path: Path) -> None:
+    path = made(tmp_path, "zstd")
+    offset, _ = chunks(path)[0]
+    change(path, offset + HEAD.size + CHUNK_HEAD.size + 40, bytes(300))
+    found, _ = read(path)
+    assert len(found) > 0.5 * len(WRITTEN)
+    assert found == WRITTEN[-len(found) :]
+
+
+def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: Path) -> None:
+    path = made(tmp_path, "plain")
+    (offset, length), (last, last_length) = chunks(path)[0], chunks(path)[-1]
+    change(path, offset + length - 20, b"\xff\xff")  # in a payload
+    path.write_bytes(path.read_bytes()[: last + last_length])
+    found, faults = read(path)
+    assert found == WRITTEN[-len(found) :]
+    assert "only a damaged chunk declares /joint_reaction_force, /joint_states" in faults
+
+
+@pytest.mark.parametrize("where", ["the data", "the summary"])
+def test_checksums_of_the_whole_are_checked(tmp_path: Path, where: str) -> None:
+    path = made(tmp_path, "zstd")
+    content = path.read_bytes()
+    offset = content.index(b"page.txt") if where == "the data" else content.rindex(b"page.txt")
+    change(path, offset, b"P")
+    found, faults = read(path)
+    assert found == WRITTEN
+    assert any(fault.startswith(f"{where} do") and "checksum" in fault for fault in faults)
+
+
+def test_no_file_is_read_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    for content in (b"", b"text" * 1000, bytes(5000), b"\x89MCAP0\r\n", b"\x06" + b"\xff" * 100):
+        path.write_bytes(content)
+        found, faults = read(path)
+        assert found == []
+        assert faults

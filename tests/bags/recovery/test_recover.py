@@ -1,0 +1,224 @@
+"""`recover`: all that can be read, in a file that every reader takes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
+
+from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.bags.recovery.mcap_file import McapFile
+from knee_contact_ros.bags.recovery.recover import RECOVERED, recover
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.system.errors import UsageError
+from studies.fuzz_bags.bags import TICKS, mcap, messages
+from tests.bags.recovery.test_mcap_file import chunks
+from tests.helpers.messages import raw_inputs
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Path:
+    """A recording that was cut off."""
+    path = tmp_path / "bag.mcap.partial"
+    mcap(path, CompressionType.ZSTD)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    return path
+
+
+def content(path: Path) -> dict[str, list[Any]]:
+    """All that a file holds, by the name of the record; strictly read."""
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for record in StreamReader(file, validate_crcs=True).records:
+            found.setdefault(type(record).__name__, []).append(record)
+    return found
+
+
+def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
+    before, output = cut.read_bytes(), tmp_path / "bag.mcap"
+    recovery = recover(cut, output)
+    assert cut.read_bytes() == before
+    with closing(McapFile(output)) as file:
+        assert file.faults == []
+    found = [tuple(message) for message in raw_inputs(output)]
+    assert found == list(messages())[: len(found)]
+    assert 20 < len(found) < 2 * TICKS
+    assert [topic.messages for topic in recovery.topics] == [(len(found) + 1) // 2, len(found) // 2]
+    assert {topic.missing for topic in recovery.topics} == {None}  # the statistics are gone
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag.mcap", "bag.mcap.partial", "metadata.yaml"]
+    with AnyReader([tmp_path]) as reader:
+        assert reader.message_count == len(found)
+    with output.open("rb") as file:
+        notes = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert notes[RECOVERED]["source"] == "bag.mcap.partial"
+    assert notes[RECOVERED]["messages"] == str(len(found))
+    assert notes[RECOVERED]["faults"] == "\n".join(recovery.faults)
+
+
+def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
+    path, output = tmp_path / "in.mcap", tmp_path / "o" / "out.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(profile="mine", library="me")
+        schema = writer.register_schema("Thing", "jsonschema", b"{}")
+        first = writer.register_channel("/things", "json", schema, {"a": "b"})
+        second = writer.register_channel("/bare", "", 0)
+        for time in (30, 10, 20):
+            writer.add_message(first, time, b"{%d}" % time, time - 5, time + 1)
+            writer.add_message(second, time, b"", 0)
+        writer.add_metadata("note", {"c": "d"})
+        writer.add_attachment(1, 2, "page.txt", "text/plain", b"some text")
+        writer.finish()
+    recovery = recover(path, output)
+    old, new = content(path), content(output)
+    for name in ("Schema", "Channel", "Message", "Attachment"):
+        assert new[name] == old[name], name
+    assert new["Header"][0].profile == "mine"
+    assert [record.name for record in new["Metadata"]] == ["note", RECOVERED]
+    assert new["Metadata"][0] == old["Metadata"][0]
+    assert {record.compression for record in new["ChunkIndex"]} == {"lz4"}
+    assert (recovery.faults, recovery.unread, [topic.missing for topic in recovery.topics]) == ([], 0, [0, 0])
+    assert not output.with_name("metadata.yaml").exists()  # not ROS 2's
+
+
+def test_the_missing_are_counted_where_the_statistics_are_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "in.mcap"
+    mcap(path, CompressionType.ZSTD)
+    data, (offset, length) = bytearray(path.read_bytes()), chunks(path)[1]
+    data[offset + length // 2] ^= 1
+    path.write_bytes(data)
+    assert main(["recover", str(path), str(tmp_path / "out.mcap")]) == 0
+    said = capsys.readouterr().out
+    left = len(raw_inputs(tmp_path / "out.mcap"))
+    missing = [int(line.split()[-1]) for line in said.splitlines() if line.startswith(" /joint")]
+    assert sum(missing) == 2 * TICKS - left > 0
+    assert f"the chunk at byte {offset} " in said
+    assert "from 0.005 s to 0.500 s" in said
+    assert f"Recovered: {tmp_path / 'out.mcap'}" in said
+
+
+def test_an_attachment_that_does_not_fit_its_checksum_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "in.mcap"
+    mcap(path, CompressionType.ZSTD)
+    path.write_bytes(path.read_bytes().replace(b"some text", b"same text"))
+    recovery = recover(path, tmp_path / "out.mcap")
+    assert "Attachment" not in content(tmp_path / "out.mcap")
+    assert any("the attachment at byte" in fault for fault in recovery.faults)
+
+
+def test_metadata_beside_tells_what_the_channels_say(right_bag: Path, tmp_path: Path) -> None:
+    recover(right_bag / "gait2354_right_0.mcap", tmp_path / "gait2354_right_0.mcap")
+    yaml = YAML(typ="safe", pure=True)
+    assert yaml.load(tmp_path / "metadata.yaml") == yaml.load(right_bag / "metadata.yaml")
+
+
+def test_metadata_of_another_bag_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [other.mcap]}")
+    recover(cut, tmp_path / "bag.mcap")
+    assert "other.mcap" in (tmp_path / "metadata.yaml").read_text()
+
+
+def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> None:
+    output = tmp_path / "bag.mcap"
+    output.write_text("precious")
+    with pytest.raises(UsageError, match="exists already"):
+        recover(cut, output)
+    assert output.read_text() == "precious"
+    recover(cut, output, overwrite=True)
+    with pytest.raises(UsageError, match="is the input"):
+        recover(output, output, overwrite=True)
+    assert raw_inputs(output)
+
+
+def test_a_link_that_leads_nowhere_is_in_the_way(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(UsageError, match="exists already"):
+        recover(cut, tmp_path / "out.mcap")
+    assert (tmp_path / "out.mcap").is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [(None, "is not there"), (b"text", "is no MCAP file"), (b"", "is no MCAP file"), (b"SQLite format 3\0", "sqlite3")],
+)
+def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, words: str) -> None:
+    path = tmp_path / "in.mcap"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(UsageError, match=words):
+        recover(path, tmp_path / "o" / "out.mcap")
+    with pytest.raises(UsageError, match="is a folder"):
+        recover(tmp_path, tmp_path / "o" / "out.mcap")
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize("call", ["open", "write", "fsync"])
+def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
+    cut: Path, watching: Path, tmp_path: Path, call: str
+) -> None:
+    """The output that is to be replaced and what lies beside stay as they were, unless all of it could be written."""
+    folder = tmp_path / "full"
+    folder.mkdir()
+    output, log = folder / "bag.mcap", tmp_path / "log"
+    environment = {"LD_PRELOAD": str(watching), "WATCHED_FOLDER": str(folder), "WATCHED_LOG": str(log)}
+    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "recover", str(cut), str(output), "--overwrite"]
+    failed = 0
+    while True:
+        output.write_text("precious")
+        environment["WATCHED_FAULT"] = f"{call}:{failed + 1}:{errno.ENOSPC}"
+        done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            break
+        failed += 1
+        refused = call == "open" and failed == 1  # there is no place for it
+        assert (done.returncode, done.stdout) == (2 if refused else 1, ""), done.stderr
+        assert done.stderr.startswith("knee-contact: ")
+        assert done.stderr.count("\n") == 1
+        assert {path.name for path in folder.iterdir()} == {"bag.mcap"}
+        assert output.read_text() == "precious"
+    assert failed
+    assert {path.name for path in folder.iterdir()} == {"bag.mcap", "metadata.yaml"}
+    assert raw_inputs(output)
+
+
+def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    output = tmp_path / "bag.mcap"
+    with pytest.raises(UsageError, match="has appeared meanwhile"):
+        recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
+    assert output.read_text() == "precious"
+    recover(cut, output, advance=lambda _done, _total: output.write_text("old") and None, overwrite=True)
+    assert raw_inputs(output)
+
+
+def test_another_recovery_of_the_same_name_is_left_alone(cut: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / "bag.mcap.recovering"
+    theirs.write_text("theirs")
+    with pytest.raises(UsageError, match="another recovery is running, or was cut off"):
+        recover(cut, tmp_path / "bag.mcap")
+    assert theirs.read_text() == "theirs"
+    assert not (tmp_path / "bag.mcap").exists()
+
+
+def test_a_recording_from_before_later_fields_keeps_its_definition(old_recording: Path, tmp_path: Path) -> None:
+    cut, output = tmp_path / "old.mcap.partial", tmp_path / "old.mcap"
+    cut.write_bytes(old_recording.read_bytes()[:60_000])
+    recover(cut, output)
+    whole, part = read_answers(old_recording), read_answers(output)
+    assert 200 < len(part.stamps) < 387
+    for one, other in zip(whole, part, strict=True):
+        assert np.array_equal(one[: len(other)], other, equal_nan=True)

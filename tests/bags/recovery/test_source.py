@@ -1,0 +1,148 @@
+"""Damaged bags in `solve`: what can be read is computed, and what is missing is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+
+from knee_contact_ros.bags.reader import BagReader, read_bag
+from knee_contact_ros.bags.recovery.source import MOST_SAID, in_a_line
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from studies.fuzz_bags.bags import PERIOD, TICKS, mcap, messages, split, sqlite
+from tests.bags.recovery.test_mcap_file import chunks
+from tests.helpers.messages import raw_inputs
+
+CONTACT = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
+
+
+def damage_of(bag: Path) -> list[str]:
+    with BagReader(bag) as reader:
+        return list(reader.damage)
+
+
+def test_whole_bags_are_read_the_ordinary_way(tmp_path: Path, right_bag: Path) -> None:
+    sqlite(tmp_path / "sqlite")
+    split(tmp_path / "split")
+    assert [damage_of(bag) for bag in (right_bag, tmp_path / "sqlite", tmp_path / "split")] == [[], [], []]
+    for bag in (tmp_path / "sqlite", tmp_path / "split"):
+        assert [tuple(message) for message in raw_inputs(bag)] == list(messages())
+
+
+def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
+    bag = tmp_path / "bag.mcap"
+    mcap(bag, CompressionType.NONE)
+    content = bytearray(bag.read_bytes())
+    for offset, length in chunks(bag)[2:4]:  # 30 ticks, 0.15 s: longer than may be between two stamps
+        content[offset + length // 2] ^= 1
+    bag.write_bytes(content)
+    summary = solve(bag, load_parameters({}), tmp_path / "out.mcap", lambda _done, _total: None)
+    assert summary.damage
+    answers = [m.message for m in read_bag(tmp_path / "out.mcap", CONTACT)]
+    stamps = [stamp_to_ns(answer.header.stamp) for answer in answers]
+    behind = [index for index in range(1, len(stamps)) if stamps[index] - stamps[index - 1] > 100_000_000]
+    assert len(behind) == 1
+    assert [index for index, answer in enumerate(answers) if answer.status & Status.STALE_INPUT] == behind
+    with (tmp_path / "out.mcap").open("rb") as file:
+        notes = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert notes[SOURCE_DAMAGE] == {"source": "bag.mcap", "faults": "\n".join(summary.damage)}
+
+
+def test_a_whole_bags_recording_has_no_such_note(right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters({}), tmp_path / "out.mcap", lambda _done, _total: None)
+    with (tmp_path / "out.mcap").open("rb") as file:
+        assert SOURCE_DAMAGE not in {record.name for record in make_reader(file).iter_metadata()}
+
+
+def test_the_command_ends_with_code_1_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "bag.mcap.partial"
+    mcap(bag, CompressionType.ZSTD)
+    bag.write_bytes(bag.read_bytes()[:6000])
+    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "bag.mcap.partial is damaged, and solved as far as it can be read" in said
+    assert "the end is missing" in said
+    assert 0 < len(read_bag(tmp_path / "out.mcap", CONTACT)) < TICKS
+
+
+def test_a_bag_of_which_nothing_is_left_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "bag.mcap"
+    mcap(bag, CompressionType.ZSTD)
+    bag.write_bytes(bag.read_bytes()[:300])
+    assert main(["solve", str(bag), "--output", str(tmp_path / "o" / "out.mcap")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_missing_file_of_a_folder_is_a_hole(tmp_path: Path) -> None:
+    split(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_1.mcap").unlink()
+    with BagReader(tmp_path / "bag") as reader:
+        found = [tuple(message) for message in reader.raw_messages()]
+        assert "bag_1.mcap is missing" in reader.damage
+    third = 2 * TICKS // 3
+    assert found == list(messages())[:third] + list(messages())[2 * third + 1 :]
+
+
+def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None:
+    split(tmp_path / "bag")
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert damage_of(tmp_path / "bag") == ["metadata.yaml is missing"]
+    (tmp_path / "bag" / "metadata.yaml").write_text("{")
+    assert damage_of(tmp_path / "bag") == ["metadata.yaml cannot be read"]
+    mcap(tmp_path / "bag" / "other.mcap", CompressionType.ZSTD)
+    with pytest.raises(UsageError, match="there is not one bag beside it"):
+        damage_of(tmp_path / "bag")
+
+
+def test_files_count_whose_names_metadata_does_not_know(tmp_path: Path) -> None:
+    split(tmp_path / "bag")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("bag_", "gab_"))
+    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert damage_of(tmp_path / "bag") == [f"gab_{number}.mcap is missing" for number in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("message_count: 100", "message_count: 170", "70 of 170 messages are missing on /joint_"),
+        ("message_count: 100", "message_count: 30", "metadata.yaml knows of 30 messages"),
+        ("depth: 100", "depth: 180", "metadata.yaml declares /joint_"),
+        ("name: /joint_states", "name: /joint_slates", "100 of 100 messages are missing on /joint_slates"),
+    ],
+)
+def test_metadata_that_does_not_fit_takes_nothing_away(tmp_path: Path, old: str, new: str, said: str) -> None:
+    split(tmp_path / "bag")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    text = metadata.read_text()
+    assert old in text
+    metadata.write_text(text.replace(old, new, 1))
+    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert said in " ".join(damage_of(tmp_path / "bag"))
+
+
+def test_a_truncated_sqlite3_bag_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    sqlite(tmp_path / "bag")
+    database = tmp_path / "bag" / "bag.db3"
+    database.write_bytes(database.read_bytes()[: database.stat().st_size * 3 // 4])
+    found = [tuple(message) for message in raw_inputs(tmp_path / "bag")]
+    assert 20 < len(found) < 2 * TICKS
+    assert found == [message for message in messages() if message in found]
+    assert any("messages are missing on /joint_states" in fault for fault in damage_of(tmp_path / "bag"))
+
+
+def test_only_the_first_faults_are_told_in_a_line() -> None:
+    assert in_a_line(["a", "b"]) == "a; b"
+    assert in_a_line([str(n) for n in range(MOST_SAID + 2)]) == "0; 1; 2; and 2 more"
+    assert PERIOD * TICKS == 500_000_000  # [ns] of the bags here: several times what may be between two stamps

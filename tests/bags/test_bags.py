@@ -1,0 +1,53 @@
+"""The shipped bags: what is in them, and that they can be made again to the byte."""
+
+from __future__ import annotations
+
+import csv
+import runpy
+import sys
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.system.resources import share_folder
+from tests import ROOT
+
+SIDES = ("right", "left")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_bags_hold_one_gait_cycle_at_200_hz(side: str) -> None:
+    messages = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
+    for topic in INPUT_TYPES:
+        stamps = [stamp_to_ns(m.message.header.stamp) for m in messages if m.topic == topic]
+        assert stamps == list(range(530_000_000, 2_460_000_001, 5_000_000))
+    frames = {m.message.header.frame_id for m in messages if m.topic == "/joint_reaction_force"}
+    assert frames == {f"tibia_{side[0]}"}
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_bags_hold_the_tables_numbers(reference_data: Path, side: str) -> None:
+    with (reference_data / "gait" / f"gait2354_{side}.csv").open() as lines:
+        rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    messages = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
+    angles = [m.message for m in messages if m.topic == "/joint_states"]
+    forces = [m.message for m in messages if m.topic == "/joint_reaction_force"]
+    for row, angle, force in zip(rows, angles, forces, strict=True):
+        assert stamp_to_ns(angle.header.stamp) == Decimal(row["t"]) * 10**9
+        assert (angle.name, angle.position[0]) == (["knee"], float(row["knee_angle"]))
+        assert force.wrench.force.y == float(row["Fy"])
+        assert force.wrench.torque.x == float(row["Mx"])
+
+
+def test_bags_can_be_made_again(reference_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = ROOT / "scripts" / "make_gait_bags.py"
+    monkeypatch.setattr(sys, "argv", [str(script), str(reference_data / "gait"), str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(script), run_name="__main__")
+    assert ended.value.code == 0
+    for side in SIDES:
+        for shipped in (share_folder() / "bags" / f"gait2354_{side}").iterdir():
+            assert (tmp_path / f"gait2354_{side}" / shipped.name).read_bytes() == shipped.read_bytes()

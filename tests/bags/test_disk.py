@@ -1,0 +1,238 @@
+"""Disks that fail at a call, and power that fails between two: what a recording is then worth."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from knee_contact_ros.bags.recovery.recover import recover
+from knee_contact_ros.bags.writer import Limits, Settings
+from knee_contact_ros.sinks.process import SinkProcess
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import PARTIAL
+from tests.helpers.sinks import NOTHING_LEFT, PATIENCE, Started, put, readable, recorded_ticks, wait_until
+
+SETTINGS = Settings(0.02, Limits(duration=50_000_000), sync_period=0.05)
+FOLDER = "bag"
+RECORDING = "out.mcap"
+
+
+class Watched:
+    """A folder on a disk that is watched, or that fails."""
+
+    def __init__(self, watching: Path, place: Path, patch: pytest.MonkeyPatch) -> None:
+        self.folder, self.log = place / FOLDER, place / "log"
+        patch.setenv("LD_PRELOAD", str(watching))
+        patch.setenv("WATCHED_FOLDER", str(self.folder))
+        patch.setenv("WATCHED_LOG", str(self.log))
+
+    def calls(self) -> list[Call]:
+        """What was called so far."""
+        lines = self.log.read_text().split("\n")
+        return [call_of(line) for line in lines[:-1]]  # the last one may not be there as a whole
+
+
+class Call(NamedTuple):
+    """What a program had its disk do."""
+
+    what: str
+    path: Path
+    other: Path
+    offset: int
+    data: bytes
+
+
+def call_of(line: str) -> Call:
+    """A line of the log."""
+    what, path, other, offset, data = line.split("\t")
+    return Call(what, Path(path), Path(other), int(offset), bytes.fromhex(data))
+
+
+@pytest.fixture
+def watched(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Watched:
+    """For recorders that are started in this test."""
+    return Watched(watching, tmp_path, monkeypatch)
+
+
+ERRORS = {
+    "open": ("EIO", "ENOSPC", "EACCES", "ENAMETOOLONG", "EINTR"),
+    "mkdir": ("EIO", "ENOSPC", "EACCES", "ENAMETOOLONG"),
+    "stat64": ("EIO", "EACCES", "ENAMETOOLONG"),
+    "lstat64": ("EIO", "EACCES", "ENAMETOOLONG"),
+    "flock": ("EIO", "EINTR"),
+    "ftruncate64": ("EIO", "ENOSPC", "EINTR"),
+    "fstatvfs64": ("EIO", "EINTR"),
+    "write": ("EIO", "ENOSPC", "EINTR", "short"),
+    "fdatasync": ("EIO", "ENOSPC", "EINTR"),
+    "fsync": ("EIO", "ENOSPC", "EINTR"),
+    "linkat": ("EIO", "ENOSPC", "EACCES", "EPERM", "EINTR"),
+    "unlink": ("EIO", "EACCES"),
+    "rename": ("EIO", "ENOSPC", "EACCES"),
+}
+"""What may be wrong with a call"""
+LATER = {"open": (2, 4), "write": (2, 5), "fsync": (2, 3), "unlink": (2,), "linkat": (2,), "rename": (2,)}
+"""At which calls of a kind, beside the first"""
+FAULTS = [
+    f"{call}:{number}:{name}"
+    for call, names in ERRORS.items()
+    for number in (1, *LATER.get(call, ()))
+    for name in (names if number == 1 else names[:1])
+]
+GROUP = 8
+"""Recorders at once"""
+NUMBERS = range(120)
+
+
+@pytest.mark.parametrize("faults", [FAULTS[i : i + GROUP] for i in range(0, len(FAULTS), GROUP)], ids="+".join)
+def test_whatever_call_fails_a_file_is_whole_or_named_unfinished_and_the_reason_is_told(
+    watching: Path, tmp_path: Path, faults: list[str]
+) -> None:
+    runs = []
+    for number, fault in enumerate(faults):
+        with pytest.MonkeyPatch.context() as patch:
+            place = Watched(watching, tmp_path / str(number), patch)
+            call, count, name = fault.split(":")
+            code = 0 if name == "short" else getattr(errno, name)
+            patch.setenv("WATCHED_FAULT", f"{call}:{count}:{code}")
+            place.folder.parent.mkdir()
+            started = Started()
+            sink = started.recorder(place.folder / RECORDING, wait=False, settings=SETTINGS)
+            wait_until(lambda sink=sink: sink.process)  # its environment is this
+            runs.append((fault, place.folder, sink))
+    for _, _, sink in runs:
+        put(sink, NUMBERS)  # whatever has happened to it
+    for fault, folder, sink in runs:
+        sink.close(NOTHING_LEFT, PATIENCE)
+        assert sink.process
+        assert sink.process.returncode in (0, 1), fault
+        check(fault, folder, sink)
+
+
+def check(fault: str, folder: Path, sink: SinkProcess) -> None:
+    """What is left of a recording is whole or named unfinished, and nobody thinks that it is complete if it is not."""
+    whole = sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+    found = sorted(number for path in whole for number in recorded_ticks(path))
+    unfinished = sorted(folder.glob(f"*.mcap{PARTIAL}"))
+    for partial in unfinished:
+        if readable(partial):
+            recover(partial, folder / "new" / partial.stem)
+            found += [number for number in recorded_ticks(folder / "new" / partial.stem) if number not in found]
+    assert sorted(found) == list(range(len(found))), fault
+    if sink.failure:
+        error = fault.rpartition(":")[2]
+        assert os.strerror(getattr(errno, error)) in sink.failure, (fault, sink.failure)
+    else:
+        assert len(found) == len(NUMBERS), fault
+        assert unfinished == [], fault
+
+
+class Disk:
+    """What a log of calls leaves on a disk when the power fails."""
+
+    def __init__(self) -> None:
+        self.names: dict[Path, list[Call]] = {}
+        """What was written into the file of a name; two names may have one file"""
+        self.kept_names: dict[Path, list[Call]] = {}
+        self.kept: dict[int, int] = {}
+        """How many of a file's writes are on the disk for certain, by its list"""
+
+    def take(self, call: Call) -> None:
+        """Do what was called."""
+        if call.what == "create":
+            self.names[call.path] = []
+        elif call.what == "write":
+            self.names[call.path].append(call)
+        elif call.what == "linkat":
+            self.names[call.other] = self.names[call.path]
+        elif call.what == "rename":
+            self.names[call.other] = self.names.pop(call.path)
+        elif call.what == "unlink":
+            self.names.pop(call.path)
+        elif call.what in ("fsync", "fdatasync") and call.path.name != FOLDER:
+            writes = self.names[call.path]
+            self.kept[id(writes)] = len(writes)
+        elif call.what == "fsync":
+            self.kept_names = dict(self.names)
+
+    def left(self, how: str) -> Iterator[tuple[Path, bytes]]:
+        """The files: their names and bytes."""
+        names = self.names if how == "all" else self.kept_names
+        for path, writes in names.items():
+            kept = self.kept.get(id(writes), 0)
+            certain, rest = writes[:kept], writes[kept:]
+            if how == "torn" and rest:
+                rest = [*rest[:-1], rest[-1]._replace(data=rest[-1].data[: len(rest[-1].data) // 2])]
+            elif how == "zeros":
+                rest = [write._replace(data=bytes(len(write.data))) for write in rest]
+            elif how == "backwards":
+                rest = [write._replace(data=bytes(len(write.data))) for write in rest[:-1]] + rest[-1:]
+            elif how == "nothing":
+                rest = []
+            yield path, content(certain + rest)
+
+
+def content(writes: list[Call]) -> bytes:
+    """Of a file."""
+    data = bytearray()
+    for write in writes:
+        data[write.offset : write.offset + len(write.data)] = write.data
+    return bytes(data)
+
+
+HOW = ("nothing", "torn", "zeros", "backwards", "all")
+"""What becomes of that which was not asked for to be on the disk"""
+
+
+def test_what_was_synced_is_found_wherever_the_power_fails(watched: Watched, started: Started, tmp_path: Path) -> None:
+    path, numbers = watched.folder / RECORDING, 0
+    sink = started.recorder(path, settings=SETTINGS)
+    for number in (30, 45, 80):  # the recording goes on in a new file meanwhile
+        put(sink, range(numbers, number))
+        numbers = number
+        wait_until(lambda number=number: synced(watched.calls(), tmp_path) == number)  # while it is written
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert (sink.failure, started.told) == ("", [])
+
+    calls, disk, most = watched.calls(), Disk(), 0
+    for number, call in enumerate(calls):
+        disk.take(call)
+        for how in HOW:
+            certain = found_on(disk, how, tmp_path / "left")
+            most = max(most, certain) if how == "nothing" else most
+            assert certain >= most, f"after call {number}, {call[:3]}, {how}"
+    assert most == numbers
+
+
+def synced(calls: list[Call], place: Path) -> int:
+    """How many answers are on the disk for certain."""
+    disk = Disk()
+    for call in calls:
+        disk.take(call)
+    return found_on(disk, "nothing", place / "so_far")
+
+
+def found_on(disk: Disk, how: str, folder: Path) -> int:
+    """How many answers, without holes, `recover` finds on a disk on which the power has failed."""
+    found: set[int] = set()
+    for path, data in disk.left(how):
+        if ".mcap" in path.name:
+            found |= found_in(data, folder)
+    return next(number for number in range(len(found) + 1) if number not in found)
+
+
+@cache
+def found_in(data: bytes, folder: Path) -> frozenset[int]:
+    """The numbers of the answers that `recover` finds in a file; it works in `folder`."""
+    folder.mkdir(exist_ok=True)
+    (folder / RECORDING).write_bytes(data)
+    try:
+        recover(folder / RECORDING, folder / "new" / RECORDING, overwrite=True)
+    except UsageError:  # it holds no message
+        return frozenset()
+    return frozenset(recorded_ticks(folder / "new" / RECORDING))

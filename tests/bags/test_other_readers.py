@@ -1,0 +1,92 @@
+"""Recordings, in one file and in several, as other people's tools see them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import NonSeekingReader, make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from knee_contact_ros.bags.writer import Limits
+from tests import ROOT
+from tests.bags.test_split import MS, TICK, record
+
+VALIDATOR = ROOT.parent / "shared" / "tools" / "check_mcap"
+NUMBER = 500
+"""Answers"""
+
+
+@pytest.fixture(scope="module", params=["one file", "several files"])
+def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a recording."""
+    folder = tmp_path_factory.mktemp("recording")
+    record(folder / "knee_0.mcap", range(NUMBER), Limits(duration=200 * MS) if "several" in request.param else Limits())
+    return folder
+
+
+def files(recording: Path) -> list[Path]:
+    """Of a recording."""
+    return sorted(recording.glob("*.mcap"))
+
+
+@pytest.fixture(scope="module")
+def validator(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An independent validator on JavaScript libraries, with those."""
+    if not (VALIDATOR.is_dir() and shutil.which("node") and shutil.which("npm")):
+        pytest.skip("node, npm or the validator is not on this machine")
+    copy = tmp_path_factory.mktemp("validator")
+    for name in ("check_mcap.mjs", "package.json"):
+        (copy / name).write_bytes((VALIDATOR / name).read_bytes())
+    command = ["npm", "install", "--no-package-lock", "--silent"]
+    if subprocess.run(command, cwd=copy, capture_output=True, check=False, timeout=120.0).returncode:
+        pytest.skip("the validator's libraries cannot be had")
+    return copy / "check_mcap.mjs"
+
+
+def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
+    with AnyReader([recording]) as reader:
+        stamps = [stamp // MS for connection, stamp, _ in reader.messages() if connection.topic == "/knee_contact"]
+        assert reader.message_count == NUMBER * TICK
+    assert stamps == list(range(NUMBER))
+    with Reader(recording) as reader:  # the strict one
+        assert reader.message_count == NUMBER * TICK
+        assert reader.duration == (NUMBER - 1) * MS + 1
+
+
+def test_mcaps_own_readers_read_every_file(recording: Path) -> None:
+    for kind in (make_reader, NonSeekingReader):
+        stamps: list[int] = []
+        for path in files(recording):
+            with path.open("rb") as file:
+                messages = kind(file, validate_crcs=True).iter_messages("/knee_contact")
+                stamps += [message.log_time // MS for _, _, message in messages]
+        assert stamps == list(range(NUMBER))
+
+
+def test_rerun_takes_every_file(recording: Path, tmp_path: Path) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    for path in files(recording):
+        target = tmp_path / f"{path.name}.rrd"
+        command = [rerun, "mcap", "convert", path, "--application-id", "knee", "-o", target]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120.0)
+        assert done.returncode == 0, done.stderr
+        assert "ERROR" not in done.stderr
+        done = subprocess.run([rerun, "rrd", "verify", target], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_an_independent_validator_finds_nothing(recording: Path, validator: Path) -> None:
+    messages = 0
+    for path in files(recording):
+        command = [shutil.which("node") or "", validator, path]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120.0)
+        found = json.loads(done.stdout)
+        assert (done.returncode, found["ok"], found["errors"], found["warnings"]) == (0, True, [], [])
+        messages += found["messages"]
+    assert messages == NUMBER * TICK

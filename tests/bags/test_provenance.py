@@ -1,0 +1,261 @@
+"""A recording says how it came about, and can be computed again from itself alone."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import shutil
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+
+from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
+from knee_contact_ros.bags.provenance import (
+    MOST_CHANGES,
+    Change,
+    bag_digest,
+    change_record,
+    provenance_record,
+    read_provenance,
+)
+from knee_contact_ros.bags.writer import BagWriter, Limits
+from knee_contact_ros.cli.main import knee_contact, main
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.recordings_of import recording_with
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
+    """All of a recording, in the order of the file."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, message.log_time, message.sequence, message.data)
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
+
+
+def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """Metadata records in the order of the file."""
+    with path.open("rb") as file:
+        return [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
+
+
+def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    """Even where the files that its parameters named are gone."""
+    profile, mine = tmp_path / "my_femur.csv", tmp_path / "mine.yaml"
+    shutil.copy(config / "femur_medial.csv", profile)
+    mine.write_text(f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}")
+    first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
+    solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first, silent)
+    profile.unlink()
+    done = CliRunner().invoke(knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False)
+    assert f"those in {first.name}, made with knee_contact_ros" in done.output
+    assert messages(second) == messages(first)
+    found = read_provenance(second)
+    assert found is not None
+    assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
+    solve(second, found, third, silent)
+    assert messages(third) == messages(first)
+    healthy = ["solve", str(first), "--params", "healthy.yaml", "--output", str(tmp_path / "fourth.mcap")]
+    assert CliRunner().invoke(knee_contact, healthy).exit_code == 0
+    assert messages(tmp_path / "fourth.mcap") != messages(first)
+
+
+def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
+    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+) -> None:
+    found = read_provenance(old_recording)
+    assert found is not None
+    assert found.parameters.fidelity.force_tolerance == 0.0  # the default: it knew of none
+    solve(old_recording, found, tmp_path / "again.mcap", silent)
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "new.mcap", silent)
+    assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
+
+
+def test_the_same_bag_and_parameters_give_the_same_file(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / name / "out.mcap", silent)
+    assert (tmp_path / "one" / "out.mcap").read_bytes() == (tmp_path / "other" / "out.mcap").read_bytes()
+
+
+def test_the_record_names_package_model_parameters_and_source(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "bag.mcap"
+    shutil.copy(next(right_bag.glob("*.mcap")), copied)
+    solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    record = dict(metadata(tmp_path / "out.mcap"))[PROVENANCE]
+    assert record["source"] == "bag.mcap"
+    assert record["source_sha256"] == hashlib.sha256(copied.read_bytes()).hexdigest()
+    assert len(record["model_sha256"]) == 64
+    parameters = json.loads(record["parameters"])
+    assert parameters["contact.stiffness"] == load_parameters(config / "healthy.yaml").contact.stiffness
+    assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
+
+
+def test_a_folders_checksum_is_that_of_its_files(right_bag: Path, tmp_path: Path) -> None:
+    shutil.copytree(right_bag, tmp_path / "copy")
+    assert bag_digest(tmp_path / "copy") == bag_digest(right_bag)
+    with next((tmp_path / "copy").glob("*.mcap")).open("ab") as file:
+        file.write(b"x")
+    assert bag_digest(tmp_path / "copy") != bag_digest(right_bag)
+
+
+def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path) -> None:
+    """Changes count from the beginning of the recording, whatever the node had computed before."""
+    recording = tmp_path / "out.mcap"
+    with BagWriter(recording) as bag:
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.6}), {}, ticks_before=1000))
+        bag.add_metadata("parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5}))
+        bag.add_metadata("reset", {"tick": "1200"})
+    found = read_provenance(recording)
+    assert found is not None
+    assert found.parameters.load.share == 0.6
+    assert found.changes == (Change(100, {"contact.damping": 0.0, "deadline": 0.5}), Change(200, None))
+    redone = tmp_path / "redone.mcap"
+    solve(right_bag, found, redone, silent)
+    plain = tmp_path / "plain.mcap"
+    solve(right_bag, found.parameters, plain, silent)
+    answers, unchanged = (
+        [data for topic, _, _, data in messages(path) if topic == "/knee_contact"] for path in (redone, plain)
+    )
+    assert answers[:100] == unchanged[:100]
+    assert answers[100] != unchanged[100]
+    again = read_provenance(redone)
+    assert again is not None
+    assert again.changes == found.changes
+    assert dict(metadata(redone))["reset"] == {"tick": "200"}
+
+
+def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_place() -> None:
+    """Forces that wait for the same angle: live, the one before the reset had been answered with the last angle."""
+    pipeline, ms = Pipeline(load_parameters({}), compiled=False), 1_000_000
+    forces = [encode_wrench_stamped(WrenchStamped(i * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3)) for i in range(6)]
+    first, second = (encode_joint_state(JointState(i * ms, "", ("knee",), (0.1,), (), ())) for i in (0, 4))
+    assert not [*pipeline.joint_state(first)]
+    answers = [answer for force in forces[:5] for answer in pipeline.joint_reaction_force(force)]
+    answers += itertools.islice(coming := pipeline.joint_state(second), 2)
+    pipeline.reset()
+    answers += coming
+    assert [answer.contact.status for answer in answers] == [0, 0, 0, Status.TIME_RESET, 0]
+
+
+def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline, parameters = Pipeline(load_parameters({}), compiled=False), load_parameters({})
+    recording, ms = tmp_path / "looped.mcap", 1_000_000
+    with BagWriter(recording) as bag:
+        writer = AnswerWriter(bag, provenance_record(parameters, {}))
+        for stamp in (*range(0, 1000, 5), *range(0, 1000, 5)):
+            angle = encode_joint_state(JointState(stamp * ms, "", ("knee",), (0.1,), (), ()))
+            force = encode_wrench_stamped(WrenchStamped(stamp * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3))
+            for answer in (*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)):
+                writer.write(answer)
+        for answer in pipeline.finish():
+            writer.write(answer)
+        writer.finish(pipeline.ending())
+    assert (pipeline.ticks, pipeline.refused) == (400, 0)
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "samples that were answered then are refused now: stamps go back" in line
+
+
+BROKEN = {
+    "no value": ("parameters_changed", {"tick": "100", "contact.damping": "{"}, "parameters_changed (tick 100)"),
+    "a value as deep as can be": (
+        "parameters_changed",
+        {"tick": "100", "contact.damping": "[" * 100_000},
+        "(tick 100)",
+    ),
+    "no tick": ("reset", {}, "a record reset is damaged"),
+    "a tick of thousands of digits": ("reset", {"tick": "9" * 5000}, "a record reset"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_damaged_change_is_told(
+    name: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others are made, all ticks computed, and the command ends as with a damaged bag."""
+    kind, values, words = BROKEN[name]
+    ours = provenance_record(load_parameters({}), {})
+    good = ("parameters_changed", change_record(200, {"contact.damping": 0.0}))
+    recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), (kind, values), good])
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+    assert line.endswith("is damaged, and what it tells of is not done again")
+    found = dict(metadata(tmp_path / "out.mcap"))
+    assert found["parameters_changed"] == {"tick": "200", "contact.damping": "0.0"}
+    assert words in found["source_damage"]["faults"]
+
+
+def test_no_more_changes_are_made_again_than_a_node_makes(right_bag: Path, tmp_path: Path) -> None:
+    ours = ("knee_contact", provenance_record(load_parameters({}), {}))
+    for count, refused in ((MOST_CHANGES, False), (MOST_CHANGES + 1, True)):
+        recording = recording_with(tmp_path / f"{count}.mcap", right_bag, [ours, *[("reset", {"tick": "5"})] * count])
+        with pytest.raises(UsageError, match=f"{count} changes") if refused else nullcontext():
+            read_provenance(recording)
+
+
+def test_a_change_that_cannot_be_made_is_refused(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ours = provenance_record(load_parameters({}), {})
+    changed = ("parameters_changed", {"tick": "100", "contact.dampinh": "1.0"})
+    recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), changed])
+    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 2
+    assert "a change after 100 ticks that cannot be made: unknown parameter contact.dampinh" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("record", [{}, {"package": "theirs"}, {"parameters": "{", "ticks_before": "0"}])
+def test_a_record_of_somebody_else_is_none_of_ours(tmp_path: Path, record: dict[str, str]) -> None:
+    with BagWriter(tmp_path / "out.mcap") as bag:
+        bag.add_metadata("knee_contact", record)
+    assert read_provenance(tmp_path / "out.mcap") is None
+
+
+def test_a_recording_that_was_cut_off_still_says_it(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap", silent)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
+    found = read_provenance(cut)
+    assert found is not None
+    assert found.parameters == load_parameters(config / "osteoarthritis.yaml")
+
+
+def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run_0.mcap", limits=Limits(duration=10.0)) as bag:
+        bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
+        for stamp in (0, 20):
+            bag.split_if_due(stamp)
+            bag.write("/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ())))
+    with pytest.raises(UsageError, match=r"run_1.mcap goes on with run_0.mcap"):
+        read_provenance(tmp_path / "run_1.mcap")
+    for whole in (tmp_path, tmp_path / "run_0.mcap"):
+        assert read_provenance(whole) is not None
+
+
+def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: Path) -> None:
+    shutil.copytree(right_bag, tmp_path / "bag")
+    folder, digest = tmp_path / "bag", bag_digest(tmp_path / "bag")
+    with BagWriter(folder / "a_earlier.mcap") as bag:
+        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.9}), {}))
+        bag.add_metadata("reset", {"tick": "5"})
+    assert read_provenance(folder / "a_earlier.mcap") is not None
+    assert read_provenance(folder) is None
+    assert bag_digest(folder) == digest

@@ -1,0 +1,270 @@
+"""Bags from other recorders' hands: the same messages whatever the storage, and one line for what cannot be read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import Mcap, write_rosbag2, write_split
+from tests.helpers.messages import raw_inputs
+from tests.offline.test_solve import make_bag
+
+ANGLE, FORCE = INPUT_TYPES
+SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
+Kind = Callable[[Path, list[RawMessage]], Path]
+
+
+@pytest.fixture(scope="module")
+def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
+    return raw_inputs(request.getfixturevalue("right_bag"))
+
+
+def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
+    mcap = Mcap(folder.with_suffix(".mcap"), CompressionType.LZ4)
+    channels = mcap.channels()
+    for message in messages:
+        mcap.write(channels[message.topic], message)
+    return mcap.close()
+
+
+KINDS: dict[str, Kind] = {
+    "sqlite3": lambda folder, messages: write_rosbag2(folder, messages, SQLITE),
+    "sqlite3, metadata version 8": lambda folder, messages: write_rosbag2(folder, messages, SQLITE, version=8),
+    "sqlite3, files compressed": lambda folder, messages: write_rosbag2(folder, messages, SQLITE, CompressionMode.FILE),
+    "sqlite3, messages compressed": lambda folder, messages: write_rosbag2(
+        folder, messages, SQLITE, CompressionMode.MESSAGE
+    ),
+    "sqlite3, split": lambda folder, messages: write_split(folder, messages, SQLITE, CompressionMode.NONE),
+    "sqlite3, split and messages compressed": lambda folder, messages: write_split(
+        folder, messages, SQLITE, CompressionMode.MESSAGE
+    ),
+    "sqlite3, the file": lambda folder, messages: next(write_rosbag2(folder, messages, SQLITE).glob("*.db3")),
+    "mcap": lambda folder, messages: write_rosbag2(folder, messages, MCAP),
+    "mcap, chunks compressed": lambda folder, messages: write_rosbag2(folder, messages, MCAP, CompressionMode.STORAGE),
+    "mcap, files compressed": lambda folder, messages: write_rosbag2(folder, messages, MCAP, CompressionMode.FILE),
+    "mcap, messages compressed": lambda folder, messages: write_rosbag2(
+        folder, messages, MCAP, CompressionMode.MESSAGE
+    ),
+    "mcap, split": lambda folder, messages: write_split(folder, messages, MCAP, CompressionMode.NONE),
+    "mcap, split and files compressed": lambda folder, messages: write_split(
+        folder, messages, MCAP, CompressionMode.FILE
+    ),
+    "mcap, the file": lambda folder, messages: next(write_rosbag2(folder, messages, MCAP).glob("*.mcap")),
+    "mcap, lz4": lz4_file,
+}
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_every_kind_of_bag_gives_the_same_messages(kind: Kind, gait: list[RawMessage], tmp_path: Path) -> None:
+    path = kind(tmp_path / "bag", gait)
+    with BagReader(path) as reader:
+        assert reader.count == len(gait)
+        assert list(reader.raw_messages()) == gait
+        assert list(reader.raw_messages()) == gait  # once more, as for a loop
+        middle, late = gait[200].log_time, gait[600].log_time
+        part = [message for message in gait if middle <= message.log_time < late]
+        assert list(reader.raw_messages(start=middle, stop=late)) == part
+        assert list(reader.raw_messages((FORCE,))) == [message for message in gait if message.topic == FORCE]
+        assert reader.end > gait[-1].log_time
+
+
+@pytest.mark.parametrize("kind", [kind for name, kind in KINDS.items() if "split" not in name])
+def test_we_read_what_rosbags_reads(kind: Kind, gait: list[RawMessage], tmp_path: Path) -> None:
+    """Its convenient reader; it keeps to the order of the files that metadata.yaml gives, so no split bags here."""
+    path = kind(tmp_path / "bag", gait)
+    with AnyReader([path]) as reader:
+        connections = [connection for connection in reader.connections if connection.topic in INPUT_TYPES]
+        theirs = [RawMessage(c.topic, time, bytes(data)) for c, time, data in reader.messages(connections)]
+    assert raw_inputs(path) == theirs
+
+
+@pytest.mark.parametrize("storage", [SQLITE, MCAP])
+def test_a_bag_with_edited_qos_keeps_its_messages(
+    storage: StoragePlugin, gait: list[RawMessage], tmp_path: Path
+) -> None:
+    """As people do to make `ros2 bag play` offer another QoS."""
+    bag = write_rosbag2(tmp_path / "bag", gait, storage)
+    metadata = bag / "metadata.yaml"
+    edited = """
+      offered_qos_profiles:
+        - {history: keep_last, depth: 7, reliability: best_effort, durability: volatile, liveliness: automatic,
+           deadline: {sec: 0, nsec: 0}, lifespan: {sec: 0, nsec: 0}, liveliness_lease_duration: {sec: 0, nsec: 0},
+           avoid_ros_namespace_conventions: false}"""
+    text = metadata.read_text()
+    assert text.count("offered_qos_profiles: []") == 4
+    metadata.write_text(text.replace("      offered_qos_profiles: []", edited.lstrip("\n")))
+    assert raw_inputs(bag) == gait
+
+
+def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path: Path) -> None:
+    """As of two publishers, or of two files that were merged."""
+    mcap = Mcap(tmp_path / "bag.mcap")
+    first, second = mcap.channels(), mcap.channels()
+    assert first != second
+    for number, message in enumerate(gait):
+        mcap.write((first if number % 3 else second)[message.topic], message)
+    assert raw_inputs(mcap.close()) == gait
+
+
+@pytest.mark.parametrize("profile", ["ros2", "", "x-lab"])
+def test_messages_of_other_kinds_and_profiles_do_not_matter(
+    profile: str, gait: list[RawMessage], tmp_path: Path
+) -> None:
+    mcap = Mcap(tmp_path / "bag.mcap", profile=profile)
+    channels = mcap.channels()
+    log = mcap.channel("/log", "Log", schema_encoding="jsonschema", encoding="json")
+    for message in gait:
+        mcap.write(channels[message.topic], message)
+        mcap.write(log, message._replace(data=b"{}"))
+    path = mcap.close()
+    assert raw_inputs(path) == gait
+    with BagReader(path) as reader:
+        assert list(reader.raw_messages(start=gait[300].log_time, stop=gait[302].log_time)) == gait[300:302]
+
+
+def test_names_without_a_slash_are_found(gait: list[RawMessage], tmp_path: Path) -> None:
+    mcap = Mcap(tmp_path / "bag.mcap")
+    channels = {topic: mcap.channel(topic[1:], kind) for topic, kind in INPUT_TYPES.items()}
+    for message in gait:
+        mcap.write(channels[message.topic], message)
+    assert raw_inputs(mcap.close()) == gait
+
+
+@pytest.mark.parametrize(
+    ("remaps", "namespace", "name"),
+    [
+        (
+            ["joint_states:=/exo/states", "/joint_reaction_force:=/exo/load"],
+            "",
+            {ANGLE: "/exo/states", FORCE: "/exo/load"},
+        ),
+        (["joint_states:=states"], "left", {ANGLE: "/left/states", FORCE: "/left/joint_reaction_force"}),
+        ([], "/lab/left/", {ANGLE: "/lab/left/joint_states", FORCE: "/lab/left/joint_reaction_force"}),
+    ],
+)
+def test_inputs_under_other_names_come_under_ours(
+    remaps: list[str], namespace: str, name: dict[str, str], gait: list[RawMessage], tmp_path: Path
+) -> None:
+    bag = write_rosbag2(tmp_path / "bag", gait, name=name.__getitem__)
+    with BagReader(bag, INPUT_TYPES, names_in_bag(remaps, namespace)) as reader:
+        assert list(reader.raw_messages()) == gait
+
+
+@pytest.mark.parametrize(
+    ("remaps", "namespace", "words"),
+    [
+        (["joint_states"], "", "it must be NAME:=VALUE"),
+        (["joint_states:="], "", "it must be NAME:=VALUE"),
+        (["imu:=/imu"], "", "imu is no input; FROM must be joint_states or joint_reaction_force"),
+        (["/exo/states:=joint_states"], "", "say joint_states:=/exo/states"),
+        (["joint_states:=a", "joint_states:=b"], "", "remapped twice"),
+        (["joint_states:=joint_reaction_force"], "", "cannot both be /joint_reaction_force"),
+        ([], "/", "it must be a name"),
+    ],
+)
+def test_a_wrong_rule_says_what_would_be_right(remaps: list[str], namespace: str, words: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        names_in_bag(remaps, namespace)
+    assert words in str(caught.value)
+
+
+def empty(path: Path, channels: list[tuple[str, str]], encoding: str = "cdr", written: bool = True) -> Path:
+    """A file whose channels have one message each, or none."""
+    mcap = Mcap(path)
+    for number, (topic, kind) in enumerate(channels):
+        channel = mcap.channel(topic, kind, encoding=encoding)
+        if written:
+            mcap.write(channel, RawMessage(topic, number, b""))
+    return mcap.close()
+
+
+STATE, WRENCH = INPUT_TYPES.values()
+
+
+@pytest.mark.parametrize(
+    ("channels", "words"),
+    [
+        (
+            [(f"/{side}{topic}", kind) for side in ("right", "left") for topic, kind in INPUT_TYPES.items()],
+            "has no topic /joint_states (sensor_msgs/msg/JointState); "
+            "it has inputs in the namespaces left, right: say --namespace left",
+        ),
+        (
+            [("/exo/states", STATE), (FORCE, WRENCH)],
+            "of this type it has /exo/states: say --remap joint_states:=/exo/states",
+        ),
+        ([("/left/joint_states", WRENCH), ("/imu", WRENCH)], "its topics: /imu, /left/joint_states"),
+        ([(f"/imu{number}", WRENCH) for number in range(10, 40)], "/imu29 and 10 more"),
+        ([], "its topics: none"),
+        ([(ANGLE, STATE), (ANGLE, WRENCH), (FORCE, WRENCH)],
+         f"/joint_states has 2 types, {WRENCH} and {STATE}; it must be a {STATE}"),
+        ([(ANGLE, WRENCH), (FORCE, WRENCH)], f"topic /joint_states is a {WRENCH}; it must be a {STATE}"),
+    ],
+)  # fmt: skip
+def test_what_is_there_instead_is_told_in_one_line(channels: list[tuple[str, str]], words: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        BagReader(empty(tmp_path / "bag.mcap", channels))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_empty_and_foreign_topics_are_told(tmp_path: Path) -> None:
+    channels = list(INPUT_TYPES.items())
+    with pytest.raises(UsageError, match="topic /joint_states has no messages"):
+        BagReader(empty(tmp_path / "empty.mcap", channels, written=False))
+    with pytest.raises(UsageError, match="topic /joint_states is encoded as json; it must be cdr"):
+        BagReader(empty(tmp_path / "json.mcap", channels, encoding="json"))
+
+
+@pytest.mark.parametrize("storage", [SQLITE, MCAP])
+def test_a_file_of_compressed_messages_asks_for_its_folder(
+    storage: StoragePlugin, gait: list[RawMessage], tmp_path: Path
+) -> None:
+    folder = write_rosbag2(tmp_path / "bag", gait, storage, CompressionMode.MESSAGE)
+    (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
+    with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):
+        BagReader(file)
+
+
+def test_a_second_type_without_messages_does_not_matter(gait: list[RawMessage], tmp_path: Path) -> None:
+    mcap = Mcap(tmp_path / "bag.mcap")
+    mcap.channel(ANGLE, WRENCH)
+    channels = mcap.channels()
+    for message in gait:
+        mcap.write(channels[message.topic], message)
+    assert raw_inputs(mcap.close()) == gait
+
+
+def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(5)]
+    bag = make_bag(tmp_path / "bag.mcap", rows, joint="knee_r", heights=[0.03] * 5)
+    with BagReader(bag) as reader:
+        check_joints(reader, load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"}))
+        with pytest.raises(
+            UsageError, match=r"no joint 'knee'; it has knee_r, knee_height \(parameter knee.joint_name"
+        ):
+            check_joints(reader, load_parameters({}))
+        wrong = {"knee.joint_name": "knee_r", "drive": "displacement", "knee.height_joint_name": "h"}
+        with pytest.raises(UsageError, match=r"no joint 'h'; .* \(parameter knee.height_joint_name\)"):
+            check_joints(reader, load_parameters(wrong))
+
+
+def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path: Path) -> None:
+    """Two publishers on joint_states: each knows its own joints."""
+    hips = raw_inputs(make_bag(tmp_path / "hip.mcap", [(i * 5_000_000, 0.1, 0.0) for i in range(100)], joint="hip"))
+    mcap = Mcap(tmp_path / "both.mcap")
+    channels = mcap.channels()
+    for message in [*hips, *gait]:
+        mcap.write(channels[message.topic], message)
+    with BagReader(mcap.close()) as reader:
+        check_joints(reader, load_parameters({}))

@@ -1,0 +1,159 @@
+"""Reading the answers of a recording as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags import rosbag2
+
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.recorded_answers import Answers, answer_blocks, answer_topics, read_answers
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.ticks import ANSWER
+from knee_contact_ros.core.types import COLUMN, NUMBERS
+from knee_contact_ros.messages.answer_layout import ADDED
+from knee_contact_ros.messages.cdr_out import encode_numbers
+from knee_contact_ros.messages.ros_types import definition, stamp_to_ns
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+
+CONTACT = MESSAGE_TYPES["knee_contact"]
+
+
+@pytest.fixture(scope="module")
+def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("answers") / "osteoarthritic.mcap"
+    solve(right_bag, load_parameters([config / "osteoarthritis.yaml"]), path, lambda *_: None)
+    return path
+
+
+def test_columns_hold_what_the_messages_say(recording: Path) -> None:
+    answers = read_answers(recording)
+    messages = [entry.message for entry in read_bag(recording, {"/knee_contact": CONTACT})]
+    assert answers.stamps.tolist() == [stamp_to_ns(message.header.stamp) for message in messages]
+    assert answers.contact_point_x.tolist() == [message.contact_point.x for message in messages]
+    assert answers.contact_point_y.tolist() == [message.contact_point.y for message in messages]
+    for name in set(Answers._fields) - {"stamps", "contact_point_x", "contact_point_y"}:
+        column = np.array([getattr(message, name) for message in messages], dtype=np.float64)
+        assert getattr(answers, name).tobytes() == column.tobytes(), name
+    assert Answers._fields == ("stamps", *NUMBERS)
+    assert len(set(answers.contact_state.tolist())) == 2  # cartilage and bone: the columns are not all alike
+    assert answer_topics(recording) == ["/knee_contact"]
+
+
+def message(stamp: int, frame: str) -> bytes:
+    return encode_numbers(stamp, frame, [float(number) for number in range(ANSWER)], 0)
+
+
+def test_frames_of_different_length_and_trailing_bytes(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "x.mcap") as bag:
+        bag.add_topic("/left/knee_contact", CONTACT)
+        for number, data in enumerate([message(1, "tibia"), message(2, "a long frame"), message(3, "") + b"\x00" * 3]):
+            bag.write("/left/knee_contact", number, data)
+    answers = read_answers(tmp_path / "x.mcap", "/left/knee_contact")
+    assert answers.stamps.tolist() == [1, 2, 3]
+    for number, name in enumerate(Answers._fields[1:]):
+        assert getattr(answers, name).tolist() == [float(number)] * 3, name
+    assert answer_topics(tmp_path / "x.mcap") == ["/left/knee_contact"]
+
+
+def test_recordings_from_before_a_field_stay_readable(
+    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+) -> None:
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap", lambda *_: None)
+    old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
+    assert old.stamps.tolist() == now.stamps.tolist()
+    for name in Answers._fields[1:]:
+        column = getattr(old, name)
+        if name in ADDED:
+            assert np.isnan(column).all(), name
+        else:
+            assert np.isfinite(column).all(), name
+    assert np.abs(old.penetration_depth - now.penetration_depth).max() < 2e-6  # both within 1e-6 m of the exact one
+
+
+def test_a_file_of_two_definitions_is_read_by_both(old_recording: Path, tmp_path: Path) -> None:
+    """As `mcap merge` makes it of an old and a new recording."""
+    with old_recording.open("rb") as file:
+        schema, _, entry = next(iter(make_reader(file).iter_messages("/knee_contact")))
+    assert schema is not None
+    with (tmp_path / "both.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        for number, (text, data) in enumerate([(schema.data, entry.data), (definition(CONTACT), message(1, "tibia"))]):
+            schema_id = writer.register_schema(CONTACT, "ros2msg", text)
+            channel = writer.register_channel("/knee_contact", "cdr", schema_id)
+            for repeat in range(2):
+                writer.add_message(channel, 2 * number + repeat, data, 0)
+        writer.finish()
+    answers = read_answers(tmp_path / "both.mcap")
+    assert np.isnan(answers.sliding_velocity).tolist() == [True, True, False, False]
+    assert answers.evaluations.tolist()[2:] == [float(COLUMN["evaluations"])] * 2
+
+
+def test_unusable_recordings_are_one_line(tmp_path: Path, right_bag: Path, recording: Path) -> None:
+    with pytest.raises(UsageError, match="no recording at"):
+        answer_topics(tmp_path / "nothing.mcap")
+    with pytest.raises(UsageError, match="has no topic /knee_contact"):
+        list(answer_blocks(right_bag))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recording.read_bytes()[:-5000])
+    with pytest.raises(UsageError, match="knee-contact recover"):
+        list(answer_blocks(cut))
+
+
+def test_progress_reaches_the_end(recording: Path) -> None:
+    told: list[tuple[int, int]] = []
+    list(answer_blocks(recording, advance=lambda done, count: told.append((done, count))))
+    assert told[-1] == (387, 387)
+
+
+def sqlite_of(source: Path, folder: Path) -> Path:
+    """The answers of a recording in a folder as rosbag2 writes it with sqlite3."""
+    path = folder / "bag"
+    with (
+        rosbag2.Reader(source) as reader,
+        rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer,
+    ):
+        (connection,) = (each for each in reader.connections if each.msgtype == CONTACT)
+        topic = writer.add_connection(
+            connection.topic, CONTACT, msgdef=connection.msgdef.data, rihs01="RIHS01_not_asked_for"
+        )
+        for _, time, data in reader.messages([connection]):
+            writer.write(topic, time, data)
+    return path
+
+
+def beside_a_foreign_schema(source: Path, folder: Path) -> Path:
+    """The same in a file with a topic that rosbags knows nothing of."""
+    path = folder / "foreign.mcap"
+    with source.open("rb") as old, path.open("wb") as new:
+        reader, writer = make_reader(old), Writer(new)
+        writer.start("")
+        foreign = writer.register_schema("a.B", "protobuf", b"")
+        writer.add_message(writer.register_channel("/foreign", "protobuf", foreign), 0, b"", 0)
+        channel = 0
+        for schema, _, entry in reader.iter_messages("/knee_contact"):
+            assert schema is not None
+            if not channel:
+                known = writer.register_schema(CONTACT, schema.encoding, schema.data)
+                channel = writer.register_channel("/knee_contact", "cdr", known)
+            writer.add_message(channel, entry.log_time, entry.data, entry.log_time)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("kind", [sqlite_of, beside_a_foreign_schema])
+def test_definitions_are_found_in_other_kinds_of_bags(
+    kind: Callable[[Path, Path], Path], old_recording: Path, tmp_path: Path
+) -> None:
+    ours, theirs = read_answers(old_recording), read_answers(kind(old_recording, tmp_path))
+    for one, other in zip(ours, theirs, strict=True):
+        assert np.array_equal(one, other, equal_nan=True)

@@ -1,0 +1,290 @@
+"""The recorder as a sink: what it keeps, whatever happens to it, its disk and the node."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from shutil import disk_usage, rmtree
+from typing import Any
+
+import psutil
+import pytest
+from mcap.records import Message, Metadata
+from mcap.stream_reader import StreamReader
+
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, INTERRUPTED, PROVENANCE
+from knee_contact_ros.bags.reader import BagReader, read_bag
+from knee_contact_ros.bags.writer import Limits, Settings
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.summary import read_refused
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.sinks.kinds import recorder
+from knee_contact_ros.sinks.process import MB, Queue, Tell
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.sinks import (
+    NOTHING_LEFT,
+    PATIENCE,
+    QUEUE,
+    SETTINGS,
+    TYPES,
+    Started,
+    pid,
+    put,
+    readable,
+    recorded_ticks,
+    settled_backlog,
+    wait_until,
+)
+
+
+def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, config: Path, tmp_path: Path) -> None:
+    parameters = load_parameters(config / "healthy.yaml")
+    pipeline = Pipeline(parameters, compiled=False)
+    sink = started.recorder(tmp_path / "live.mcap", wait=False)  # it takes answers before it is open
+    with BagReader(right_bag) as bag:
+        for topic, _, data in bag.raw_messages():
+            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(data):
+                sink.put(each)
+    for data in (b"", b""):
+        list(pipeline.joint_state(data))  # refused
+    sink.close(pipeline.ending(), PATIENCE)
+    assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
+    said = {"backlog": "0", "backlog [MB]": "0.0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
+    assert sink.diagnostics() | {"process": ""} == said
+    assert sink.problem() == ("", False)
+    solve(right_bag, parameters, tmp_path / "offline.mcap", lambda done, total: None)
+    live, offline = (
+        [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, TYPES)]
+        for name in ("live.mcap", "offline.mcap")
+    )
+    assert live == offline
+    assert read_refused(tmp_path / "live.mcap") == {"undecodable": 2}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["live.mcap", "metadata.yaml", "offline.mcap"]
+
+
+def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    sink.note("first", {"damping": "5000"})
+    put(sink, range(3))
+    sink.note("second", {"damping": "0"})
+    put(sink, range(3, 4))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    order: list[Any] = []
+    notes = [("first", {"damping": "5000"}), ("second", {"damping": "0"})]
+    with (tmp_path / "out.mcap").open("rb") as file:
+        for record in StreamReader(file).records:
+            if isinstance(record, Metadata) and record.name in dict(notes):
+                order.append((record.name, record.metadata))
+            elif isinstance(record, Message) and (not order or order[-1] != record.log_time // 1_000_000):
+                order.append(record.log_time // 1_000_000)
+    assert order == [notes[0], 0, 1, 2, notes[1], 3]
+
+
+def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    recording, picture = started.recorder(path, wait=False), started.viewer(tmp_path / "knee.rrd", wait=False)
+    for sink in (recording, picture):
+        sink.wait_until_open()
+        resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (64 * 1024, 64 * 1024))
+        put(sink, range(4000))
+    wait_until(lambda: recording.failure and picture.failure)
+    for sink in (recording, picture):
+        put(sink, range(4000, 4010))
+        assert sink.diagnostics()["backlog"] == "0"
+        assert int(sink.diagnostics()["dropped"]) >= 10
+        sink.close(NOTHING_LEFT, PATIENCE)
+    assert sorted(started.told) == sorted([recording.failure, picture.failure])
+    assert recording.failure == f"recording {path} stopped: File too large"
+    assert picture.failure == f"Rerun recording {tmp_path / 'knee.rrd'} stopped: File too large"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
+
+
+def test_what_was_written_before_the_disk_was_full_can_be_read(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path)
+    put(sink, range(1000))
+    partial = path.with_name("out.mcap.partial")
+    wait_until(lambda: len(readable(partial)) == 1000)
+    resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (partial.stat().st_size + 1000,) * 2)
+    put(sink, range(1000, 5000))
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    numbers = readable(partial)
+    assert len(numbers) >= 1000
+    assert numbers == list(range(len(numbers)))
+
+
+def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_path: Path) -> None:
+    free = disk_usage(tmp_path).free
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path, settings=SETTINGS._replace(min_free=free - 50_000_000))
+    put(sink, range(100))
+    with (tmp_path / "other").open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, 200_000_000)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert started.told == [sink.failure]
+    assert re.fullmatch(
+        rf"recording {path} has ended, complete up to here: [\d.]+ MB are free on its disk, "
+        r"and parameter record\.min_free keeps [\d.e+]+ MB",
+        sink.failure,
+    )
+    assert recorded_ticks(path) == list(range(100))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["metadata.yaml", "other", "out.mcap"]
+    with path.open("rb") as opened:
+        names = [record.name for record in StreamReader(opened).records if isinstance(record, Metadata)]
+    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]
+
+
+def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "out.mcap"
+    sink = started.recorder(path, wait=False, settings=SETTINGS._replace(min_free=1e18))
+    with pytest.raises(UsageError, match=rf"cannot write {path}: [\d.]+ MB are free .* keeps 1e\+12 MB"):
+        sink.wait_until_open()
+    sink.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    sink = started.recorder(folder / "out.mcap")
+    put(sink, range(100))
+    rmtree(folder)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    reason = "its file or folder was removed while it was written"
+    assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
+
+
+def test_recordings_that_were_cut_off_are_named_and_those_that_are_written_are_not(
+    started: Started, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.mcap.partial").touch()
+    first = started.recorder(tmp_path / "first.mcap")
+    second = started.recorder(tmp_path / "second.mcap")
+    expected = [
+        f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"
+        for partial in (tmp_path / "a.mcap.partial", tmp_path / "b.mcap.partial")
+    ]
+    assert started.remarks == expected * 2
+    assert started.told == []
+    first.close(NOTHING_LEFT, PATIENCE)
+    second.close(NOTHING_LEFT, PATIENCE)
+
+
+def test_a_recorder_splits_and_loses_nothing(started: Started, tmp_path: Path) -> None:
+    limits = Limits(duration=100_000_000)
+    sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
+    put(sink, range(450))
+    sink.note("parameters_changed", {"contact.damping": "0"})
+    put(sink, range(450, 1050))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert started.told == []
+    assert len(list(tmp_path.glob("*.mcap"))) == 11
+    assert recorded_ticks(tmp_path) == list(range(1050))
+
+
+def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_off(
+    started: Started, tmp_path: Path
+) -> None:
+    limits = Limits(duration=100_000_000)
+    sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
+    put(sink, range(450))
+    partial = tmp_path / "out_4.mcap.partial"
+    wait_until(lambda: partial.exists() and len(readable(partial)) == 50 and (tmp_path / "out_3.mcap").exists())
+    wait_until(lambda: len(recorded_ticks(tmp_path)) == 400)
+    os.kill(pid(sink), signal.SIGKILL)
+    wait_until(lambda: sink.failure)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert recorded_ticks(tmp_path) == list(range(400))
+    assert readable(partial) == list(range(400, 450))
+
+
+def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(2000))
+    backlog = settled_backlog(sink)
+    assert 0 < backlog < 2000
+    put(sink, range(2000, 12_000))
+    assert int(sink.diagnostics()["backlog"]) == backlog + 10_000  # all that `put` does
+    os.kill(pid(sink), signal.SIGCONT)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert (sink.failure, sink.dropped) == ("", 0)
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
+
+
+@pytest.mark.parametrize(("queue", "fits"), [(Queue(1000, 1e9), 1000), (Queue(10**6, 2_200_000.0), 1100)])
+def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
+    monkeypatch.setattr("knee_contact_ros.sinks.spawn.LAST_WORDS", 0.2)
+    sink = started.recorder(tmp_path / "out.mcap", queue=queue)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(900))
+    assert settled_backlog(sink) > 0
+    put(sink, range(900, 900 + fits))
+    wait_until(lambda: started.told)  # while it stands still
+    said = sink.problem()
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert said == (sink.failure, True)
+    waited = f"more waited than {queue.answers} answers (parameter record.queue) or {queue.size / MB:g} MB"
+    assert f"out.mcap stopped: {waited} (record.queue_size)" in sink.failure
+    assert started.told == [sink.failure]
+
+
+@pytest.mark.parametrize("queue", [Queue(1000, 1e9), Queue(10**6, 2_200_000.0)])
+def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
+    started: Started, tmp_path: Path, queue: Queue
+) -> None:
+    sink = started.recorder(tmp_path / "out.mcap", queue=queue)
+    os.kill(pid(sink), signal.SIGSTOP)
+    number = 0
+    while sink.problem() == ("", False):
+        put(sink, range(number, number + 1))
+        number += 1
+        if settled := int(sink.diagnostics()["full [%]"]):
+            assert settled <= 26  # so soon
+    words, lost = sink.problem()
+    assert not lost
+    assert re.fullmatch(rf"recording {sink.name} is behind: \d+ answers wait, 2\d % of what may, as .*", words)
+    put(sink, range(number, number + 3000))
+    assert int(sink.diagnostics()["backlog"]) <= queue.answers
+    assert float(sink.diagnostics()["backlog [MB]"]) <= queue.size / MB + 0.1
+    os.kill(pid(sink), signal.SIGKILL)
+    sink.close(NOTHING_LEFT, PATIENCE)
+
+
+def parent(path: str, count: int) -> None:
+    """What the next test runs and kills: all has left this process, and its child has not read it yet."""
+    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), QUEUE, Tell(print, print))
+    sink.wait_until_open()
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(count))
+    wait_until(lambda: sink.diagnostics()["backlog"] == "0")
+    time.sleep(0.1)
+    print(pid(sink), flush=True)  # noqa: T201
+    time.sleep(PATIENCE)
+
+
+def test_a_recording_is_completed_when_the_node_is_gone(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    code = f"from tests.bags.test_recorder import parent; parent({str(path)!r}, 100)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        child = psutil.Process(int(process.stdout.readline()))
+        process.kill()
+        process.wait()
+        os.kill(child.pid, signal.SIGCONT)
+        wait_until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
+    assert recorded_ticks(path) == list(range(100))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
+    with path.open("rb") as file:
+        names = [record.name for record in StreamReader(file).records if isinstance(record, Metadata)]
+    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]

@@ -1,0 +1,300 @@
+"""Recordings in several files: each is whole, together they are one bag, and nothing is lost in between."""
+
+from __future__ import annotations
+
+import threading
+from itertools import pairwise
+from pathlib import Path
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
+
+from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
+from knee_contact_ros.bags.mcap_writer import BagFile
+from knee_contact_ros.bags.metadata import prepare_metadata
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.recovery.inspection import files_of
+from knee_contact_ros.bags.writer import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
+from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.offline.summary import read_summary
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.sinks import answer, recorded_ticks, wait_until
+
+MS = 1_000_000
+"""[ns] between two answers"""
+TICK = 4
+"""Messages of an answer"""
+
+
+def record(path: Path, numbers: range, limits: Limits, compression: CompressionType = CompressionType.ZSTD) -> None:
+    """Record some answers."""
+    with BagWriter(path, compression, limits=limits) as bag:
+        writer = AnswerWriter(bag, {})
+        for number in numbers:
+            writer.write(answer(number))
+        writer.finish(Ending((), {"not_finite": 3}))
+
+
+def information(folder: Path) -> Any:
+    """What `metadata.yaml` says."""
+    return YAML(typ="safe").load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+def stamps_of(path: Path) -> list[int]:
+    """The stamps [ms] of all messages of a file."""
+    with path.open("rb") as file:
+        return [message.log_time // MS for _, _, message in make_reader(file, validate_crcs=True).iter_messages()]
+
+
+def names(folder: Path) -> list[str]:
+    """Of all files."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("first", ["knee.mcap", "knee_0.mcap"])
+def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
+    record(tmp_path / first, range(250), Limits(duration=100 * MS))
+    files = [first, "knee_1.mcap", "knee_2.mcap"]
+    assert names(tmp_path) == sorted([*files, "metadata.yaml"])
+    spans = [range(100), range(100, 200), range(200, 250)]
+    assert [stamps_of(tmp_path / name) for name in files] == [[n for n in span for _ in range(TICK)] for span in spans]
+    found = information(tmp_path)
+    assert found["version"] == 9
+    assert found["relative_file_paths"] == files
+    assert found["message_count"] == 250 * TICK
+    assert found["duration"]["nanoseconds"] == 249 * MS
+    assert found["files"] == [
+        {
+            "path": name,
+            "starting_time": {"nanoseconds_since_epoch": span[0] * MS},
+            "duration": {"nanoseconds": (len(span) - 1) * MS},
+            "message_count": len(span) * TICK,
+        }
+        for name, span in zip(files, spans, strict=True)
+    ]
+    assert {topic["message_count"] for topic in found["topics_with_message_count"]} == {250}
+
+
+def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
+    record(tmp_path / "knee_0.mcap", range(3000), Limits(size=200_000), CompressionType.NONE)
+    files = information(tmp_path)["relative_file_paths"]
+    assert len(files) > 3
+    assert [n for name in files for n in stamps_of(tmp_path / name)[::TICK]] == list(range(3000))
+    for name in files[:-1]:
+        assert 200_000 <= (tmp_path / name).stat().st_size < 350_000  # a chunk and what ends a file come on top
+        assert len(stamps_of(tmp_path / name)) % TICK == 0
+
+
+def test_without_limits_it_is_one_file(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(3000), Limits())
+    assert names(tmp_path) == ["knee.mcap", "metadata.yaml"]
+
+
+def test_stamps_that_jump_back_split_no_more_than_those_that_do_not(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS)) as bag:
+        writer = AnswerWriter(bag, {})
+        for number in (*range(1000, 1050), *range(50), *range(50)):
+            writer.write(answer(number))
+    assert [len(stamps_of(tmp_path / name)) // TICK for name in ("knee.mcap", "knee_1.mcap")] == [50, 100]
+
+
+def test_the_same_answers_give_the_same_files(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        record(tmp_path / folder / "knee.mcap", range(300), Limits(duration=100 * MS))
+    assert names(tmp_path / "a") == names(tmp_path / "b")
+    for name in names(tmp_path / "a"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_metadata_that_we_wrote_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes as long as to write them; and longer ones than may be read are ours all the same."""
+    monkeypatch.setattr("knee_contact_ros.bags.metadata.read_yaml", lambda *_: pytest.fail("they were read"))
+    record(tmp_path / "knee.mcap", range(400), Limits(duration=100 * MS))
+    assert len(information(tmp_path)["files"]) == 4
+
+
+def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each time takes 0.25 s of a processor, so 12.5 s pass before the next one; at the end all are named."""
+    now, spent, listed = 0.0, 0.0, []
+
+    def prepare(folder: Path, content: Any, ours: Any) -> Any:
+        nonlocal spent
+        spent += 0.25
+        listed.append(len(content["files"]))
+        return prepare_metadata(folder, content, ours)
+
+    monkeypatch.setattr("knee_contact_ros.bags.writer.prepare_metadata", prepare)
+    monkeypatch.setattr("knee_contact_ros.bags.writer.MANY_FILES", 1)
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    monkeypatch.setattr("time.thread_time", lambda: spent)
+    with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=MS)) as bag:
+        writer = AnswerWriter(bag, {})
+        for number in range(36):
+            writer.write(answer(number))
+            wait_until(lambda number=number: len(list(tmp_path.glob("*.mcap"))) == number)  # the thread has done it
+            now += 1.0
+    assert [listed[0], listed[-1], len(listed)] == [1, 36, 4]
+    assert all(13 <= later - earlier <= 14 for earlier, later in pairwise(listed[:-1]))  # the thread has its own pace
+    assert len(information(tmp_path)["files"]) == 36
+
+
+def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.bags.writer.MANY_FILES", 1)
+    monkeypatch.setattr("knee_contact_ros.bags.writer.LISTING_SHARE", 1e-9)
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(301):
+        writer.write(answer(number))
+    bag._settle(wait=True)
+    bag.discard()  # a kill leaves a `.partial` beside
+    record(tmp_path / "knee_9.mcap", range(500, 510), Limits())  # another recording, whose name only looks like it
+    assert information(tmp_path)["relative_file_paths"] == ["knee.mcap"]
+    with BagReader(tmp_path) as reader:
+        assert reader.damage[0] == "metadata.yaml does not name all files that go on with knee.mcap: 2 more are read"
+    assert recorded_ticks(tmp_path) == list(range(300))
+    assert [path.name for path in files_of(tmp_path)] == ["knee.mcap", "knee_1.mcap", "knee_2.mcap"]
+
+
+def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(40), Limits(duration=MS))
+    before = getrlimit(RLIMIT_NOFILE)
+    with (tmp_path / "knee.mcap").open() as file:  # it has the next number
+        setrlimit(RLIMIT_NOFILE, (file.fileno() + 30, before[1]))
+    try:
+        assert recorded_ticks(tmp_path) == list(range(40))
+    finally:
+        setrlimit(RLIMIT_NOFILE, before)
+
+
+def test_a_recording_is_one_without_metadata(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
+    (tmp_path / "metadata.yaml").unlink()
+    assert recorded_ticks(tmp_path) == list(range(250))
+    record(tmp_path / "knee_3.mcap", range(250), Limits())
+    (tmp_path / "metadata.yaml").unlink()
+    with pytest.raises(UsageError, match="there is not one bag"):
+        recorded_ticks(tmp_path)
+
+
+def test_metadata_records_stand_where_they_were_written(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS)) as bag:
+        writer = AnswerWriter(bag, {})
+        for number in range(250):
+            if number == 150:
+                bag.add_metadata("parameters_changed", {"contact.damping": "0"})
+            writer.write(answer(number))
+        writer.finish(Ending((), {"not_finite": 3}))
+    found = []
+    for name in ("knee.mcap", "knee_1.mcap", "knee_2.mcap"):
+        with (tmp_path / name).open("rb") as file:
+            found.append({record.name: record.metadata for record in make_reader(file).iter_metadata()})
+    assert [set(records) for records in found] == [
+        {PROVENANCE, "rosbag2"}, {CONTINUED, "parameters_changed", "rosbag2"}, {CONTINUED, REFUSED_SAMPLES, "rosbag2"},
+    ]  # fmt: skip
+    assert found[2][REFUSED_SAMPLES] == {"total": "3", "not_finite": "3"}
+    own = YAML(typ="safe").load(found[1]["rosbag2"]["serialized_metadata"])
+    assert own["relative_file_paths"] == ["knee_1.mcap"]
+    assert own["message_count"] == 100 * TICK
+
+
+def test_names_that_are_taken_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "knee_1.mcap").write_text("earlier")
+    (tmp_path / "knee_2.mcap.partial").write_text("cut off")
+    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
+    assert information(tmp_path)["relative_file_paths"] == ["knee.mcap", "knee_3.mcap", "knee_4.mcap"]
+    assert (tmp_path / "knee_1.mcap").read_text() == "earlier"
+    assert (tmp_path / "knee_2.mcap.partial").read_text() == "cut off"
+
+
+def test_what_is_complete_can_be_read_while_the_rest_is_written(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(150):
+        writer.write(answer(number))
+    bag._settle(wait=True)
+    assert names(tmp_path) == ["knee.mcap", "knee_1.mcap.partial", "metadata.yaml"]
+    with AnyReader([tmp_path]) as reader:
+        assert reader.message_count == len(list(reader.messages())) == 100 * TICK
+    bag.close()
+    with AnyReader([tmp_path]) as reader:
+        assert reader.message_count == len(list(reader.messages())) == 150 * TICK
+
+
+def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, monkeypatch: Any) -> None:
+    goes_on, complete = threading.Event(), BagFile.complete
+
+    def slow(file: BagFile) -> None:
+        assert goes_on.wait(30.0)
+        complete(file)
+
+    monkeypatch.setattr(BagFile, "complete", slow)
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(250):
+        writer.write(answer(number))
+    bag.flush()
+    assert names(tmp_path) == ["knee.mcap.partial", "knee_1.mcap.partial", "knee_2.mcap.partial"]
+    goes_on.set()
+    bag.close()
+    assert names(tmp_path) == ["knee.mcap", "knee_1.mcap", "knee_2.mcap", "metadata.yaml"]
+
+
+def test_a_file_that_cannot_be_completed_is_told(tmp_path: Path, monkeypatch: Any) -> None:
+    def full(file: BagFile) -> None:
+        raise OSError(28, "No space left on device")
+
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    with monkeypatch.context() as patch:
+        patch.setattr(BagFile, "complete", full)
+        for number in range(150):
+            writer.write(answer(number))
+        with pytest.raises(OSError, match="No space left"):
+            bag._settle(wait=True)
+    bag.discard()
+
+
+def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    bag = BagWriter(folder / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(100):
+        writer.write(answer(number))
+    moved = folder.rename(tmp_path / "moved")
+    folder.write_text("a file where the folder was")
+    with pytest.raises(UsageError, match=r"cannot write .*knee_1\.mcap"):
+        writer.write(answer(100))
+    assert (moved / "knee.mcap.partial").stat().st_size > 5000
+
+
+def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
+    record(tmp_path / "first.mcap", range(250), Limits(duration=100 * MS))
+    before = information(tmp_path)
+    record(tmp_path / "second.mcap", range(250), Limits(duration=100 * MS))
+    assert information(tmp_path) == before
+    assert (tmp_path / "second_2.mcap").exists()
+
+
+def test_a_summary_is_that_of_all_files(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
+    summary = read_summary(tmp_path, 737.0)
+    assert (summary.ticks, summary.first_stamp, summary.last_stamp) == (250, 0, 249 * MS)
+    assert summary.refused == {"not_finite": 3}
+
+
+def test_topics_are_those_of_the_messages(tmp_path: Path) -> None:
+    record(tmp_path / "knee.mcap", range(150), Limits(duration=100 * MS))
+    for name in ("knee.mcap", "knee_1.mcap"):
+        with (tmp_path / name).open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        schemas = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
+        assert schemas == {f"/{topic}": type_name for topic, type_name in MESSAGE_TYPES.items()}

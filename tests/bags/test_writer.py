@@ -1,0 +1,227 @@
+"""Recordings: what is written is what other people's readers read."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2_support_fast.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
+
+from knee_contact_ros.bags.metadata import FileFacts, information, prepare_metadata
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import Contact, Point
+from knee_contact_ros.messages.cdr_in import decode_wrench_stamped
+from knee_contact_ros.messages.cdr_out import encode_contact, encode_contact_wrench
+from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.system.errors import UsageError
+
+floats = st.floats(allow_nan=False, width=64)
+contacts = st.fixed_dictionaries(
+    dict.fromkeys(Contact._fields, floats)
+    | {"contact_point": st.builds(Point, floats, floats, floats)}
+    | {name: st.integers(0, 255) for name in ("contact_state", "fidelity", "status")}
+    | {"evaluations": st.integers(0, 2**32 - 1)}
+).map(lambda fields: Contact(**fields))
+
+
+def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r") -> None:
+    """A recording of some answers."""
+    with BagWriter(path) as bag:
+        for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH):
+            bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
+        for stamp, contact in rows:
+            bag.write(f"/{KNEE_CONTACT}", stamp, encode_contact(stamp, frame_id, contact))
+            wrench = encode_contact_wrench(stamp, frame_id, contact, (0.0, 1.0))
+            bag.write(f"/{KNEE_CONTACT_WRENCH}", stamp, wrench)
+
+
+def fields_of(message: Any) -> Contact:
+    """The answer in a message."""
+    point = Point(message.contact_point.x, message.contact_point.y, message.contact_point.z)
+    return Contact(
+        **{name: getattr(message, name) for name in Contact._fields if name != "contact_point"}, contact_point=point
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(rows=st.lists(contacts, min_size=1, max_size=5), frame_id=st.text(max_size=9))
+def test_every_reader_reads_what_was_written(tmp_path_factory: Any, rows: list[Contact], frame_id: str) -> None:
+    frame_id = frame_id.replace("\x00", "")
+    path = tmp_path_factory.mktemp("bag") / "out.mcap"
+    stamps = [1_700_000_000_000_000_000 + i for i in range(len(rows))]
+    write(path, list(zip(stamps, rows, strict=True)), frame_id)
+    with AnyReader([path.parent]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/knee_contact"]
+        read = [(t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages(connections)]
+    assert [t for t, _ in read] == stamps
+    assert [fields_of(message) for _, message in read] == rows
+    assert all(message.header.frame_id == frame_id for _, message in read)
+    with path.open("rb") as file:
+        decoded = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages("/knee_contact"))
+    assert [fields_of(message) for _, _, _, message in decoded] == rows
+
+
+CONTACT = Contact(
+    0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, -0.02, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
+)  # fmt: skip
+
+
+def test_the_same_answers_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write(tmp_path / name / "out.mcap", [(10, CONTACT), (20, CONTACT)])
+    assert (tmp_path / "a" / "out.mcap").read_bytes() == (tmp_path / "b" / "out.mcap").read_bytes()
+
+
+def test_the_file_is_a_rosbag2_recording(tmp_path: Path) -> None:
+    path = tmp_path / "bag" / "bag_0.mcap"
+    write(path, [(10, CONTACT), (30, CONTACT)])
+    information = YAML(typ="safe").load(path.with_name("metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["version"] == 9
+    assert information["message_count"] == 4
+    assert information["duration"]["nanoseconds"] == 20
+    assert information["relative_file_paths"] == ["bag_0.mcap"]
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+    for channel in summary.channels.values():
+        assert channel.message_encoding == "cdr"
+        assert "reliability: reliable" in channel.metadata["offered_qos_profiles"]
+        assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+
+
+@pytest.mark.parametrize("name", sorted(set(MESSAGE_TYPES.values())))
+def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
+    package, _, message = name.split("/")
+    built = Path(sys.prefix) / "share" / package / "msg" / f"{message}.json"
+    if not built.exists():
+        pytest.skip(f"{package} is not installed in this environment")
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(built.read_text())["type_hashes"]}
+    assert typestore().hash_rihs01(name) == hashes[name]
+
+
+def test_a_recording_has_its_name_only_when_complete(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    bag = BagWriter(path)
+    bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
+    bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+    bag.flush()
+    assert not path.exists()
+    bag.close()
+    assert len(read_bag(path, {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
+
+
+def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), BagWriter(tmp_path / "out.mcap"):
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recordings_are_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").touch()
+    with pytest.raises(UsageError, match=r"out\.mcap exists already"):
+        BagWriter(tmp_path / "out.mcap")
+
+
+def test_a_recording_that_was_cut_off_is_not_lost(tmp_path: Path) -> None:
+    partial = tmp_path / "out.mcap.partial"
+    partial.write_text("all that is left")
+    with pytest.raises(UsageError, match=rf"was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"):
+        BagWriter(tmp_path / "out.mcap")
+    assert partial.read_text() == "all that is left"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwrite: bool) -> None:
+    with BagWriter(tmp_path / "out.mcap") as bag:
+        bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
+        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        with pytest.raises(UsageError, match=r"out\.mcap\.partial is being written by another process"):
+            BagWriter(tmp_path / "out.mcap", overwrite=overwrite)
+    assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
+
+
+@pytest.mark.parametrize("plant", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("nowhere")])
+@pytest.mark.parametrize("name", ["metadata.yaml", "metadata.yaml.partial"])
+def test_what_lies_where_metadata_is_to_be_holds_nothing_up(tmp_path: Path, plant: Any, name: str) -> None:
+    plant(tmp_path / name)
+    code = f"from tests.bags.test_writer import *; write(Path({str(tmp_path / 'out.mcap')!r}), [(1, CONTACT)])"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=180)
+    assert (tmp_path / "out.mcap").exists()
+    if plant is not Path.mkdir:
+        assert done.returncode == 0
+        assert (tmp_path / "metadata.yaml").is_file() == (name != "metadata.yaml")
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "rec.mcap"
+    with BagWriter(path) as bag:
+        bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
+        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        path.write_text("another's")
+    assert path.read_text() == "another's"
+    assert bag.path == tmp_path / "rec_1.mcap"
+    assert len(read_bag(bag.path, {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
+    assert bag.remarks == [f"something took the name {path} meanwhile: the recording is {bag.path}"]
+    information = YAML(typ="safe").load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["relative_file_paths"] == ["rec_1.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "rec.mcap", "rec_1.mcap"]
+
+
+def test_a_file_in_the_place_of_ours_does_not_get_our_name(tmp_path: Path) -> None:
+    partial = tmp_path / "rec.mcap.partial"
+    bag = BagWriter(tmp_path / "rec.mcap", overwrite=True)
+    partial.unlink()
+    partial.write_text("another's")
+    with pytest.raises(OSError, match="was removed while it was written"):
+        bag.close()
+    assert partial.read_text() == "another's"
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UsageError, match="cannot write"):
+        BagWriter(tmp_path / "file" / "out.mcap")
+
+
+def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
+    write(tmp_path / "first.mcap", [(1, CONTACT)])
+    before = (tmp_path / "metadata.yaml").read_text()
+    write(tmp_path / "second.mcap", [(1, CONTACT)])
+    assert (tmp_path / "metadata.yaml").read_text() == before
+
+
+def test_the_wrench_presses_the_tibia_down() -> None:
+    message = decode_wrench_stamped(encode_contact_wrench(0, "tibia_r", CONTACT, (0.0, 1.0)))
+    assert message is not None
+    assert message.force == (0.0, -3.0, 0.0)
+    assert message.torque == (0.0, 0.0, pytest.approx(0.005 * -3.0))
+
+
+def test_two_bags_of_a_folder_may_be_completed_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By two processes: the first one's metadata stay, and nothing fails."""
+    puts = []
+    for process, name in ((1, "left.mcap"), (2, "right.mcap")):
+        monkeypatch.setattr("os.getpid", lambda process=process: process)
+        puts.append(prepare_metadata(tmp_path, information([FileFacts(name, 0, 1, Counter())], {})))
+    for put in puts:
+        put()
+    assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]
+    assert "left.mcap" in (tmp_path / "metadata.yaml").read_text(encoding="utf-8")

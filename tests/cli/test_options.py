@@ -1,0 +1,81 @@
+"""Options on the command line as a user types them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import pytest
+
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.cli.options import OptionalClockRate, timing_options
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.messages import raw_inputs
+
+TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+
+
+def recorded(path: Path) -> list[tuple[str, int, str]]:
+    return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, TOPICS)]
+
+
+def test_solve_takes_inputs_and_parameters_from_elsewhere(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The recording has the node's names, and what it would have without all this."""
+    gait = raw_inputs(right_bag)[:100]
+    plain = write_rosbag2(tmp_path / "plain", gait)
+    left = write_rosbag2(tmp_path / "left", gait, name=lambda topic: f"/left{topic}")
+    damping = ["-p", "contact.damping:=900"]
+    assert main(["solve", str(plain), *damping, "--output", str(tmp_path / "a.mcap")]) == 0
+    assert main(["solve", str(left), "--namespace", "left", *damping, "--output", str(tmp_path / "b.mcap")]) == 0
+    remaps = [f"--remap={topic}:=/left/{topic}" for topic in ("joint_states", "joint_reaction_force")]
+    assert main(["solve", str(left), *remaps, "--output", str(tmp_path / "c.mcap")]) == 0
+    assert recorded(tmp_path / "a.mcap") == recorded(tmp_path / "b.mcap")
+    assert recorded(tmp_path / "a.mcap") != recorded(tmp_path / "c.mcap")  # the damping
+    assert capsys.readouterr().err == ""  # no progress bar in a pipe
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-p", "knee.joint_name:=hip"], "joint_states has no joint 'hip'; it has knee (parameter knee.joint_name)"),
+        (["-p", "load.share=1"], "-p 'load.share=1': it must be NAME:=VALUE"),
+        (["--namespace", "left"], "has no topic /left/joint_states"),
+        (["--remap", "angles:=/exo"], "angles is no input"),
+    ],
+)
+def test_what_solve_cannot_take_is_told_in_one_line(
+    arguments: list[str], words: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 2
+    errors = capsys.readouterr().err
+    assert words in errors
+    assert len(errors.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "clock", "bag"),
+    [
+        (["bag"], None, "bag"),
+        (["bag", "--clock"], 0.0, "bag"),
+        (["--clock", "bag"], 0.0, "bag"),
+        (["--clock", "--loop", "bag"], 0.0, "bag"),
+        (["--clock", "40", "bag"], 40.0, "bag"),
+        (["bag", "--clock=2.5"], 2.5, "bag"),
+    ],
+)
+def test_the_clocks_rate_may_be_left_out(arguments: list[str], clock: float | None, bag: str) -> None:
+    taken = {}
+
+    @click.command(cls=OptionalClockRate)
+    @click.argument("bag")
+    @timing_options
+    def replay(**given: object) -> None:
+        taken.update(given)
+
+    replay.main(arguments, standalone_mode=False)
+    assert (taken["clock"], taken["bag"]) == (clock, bag)

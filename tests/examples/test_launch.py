@@ -1,0 +1,186 @@
+"""The launch files: names and options, read from their syntax trees; where launch is installed, what they describe.
+
+The launch packages are not among the ROS 2 wheels. `tests/ros/test_launch.py` runs a file where they are.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+from collections.abc import Iterator
+
+import pytest
+
+from knee_contact_ros.cli.main import knee_contact
+from knee_contact_ros.parameters.reading import NODE_NAME, STANDARD_PARAMETERS, known_parameters
+from knee_contact_ros.system.resources import PACKAGE, share_folder
+
+FOLDER = share_folder() / "launch"
+FILES = ["knee_contact.launch.py", "replay.launch.py", "two_knees.launch.py"]
+DOCUMENTED = {
+    "launch": {"LaunchDescription"},
+    "launch.actions": {
+        "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "GroupAction", "IncludeLaunchDescription",
+        "OpaqueFunction", "RegisterEventHandler", "Shutdown", "TimerAction",
+    },
+    "launch.event_handlers": {"OnProcessExit"},
+    "launch.events": {"matches_action"},
+    "launch.events.process": {"ShutdownProcess"},
+    "launch.launch_description_sources": {"PythonLaunchDescriptionSource"},
+    "launch.substitutions": {"LaunchConfiguration", "PathJoinSubstitution"},
+    "launch_ros.actions": {"Node", "SetRemap"},
+    "launch_ros.parameter_descriptions": {"ParameterValue"},
+    "launch_ros.substitutions": {"ExecutableInPackage", "FindPackageShare"},
+}  # fmt: skip
+"""What the files may import: names of ROS 2 Jazzy's launch (3.4) and launch_ros (0.26)"""
+KEYWORDS = {
+    "DeclareLaunchArgument": {"default_value", "description", "choices"},
+    "EmitEvent": {"event"},
+    "ExecutableInPackage": {"package", "executable"},
+    "ExecuteProcess": {"cmd", "name", "output"},
+    "IncludeLaunchDescription": {"launch_arguments"},
+    "Node": {"package", "executable", "name", "namespace", "arguments", "ros_arguments", "parameters", "output"},
+    "OnProcessExit": {"target_action", "on_exit"},
+    "OpaqueFunction": {"function"},
+    "ParameterValue": {"value_type"},
+    "Shutdown": {"reason"},
+    "ShutdownProcess": {"process_matcher"},
+    "TimerAction": {"period", "actions"},
+}
+"""Their keyword arguments that the files may use"""
+ROS_OPTIONS = {"--params-file", "--log-level"}
+
+
+def tree_of(name: str) -> ast.Module:
+    return ast.parse((FOLDER / name).read_text(encoding="utf-8"), name)
+
+
+def calls(tree: ast.AST, function: str) -> Iterator[ast.Call]:
+    """All calls of a function by its plain name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == function:
+            yield node
+
+
+def text(node: ast.expr) -> str:
+    """A text as written; one with a gap, such as f"{side}_params", keeps its gap."""
+    assert isinstance(node, (ast.Constant, ast.JoinedStr)), ast.unparse(node)
+    return str(node.value) if isinstance(node, ast.Constant) else ast.unparse(node)
+
+
+def declared(name: str) -> set[str]:
+    return {text(call.args[0]) for call in calls(tree_of(name), "DeclareLaunchArgument")}
+
+
+def keyword(call: ast.Call, name: str) -> ast.expr | None:
+    return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
+
+
+def constants(tree: ast.AST) -> list[str]:
+    return [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+
+
+def test_all_launch_files_are_checked() -> None:
+    assert sorted(path.name for path in FOLDER.iterdir() if path.is_file()) == FILES
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_launch_file_describes_a_launch(name: str) -> None:
+    tree = tree_of(name)
+    compile(tree, name, "exec")
+    (function,) = [
+        part for part in tree.body if isinstance(part, ast.FunctionDef) and part.name == "generate_launch_description"
+    ]
+    assert not function.args.args
+    assert len(list(calls(function, "LaunchDescription"))) == 1
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_launch_file_uses_documented_names_only(name: str) -> None:
+    tree = tree_of(name)
+    for node in ast.walk(tree):
+        assert not isinstance(node, ast.Import)
+        if isinstance(node, ast.ImportFrom):
+            assert {alias.name for alias in node.names} <= DOCUMENTED[str(node.module)]
+    for function, allowed in KEYWORDS.items():
+        for call in calls(tree, function):
+            assert {str(keyword.arg) for keyword in call.keywords} <= allowed
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_arguments_are_declared_described_and_used(name: str) -> None:
+    tree = tree_of(name)
+    assert {text(call.args[0]) for call in calls(tree, "LaunchConfiguration")} == declared(name)
+    for call in calls(tree, "DeclareLaunchArgument"):
+        assert keyword(call, "description")
+        assert keyword(call, "default_value")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_parameters_are_the_nodes(name: str) -> None:
+    tree = tree_of(name)
+    handed_on = [keyword(call, "launch_arguments") for call in calls(tree, "IncludeLaunchDescription")]
+    included = [text for text in constants(tree) if text.endswith(".launch.py")]
+    for arguments in filter(None, handed_on):
+        for dictionary in (node for node in ast.walk(arguments) if isinstance(node, ast.Dict)):
+            assert {text(key) for key in dictionary.keys if key} <= set.union(*map(declared, included))
+    inside = {id(node) for arguments in filter(None, handed_on) for node in ast.walk(arguments)}
+    names = [
+        text(key)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Dict) and id(node) not in inside
+        for key in node.keys
+        if key
+    ]
+    names += [
+        text(node.slice) for node in ast.walk(tree) if isinstance(node, ast.Subscript) and node.value.id == "given"
+    ]
+    assert set(names) <= {*known_parameters(), *STANDARD_PARAMETERS}
+    assert names or included
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_commands_have_the_options_they_are_given(name: str) -> None:
+    tree = tree_of(name)
+    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        lists = (node for node in ast.walk(function) if isinstance(node, ast.List))
+        words = [word for node in lists for word in constants(node)]
+        options = {word for word in words if word.startswith("-")}
+        commands = [word for word in words if word in knee_contact.commands]
+        if options:
+            (command,) = set(commands)
+            ours = {option for parameter in knee_contact.commands[command].params for option in parameter.opts}
+            assert options <= (ROS_OPTIONS if command == "node" else ours)
+    for call in calls(tree, "Node"):  # which puts ROS arguments behind the command
+        assert ast.literal_eval(keyword(call, "arguments")) == ["node"]
+        assert text(keyword(call, "name")) == NODE_NAME
+    for function in ("Node", "ExecutableInPackage"):
+        for call in calls(tree, function):
+            assert ast.unparse(keyword(call, "package")) == "PACKAGE"
+            assert text(keyword(call, "executable")) == "knee_contact"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_files_they_name_are_there_and_installed(name: str) -> None:
+    tree = tree_of(name)
+    cmake = (share_folder() / "CMakeLists.txt").read_text(encoding="utf-8")
+    folders = re.search(r"install\(DIRECTORY ([a-z ]+) DESTINATION share", cmake)
+    assert folders
+    assert "install(PROGRAMS scripts/knee_contact DESTINATION lib/${PROJECT_NAME})" in cmake
+    assert (share_folder() / "scripts" / "knee_contact").is_file()
+    (package,) = [part.value for part in tree.body if isinstance(part, ast.Assign) and part.targets[0].id == "PACKAGE"]
+    assert text(package) == PACKAGE
+    for call in calls(tree, "PathJoinSubstitution"):
+        parts = constants(call.args[0])
+        assert share_folder().joinpath(*parts).exists()
+        assert {parts[0], "launch"} <= set(folders[1].split())
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_launch_file_loads(name: str) -> None:
+    pytest.importorskip("launch_ros", reason="the launch packages are not installed")
+    description = runpy.run_path(str(FOLDER / name))["generate_launch_description"]()
+    names = {argument.name for argument in description.get_launch_arguments()}
+    for side in ("left", "right"):
+        assert {name.replace("{side}", side).strip("f'") for name in declared(name)} <= names

@@ -1,0 +1,105 @@
+"""Bags as other recorders write them: by the writers of rosbags and of the MCAP project, not by our own."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from ruamel.yaml import YAML
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
+from knee_contact_ros.messages.ros_types import typestore
+
+OTHER = {"/other/force": "geometry_msgs/msg/WrenchStamped", "/imu": "sensor_msgs/msg/Imu"}
+"""Topics that no bag of a robot lacks, and that we do not read"""
+
+
+def named(topic: str) -> str:
+    """A topic under its own name."""
+    return topic
+
+
+def write_rosbag2(
+    folder: Path,
+    messages: Iterable[RawMessage],
+    storage: StoragePlugin = StoragePlugin.MCAP,
+    compression: CompressionMode = CompressionMode.NONE,
+    version: int = 9,
+    name: Callable[[str], str] = named,
+) -> Path:
+    """A rosbag2 folder with other topics among ours."""
+    writer = Writer(folder, version=version, storage_plugin=storage)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        known = {
+            topic: writer.add_connection(name(topic), kind, typestore=typestore())
+            for topic, kind in INPUT_TYPES.items()
+        }
+        other = [writer.add_connection(topic, kind, typestore=typestore()) for topic, kind in OTHER.items()]
+        for message in messages:
+            writer.write(known[message.topic], message.log_time, message.data)
+            for connection in other:
+                writer.write(connection, message.log_time + 1, message.data)
+    return folder
+
+
+def write_split(folder: Path, messages: list[RawMessage], storage: StoragePlugin, compression: CompressionMode) -> Path:
+    """A rosbag2 folder of twelve files, in the order in which their names are sorted: the tenth before the second."""
+    folder.mkdir()
+    size = -(-len(messages) // 12)
+    parts = [messages[start : start + size] for start in range(0, len(messages), size)]
+    yaml = YAML(typ="safe")
+    whole: dict = {}
+    paths = []
+    for number, part in enumerate(parts):
+        write_rosbag2(folder / f"bag_{number}", part, storage, compression)
+        content = yaml.load((folder / f"bag_{number}" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        (path,) = content["relative_file_paths"]
+        shutil.move(folder / f"bag_{number}" / path, folder / path)
+        shutil.rmtree(folder / f"bag_{number}")
+        paths.append(path)
+        if not whole:
+            whole = content
+            continue
+        whole["message_count"] += content["message_count"]
+        for topic, more in zip(whole["topics_with_message_count"], content["topics_with_message_count"], strict=True):
+            topic["message_count"] += more["message_count"]
+    whole["relative_file_paths"] = sorted(paths)
+    whole["duration"]["nanoseconds"] = messages[-1].log_time + 1 - messages[0].log_time
+    with (folder / "metadata.yaml").open("w") as file:
+        yaml.dump({"rosbag2_bagfile_information": whole}, file)
+    return folder
+
+
+class Mcap:
+    """An MCAP file, channel by channel."""
+
+    def __init__(self, path: Path, compression: CompressionType = CompressionType.ZSTD, profile: str = "ros2") -> None:
+        self.path = path
+        self._file = path.open("wb")
+        self.writer = McapWriter(self._file, chunk_size=4096, compression=compression)
+        self.writer.start(profile=profile)
+
+    def channel(self, topic: str, type_name: str, schema_encoding: str = "ros2msg", encoding: str = "cdr") -> int:
+        """Declare a topic."""
+        text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode() if "/" in type_name else b"{}"
+        schema = self.writer.register_schema(name=type_name, encoding=schema_encoding, data=text)
+        return self.writer.register_channel(topic=topic, message_encoding=encoding, schema_id=schema)
+
+    def channels(self) -> dict[str, int]:
+        """Declare our inputs."""
+        return {topic: self.channel(topic, kind) for topic, kind in INPUT_TYPES.items()}
+
+    def write(self, channel: int, message: RawMessage) -> None:
+        """Write a message."""
+        self.writer.add_message(channel, message.log_time, message.data, message.log_time)
+
+    def close(self) -> Path:
+        """Complete the file."""
+        self.writer.finish()
+        self._file.close()
+        return self.path

@@ -1,0 +1,136 @@
+"""Sinks in processes of their own, started and watched by tests."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
+from rerun.chunk import RrdReader
+
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.writer import Settings
+from knee_contact_ros.core.types import Contact, Point
+from knee_contact_ros.messages.answer import Answer, Ending
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_contact, encode_contact_wrench
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.sinks.kinds import recorder, viewer
+from knee_contact_ros.sinks.process import Handling, Queue, SinkProcess, Tell
+from knee_contact_ros.sinks.protocol import Job
+from knee_contact_ros.view.drawing import Serving, drawing_of
+
+TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+MODEL = Pipeline(load_parameters({}), compiled=False).model
+NOTHING_LEFT = Ending((), {})
+SETTINGS = Settings(0.02)
+SERVING = Serving(port=0, window=False)
+QUEUE = Queue(20_000, 1e9)
+PATIENCE = 30.0
+"""How long [s] to wait for what must come"""
+
+
+def answer(number: int) -> Answer:
+    """An answer that its number tells from others."""
+    stamp, depth = 1_000_000 * number, 1e-6 * number
+    contact = Contact(
+        0.1, 2.0, 3.0, depth, 0.0, 0.01, -0.02, Point(0.0, 0.0, 0.0), 0.03, depth, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
+    )  # fmt: skip
+    angle = JointState(stamp, "", ("knee",), (0.1,), (), ())
+    force = WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
+    inputs = ((JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force))
+    message, wrench = encode_contact(stamp, "", contact), encode_contact_wrench(stamp, "", contact, (0.0, 1.0))
+    return Answer(stamp, "", contact, 0.0, (0.0, 1.0), inputs, message, wrench)
+
+
+def put(sink: SinkProcess, numbers: range) -> None:
+    """Hand over some answers."""
+    for number in numbers:
+        sink.put(answer(number))
+
+
+def wait_until(done: Callable[[], Any]) -> None:
+    """Wait until something has happened."""
+    deadline = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.01)
+
+
+def settled_backlog(sink: SinkProcess) -> int:
+    """Answers that wait once a socket takes no more."""
+    looks: list[str] = []
+    while len(looks) < 4 or len(set(looks[-4:])) > 1:
+        looks.append(sink.diagnostics()["backlog"])
+        time.sleep(0.05)
+    return int(looks[-1])
+
+
+def recorded_ticks(path: Path) -> list[int]:
+    """The numbers of the answers in a recording."""
+    return [message.log_time // 1_000_000 for message in read_bag(path, {f"/{KNEE_CONTACT}": TYPES["/knee_contact"]})]
+
+
+def shown_ticks(path: Path) -> list[int]:
+    """The numbers of the answers in a Rerun file."""
+    stamps: list[Any] = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == "/knee/curves/depth" and not chunk.is_static:
+            stamps += chunk.to_record_batch().column("stamp").cast("int64").to_pylist()
+    return sorted(stamp // 1_000_000 for stamp in stamps)
+
+
+class Started:
+    """Starts sinks and keeps what they tell."""
+
+    def __init__(self) -> None:
+        self.sinks: list[SinkProcess] = []
+        self.told: list[str] = []
+        self.remarks: list[str] = []
+        self._tell = Tell(self.told.append, self.remarks.append)
+
+    def recorder(
+        self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: Queue = QUEUE
+    ) -> SinkProcess:
+        """A recorder."""
+        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, settings, queue, self._tell, awaited=True), wait)
+
+    def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
+        """A viewer."""
+        drawing = drawing_of(MODEL, "knee", 737.0)
+        return self._keep(viewer(path, SERVING, drawing, queue, self._tell, awaited=True), wait)
+
+    def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
+        """A sink that nobody waits for."""
+        handling = Handling(row, QUEUE, "output", gaps_allowed=False)
+        return self._keep(SinkProcess("output", "", job, handling, self._tell, awaited=False), False)
+
+    def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:
+        self.sinks.append(sink)
+        if wait:
+            sink.wait_until_open()
+        return sink
+
+
+def pid(sink: SinkProcess) -> int:
+    """A sink's process."""
+    wait_until(lambda: sink.process)
+    assert sink.process
+    return sink.process.pid
+
+
+def readable(path: Path, step: int = 1_000_000) -> list[int]:
+    """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
+    numbers: list[int] = []
+    with path.open("rb") as file, suppress(McapError, struct.error):
+        for _, _, message in NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False):
+            numbers.append(message.log_time // step)
+    return numbers

@@ -1,0 +1,73 @@
+"""A function that is compiled in no time, and kept as kernels are; each use of it is a process of its own."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import resource
+import sys
+import tempfile
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import ExitStack
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from knee_contact_ros.compiled import compiled_function
+
+FORKS = get_context("forkserver")
+FORKS.set_forkserver_preload([__name__, "tests.helpers.warm_compiler"])  # seconds, once for all of them
+UNLIMITED = resource.RLIM_INFINITY
+
+
+class Outcome(NamedTuple):
+    """What a process has seen."""
+
+    answer: Any
+    loaded: bool
+    said: list[str]
+
+
+def twice(value: Any) -> Any:
+    return value + value
+
+
+def use(home: Path, value: Any = 21.0, **how: Any) -> Outcome:
+    """Compile or load the function, with the cache in `home`."""
+    with ExitStack() as stack:
+        return begin(stack, home, value, **how).result()
+
+
+def begin(stack: ExitStack, home: Path, value: Any, **how: Any) -> Future[Outcome]:
+    """The same, begun."""
+    pool = stack.enter_context(ProcessPoolExecutor(1, mp_context=FORKS))
+    return pool.submit(_use, home, value, **how)
+
+
+def use_own(home: Path, folder: Path) -> Outcome:
+    """Compile or load `own.ask` of a folder."""
+    with ProcessPoolExecutor(1, mp_context=FORKS) as pool:
+        return pool.submit(_use_own, home, folder).result()
+
+
+def _use_own(home: Path, folder: Path) -> Outcome:
+    sys.path.insert(0, str(folder))
+    own = importlib.import_module("own")
+    return alone(home, own.ask, own.Own(2.0))
+
+
+def _use(home: Path, value: Any, largest_file: int = UNLIMITED, **environment: str) -> Outcome:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, UNLIMITED))
+    os.environ.update(environment)
+    return alone(home, twice, value)
+
+
+def alone(home: Path, function: Any, value: Any) -> Outcome:
+    """Compile or load a function in this process."""
+    os.environ["XDG_CACHE_HOME"] = str(home)
+    with tempfile.TemporaryFile("w+") as said:
+        os.dup2(said.fileno(), 2)
+        made: Any = compiled_function(function)
+        answer = made(value)
+        said.seek(0)
+        return Outcome(answer, bool(made.stats.cache_hits), said.read().splitlines())

@@ -1,0 +1,127 @@
+"""When messages go out, and what keys do to it; the keys are a script, the clock is the real one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import pytest
+
+from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.offline.replay.keyboard import Command
+from knee_contact_ros.offline.replay.player import Player
+
+MILLISECOND = 1_000_000
+BEGIN = 1_700_000_000_000_000_000
+
+
+def bag(count: int, period: int = 5 * MILLISECOND) -> list[RawMessage]:
+    """Messages of two topics, in pairs."""
+    return [RawMessage(topic, BEGIN + i * period, b"%d" % i) for i in range(count) for topic in ("/a", "/b")]
+
+
+class Keys:
+    """Presses keys one after another, each in a wait of its own; a wait without keys lasts."""
+
+    def __init__(self, *presses: Sequence[Command]) -> None:
+        self.presses = list(presses)
+
+    def __call__(self, seconds: float) -> Sequence[Command]:
+        keys = self.presses.pop(0) if self.presses else ()
+        if not keys:
+            time.sleep(seconds)
+        return keys
+
+
+@pytest.mark.parametrize("rate", [1.0, 4.0])
+def test_no_message_goes_out_before_its_time_and_none_is_lost(rate: float) -> None:
+    sent: list[tuple[float, RawMessage]] = []
+    player = Player(lambda message: sent.append((time.perf_counter(), message)), rate=rate)
+    messages = bag(60)
+    late = [lateness for _, lateness in player.play(messages)]
+    assert [message for _, message in sent] == messages
+    began = sent[0][0]
+    for (when, message), lateness in zip(sent, late, strict=True):
+        after = (message.log_time - BEGIN) / 1e9 / rate
+        # The schedule began a little before the first message went out; that is its lateness.
+        assert when - began >= after - late[0] - 1e-4
+        assert lateness is not None
+        assert lateness >= 0.0
+
+
+def test_a_message_that_comes_too_late_goes_out_at_once() -> None:
+    def messages():
+        yield from bag(2)
+        time.sleep(0.1)  # the disk was slow
+        yield from bag(4)[4:]
+
+    late = [lateness for _, lateness in Player(lambda _: None).play(messages())]
+    assert min(late[4:]) > 0.05  # 10 and 15 ms after the beginning they were due
+    assert max(late[:2]) < min(late[4:])
+
+
+def test_keys_pause_step_and_go_on() -> None:
+    sent: list[RawMessage] = []
+    states = []
+    steps = Keys([Command.STEP], [Command.STEP, Command.STEP], [Command.PAUSE])
+    player = Player(
+        sent.append, steps, paused=True, changed=lambda rate, paused: states.append((rate, paused, len(sent)))
+    )
+    late = [lateness for _, lateness in player.play(bag(4))]
+    assert sent == bag(4)
+    assert late[:3] == [None] * 3
+    assert None not in late[3:]
+    assert states == [(1.0, False, 3)]
+
+
+def test_a_step_does_nothing_while_it_plays() -> None:
+    late = [lateness for _, lateness in Player(lambda _: None, Keys([Command.STEP] * 3)).play(bag(3))]
+    assert None not in late
+
+
+def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late() -> None:
+    class PauseAtOnce(Keys):
+        def __call__(self, seconds: float) -> Sequence[Command]:
+            if len(self.presses) == 1:
+                time.sleep(0.3)
+            return super().__call__(seconds)
+
+    began = time.perf_counter()
+    player = Player(lambda _: None, PauseAtOnce([Command.PAUSE], [Command.PAUSE]))
+    late = [lateness for _, lateness in player.play(bag(10))]
+    assert time.perf_counter() - began > 0.3
+    assert sum(late) / len(late) < 0.15  # 0.3 s each if the pause counted
+
+
+def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> None:
+    rates = []
+    keys = Keys([Command.FASTER], [Command.FASTER], [Command.SLOWER], [Command.SLOWER], [Command.SLOWER] * 100)
+    keys.presses.append([Command.PAUSE])
+    player = Player(lambda _: None, keys, paused=True, changed=lambda rate, _paused: rates.append(rate))
+    for _ in player.play(bag(1)):
+        pass
+    assert rates[:4] == pytest.approx([1.1, 1.21, 1.1, 1.0])
+    assert rates[-1] == 0.01
+    assert player.rate == 0.01  # it stays for the next time through the bag
+
+
+def test_the_clock_tells_the_time_of_every_message() -> None:
+    told: list[int] = []
+    player = Player(lambda _: None)
+    player.tell_time(told.append, 0.0)
+    for _ in player.play(bag(10)):
+        pass
+    assert told == [message.log_time for message in bag(10)]
+
+
+def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
+    told: list[int] = []
+    player = Player(lambda _: None, Keys([], [], [], [], [Command.PAUSE]), paused=True)
+    player.tell_time(told.append, 100.0)
+    for _ in player.play(bag(2, 300 * MILLISECOND)):
+        pass
+    assert told == sorted(told)
+    assert told[0] == told[1] == BEGIN  # while it was paused
+    assert BEGIN < told[-1] <= BEGIN + 310 * MILLISECOND
+    assert 10 < len(told) <= 60  # 30 and those in the pause; a busy machine may leave some out
+    assert len(set(told)) > 10

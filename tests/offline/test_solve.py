@@ -1,0 +1,262 @@
+"""The offline path on the real gait: the paper's numbers, and the same bits as the Python calls."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import Contact, Status
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.summary import read_summary
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.messages import raw_inputs
+
+OUTPUTS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+WRENCH = list(OUTPUTS)[-1]
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None) -> Path:
+    """A bag of (stamp [ns], angle [rad], axial force [N]) and, as a second joint, femoral heights [m]."""
+    with BagWriter(path) as bag:
+        for topic, name in INPUT_TYPES.items():
+            bag.add_topic(topic, name)
+        for i, (stamp, angle, force) in enumerate(rows):
+            names, positions = (joint,), (angle,)
+            if heights is not None:
+                names, positions = (*names, "knee_height"), (*positions, heights[i])
+            state = JointState(stamp, "tibia_r", names, positions, (), ())
+            wrench = WrenchStamped(stamp, "tibia_r", (0.0, -force, 0.0), (0.0, 0.0, 0.0))
+            bag.write("/joint_states", stamp, encode_joint_state(state))
+            bag.write("/joint_reaction_force", stamp, encode_wrench_stamped(wrench))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("files", "depth"),
+    [
+        (["healthy.yaml"], 0.747e-3),
+        (["osteoarthritis.yaml"], 0.538e-3),
+        (["healthy.yaml", "mri_femur.yaml"], 0.747e-3),
+        (["osteoarthritis.yaml", "mri_femur.yaml"], 0.538e-3),
+    ],
+)
+def test_the_second_stance_has_the_papers_peaks(
+    config: Path, right_bag: Path, tmp_path: Path, files: list[str], depth: float
+) -> None:
+    parameters = load_parameters([config / name for name in files])
+    summary = solve(right_bag, parameters, tmp_path / "out.mcap", silent)
+    assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (387, 0, 0)
+    peaks = read_summary(tmp_path / "out.mcap", parameters.body_weight).load_peaks
+    in_body_weights = [round(peak.load / parameters.body_weight, 2) for peak in peaks]
+    assert in_body_weights == [1.72, 2.11, 1.81, 2.19]
+    assert [round(peak.stamp / 1e9, 3) for peak in peaks] == [0.785, 1.205, 2.015, 2.43]
+    # Contact force and load differ by the femur's inertia, 2.2 N at most on gait.
+    assert all(abs(peak.contact_force - peak.load) < 3.0 for peak in peaks)
+    assert round(peaks[-1].penetration_depth, 6) == depth
+    assert round(summary.peaks["penetration_depth"].value, 6) == depth
+
+
+@pytest.mark.parametrize("files", [["healthy.yaml"], ["osteoarthritis.yaml", "mri_femur.yaml"]])
+def test_solve_and_the_python_calls_give_the_same_bits(
+    config: Path, right_bag: Path, tmp_path: Path, files: list[str]
+) -> None:
+    paths = [config / name for name in files]
+    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap", silent)
+    answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    inputs = read_bag(right_bag, INPUT_TYPES)
+    angle = np.array([m.message.position[0] for m in inputs if m.topic == "/joint_states"])
+    forces = [m.message for m in inputs if m.topic == "/joint_reaction_force"]
+    time = np.array([m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in forces])
+    series = knee_contact_ros.load_model(paths).run(time, angle, np.array([-0.5 * m.wrench.force.y for m in forces]))
+    for name in Contact._fields:
+        if name != "contact_point":
+            assert np.array_equal(series[name], [getattr(answer, name) for answer in answers]), name
+    assert np.array_equal(series.contact_point.x, [answer.contact_point.x for answer in answers])
+
+
+def test_the_recording_holds_inputs_and_outputs(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
+    assert [sum(m.topic == topic for m in messages) for topic in OUTPUTS] == [387] * 4
+    assert [m.log_time for m in messages] == sorted(m.log_time for m in messages)
+    inputs = read_bag(tmp_path / "out.mcap", INPUT_TYPES)
+    assert [(m.topic, m.log_time) for m in inputs] == [(m.topic, m.log_time) for m in read_bag(right_bag, INPUT_TYPES)]
+
+
+def test_an_output_is_replaced_only_when_asked(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    output, parameters = tmp_path / "out.mcap", load_parameters(config / "healthy.yaml")
+    output.write_text("precious")
+    with pytest.raises(UsageError, match="exists already"):
+        solve(right_bag, parameters, output, silent)
+    with pytest.raises(UsageError, match="no bag"):
+        solve(tmp_path / "missing", parameters, output, silent, overwrite=True)
+    assert output.read_text() == "precious"
+    assert solve(right_bag, parameters, output, silent, overwrite=True).ticks == 387
+    assert read_summary(output, parameters.body_weight).ticks == 387
+
+
+@pytest.mark.parametrize("way", ["itself", "a link", "a file of the folder"])
+def test_the_input_is_never_replaced(way: str, right_bag: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(right_bag, bag)
+    (file,) = bag.glob("*.mcap")
+    (tmp_path / "link.mcap").symlink_to(file)
+    before = file.read_bytes()
+    output = tmp_path / "link.mcap" if way == "a link" else file
+    with pytest.raises(UsageError, match="is the input"):
+        solve(file if way == "itself" else bag, load_parameters({}), output, silent, overwrite=True)
+    assert file.read_bytes() == before
+
+
+def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1 + 0.01 * i, 800.0) for i in range(20)]
+    heights = 0.034 - 6e-4 - 1e-4 * np.sin(np.arange(20.0))
+    bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
+    parameters = load_parameters({"drive": "displacement", "contact.law": "two_layer_elastic"})
+    assert solve(bag, parameters, tmp_path / "out.mcap", silent).ticks == 20
+    answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    assert [answer.femoral_height for answer in answers] == heights.tolist()
+    law = knee_contact_ros.load_model(parameters).regions.law
+    expected = [law.static_force(0.034 - height) for height in heights]
+    assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
+    assert {answer.load for answer in answers} == {400.0}
+    with pytest.raises(UsageError, match="no joint 'knee_height'; it has knee"):
+        solve(make_bag(tmp_path / "without.mcap", rows), parameters, tmp_path / "o" / "out.mcap", silent)
+
+
+def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    paths = [config / "healthy.yaml", config / "mri_knee.yaml"]
+    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap", silent)
+    model = knee_contact_ros.load_model(paths)
+    messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
+    contacts, wrenches = ([m.message for m in messages if m.topic == topic] for topic in list(OUTPUTS)[-2:])
+    for contact, wrench in zip(contacts, wrenches, strict=True):
+        force, point = wrench.wrench.force, contact.contact_point
+        closest = model.closest(contact.flexion_angle, contact.femoral_height)
+        # The tibia feels the force against the normal. Rounding of its parts, and of the moment of 2 kN over 0.03 m
+        assert force.x == pytest.approx(-contact.contact_force * closest.normal_x, rel=1e-14)
+        assert force.y == pytest.approx(-contact.contact_force * closest.normal_y, rel=1e-14)
+        assert np.hypot(force.x, force.y) == pytest.approx(contact.contact_force, rel=1e-14)
+        assert wrench.wrench.torque.z == pytest.approx(point.x * force.y - point.y * force.x, abs=1e-12)
+    assert max(abs(wrench.wrench.force.x) for wrench in wrenches) > 100.0
+    assert max(abs(contact.contact_point.y) for contact in contacts) > 1e-3
+
+
+@pytest.mark.parametrize("slope", [0.3, -0.3])
+def test_on_a_sloped_plane_the_wrench_leans_away_from_the_higher_edge(tmp_path: Path, slope: float) -> None:
+    bag = make_bag(tmp_path / "in.mcap", [(0, 0.1, 800.0), (5_000_000, 0.1, 800.0)])
+    parameters = load_parameters({"tibia.slope": slope, "load.share": 1.0})
+    solve(bag, parameters, tmp_path / "out.mcap", silent)
+    messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
+    heights = [m.message.femoral_height for m in messages if m.topic == "/knee_contact"]
+    wrenches = [m.message.wrench for m in messages if m.topic == WRENCH]
+    # The load is carried upright; across, the tibia is pushed forwards if its anterior edge is the higher one. (The
+    # static answer, which the femur keeps: rounding of 800 N through Newton's method for the depth)
+    assert [wrench.force.y for wrench in wrenches] == pytest.approx([-800.0] * 2, rel=1e-9)
+    assert [wrench.force.x for wrench in wrenches] == pytest.approx([800.0 * np.tan(slope)] * 2, rel=1e-9)
+    # The force goes through the centre of the circle, above the origin: its moment there is -height x force.x.
+    for height, wrench in zip(heights, wrenches, strict=True):
+        assert wrench.torque.z == pytest.approx(-height * wrench.force.x, rel=1e-9)
+
+
+def test_a_looped_bag_starts_again_from_rest(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1 + 0.02 * i, 800.0 + 200.0 * i) for i in range(40)]  # 0.2 s, longer than max_gap
+    messages = raw_inputs(make_bag(tmp_path / "in.mcap", rows))
+    pipeline = Pipeline(load_parameters({"contact.law": "kelvin_voigt"}), compiled=False)
+    answers = []
+    for topic, _, message in [*messages, *messages]:
+        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
+    first, again = [answer.contact for answer in answers[:40]], [answer.contact for answer in answers[40:]]
+    assert len(again) == 40
+    assert first[-1].penetration_rate > 0.0  # it was moving when the stamps jumped back
+    assert again[0].status == Status.TIME_RESET
+    assert again[0].penetration_rate == 0.0
+    assert again[0].contact_force == pytest.approx(400.0, rel=1e-12)  # the load's half; the depth is solved to rounding
+    assert [again[0]._replace(status=Status.OK), *again[1:]] == first
+
+
+def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
+    rows[7] = (rows[7][0], 0.1, float("nan"))
+    bag = make_bag(tmp_path / "in.mcap", rows)
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
+    assert summary.ticks == 19
+    assert summary.refused == {"not_finite": 1}
+    assert read_summary(tmp_path / "o" / "out.mcap", 737.068).refused == {"not_finite": 1}
+    answers = [m.message for m in read_bag(tmp_path / "o" / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    assert [a.status for a in answers] == [0] * 7 + [Status.INPUT_REJECTED] + [0] * 11
+
+
+def test_forces_after_the_last_angle_are_answered_as_held(config: Path, tmp_path: Path) -> None:
+    bag = make_bag(tmp_path / "in.mcap", [(0, 0.1, 800.0), (5_000_000, 0.2, 800.0), (10_000_000, float("nan"), 800.0)])
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
+    assert summary.ticks == 3
+    assert summary.flagged["INPUT_HELD"] == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda folder: folder / "missing", "no bag at"),
+        (lambda folder: folder, "it has no metadata.yaml"),
+        (
+            lambda folder: make_bag(folder / "a" / "b.mcap", [(0, 0.1, 1.0)], joint="elbow"),
+            "no joint 'knee'; it has elbow",
+        ),
+        (lambda folder: make_bag(folder / "a" / "b.mcap", [(0, float("nan"), 1.0)]), "is nan"),
+        (lambda folder: make_bag(folder / "a" / "b.mcap", []), "no messages"),
+    ],
+)
+def test_bags_that_cannot_be_used_leave_nothing_behind(config: Path, tmp_path: Path, make, words: str) -> None:
+    bag = make(tmp_path)
+    output = tmp_path / "o" / "out.mcap"
+    with pytest.raises(UsageError, match=words) as caught:
+        solve(bag, load_parameters(config / "healthy.yaml"), output, silent)
+    assert "\n" not in str(caught.value)
+    assert not output.parent.exists() or list(output.parent.iterdir()) == []
+
+
+def test_a_bag_without_the_topics_names_those_it_has(config: Path, right_bag: Path, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.add_topic("/imu", "geometry_msgs/msg/WrenchStamped")
+    with pytest.raises(UsageError, match=r"no topic /joint_states .* its topics: /imu"):
+        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
+
+
+def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.add_topic("/joint_states", "geometry_msgs/msg/WrenchStamped")
+    with pytest.raises(UsageError, match="must be a sensor_msgs/msg/JointState"):
+        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
+
+
+def test_a_bad_profile_leaves_no_folder(right_bag: Path, tmp_path: Path) -> None:
+    parameters = load_parameters({"femur.geometry": "profile", "femur.profile": "nowhere.csv"})
+    with pytest.raises(UsageError, match=r"cannot read nowhere\.csv"):
+        solve(right_bag, parameters, tmp_path / "new" / "out.mcap", silent)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64])
+def test_files_that_are_no_bags_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(content)
+    with pytest.raises(UsageError, match=r"broken\.mcap"):
+        solve(path, load_parameters({}), tmp_path / "out.mcap", silent)
+    assert not (tmp_path / "out.mcap").exists()

@@ -1,0 +1,186 @@
+"""Block by block is as one by one: the same file to the last byte, whatever is in the bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from knee_contact_ros.bags.reader import INPUT_TYPES
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.offline import solve as solve_module
+from knee_contact_ros.offline.solve import Run, solve
+from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.system.errors import UsageError
+
+MILLISECOND = 1_000_000
+Message = tuple[str, int, bytes]
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def angle(stamp: int, value: float, names: tuple[str, ...] = ("hip", "knee"), frame: str = "") -> Message:
+    positions = tuple(value if name == "knee" else 0.5 for name in names)
+    return "/joint_states", stamp, encode_joint_state(JointState(stamp, frame, names, positions, positions, ()))
+
+
+def force(stamp: int, axial: float, frame: str = "tibia_r") -> Message:
+    wrench = WrenchStamped(stamp, frame, (1.0, -axial, 2.0), (3.0, 4.0, 5.0))
+    return "/joint_reaction_force", stamp, encode_wrench_stamped(wrench)
+
+
+def gait(ticks: int, every: int = 1, begin: int = 0) -> list[Message]:
+    """Forces each millisecond, an angle at every so manieth and half a millisecond off."""
+    rows = []
+    for i in range(begin, begin + ticks):
+        stamp = i * MILLISECOND
+        if i % every == 0:
+            rows.append(angle(stamp - (MILLISECOND // 2 if every > 1 else 0), 0.3 + 0.2 * np.sin(0.02 * i)))
+        rows.append(force(stamp, 800.0 + 700.0 * np.sin(0.05 * i)))
+    return [row for row in rows if row[1] >= 0]
+
+
+def write(path: Path, messages: list[Message]) -> Path:
+    with BagWriter(path, overwrite=True) as bag:
+        for topic, name in INPUT_TYPES.items():
+            bag.add_topic(topic, name)
+        for number, (topic, _, data) in enumerate(messages):
+            bag.write(topic, number, data)  # log time is the order in which they came
+    return path
+
+
+def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
+    """The summary, or why there is none."""
+    output.unlink(missing_ok=True)
+    try:
+        return solve(bag, parameters, output, silent)
+    except UsageError as error:
+        return str(error)
+
+
+def both_ways(folder: Path, messages: list[Message], parameters: Parameters, block: int) -> tuple[bytes, bytes, int]:
+    """The files by the block and one by one, and how many blocks were taken at once."""
+    folder.mkdir(exist_ok=True)
+    bag, taken = write(folder / "bag.mcap", messages), []
+    at_once = Run._take_at_once
+
+    def counted(run: Run, rows: list) -> bool:  # type: ignore[type-arg]
+        taken.append(at_once(run, rows))
+        return taken[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(solve_module, "BLOCK", block)
+        patch.setattr(Run, "_take_at_once", counted)
+        first = outcome(bag, parameters, folder / "blocks" / "out.mcap")
+        patch.setattr(Run, "_take_at_once", lambda _run, _rows: False)
+        other = outcome(bag, parameters, folder / "single" / "out.mcap")
+    assert first == other
+    one, two = (read_if_there(folder / way / "out.mcap") for way in ("blocks", "single"))
+    return one, two, sum(taken)
+
+
+def read_if_there(path: Path) -> bytes:
+    return path.read_bytes() if path.exists() else b""
+
+
+PARAMETERS = {
+    "plain": {},
+    "two layers": {"contact.law": "two_layer_elastic", "load.compartment": "total"},
+    "signed": {"knee.flexion_sign": -1.0, "knee.flexion_offset": 0.7, "pairing.max_gap": 0.005},
+    "slope": {"tibia.slope": 0.1, "fidelity.level": "dynamic"},
+    "moment": {"load.compartment": "moment_balance", "load.compartment_spacing": 0.05},
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("every", [1, 7])
+def test_ordinary_bags_go_by_the_block(tmp_path: Path, name: str, every: int) -> None:
+    one, other, taken = both_ways(tmp_path, gait(600, every), load_parameters(PARAMETERS[name]), 200)
+    assert one == other
+    assert taken >= 600 * (every + 1) // every // 200 - 1
+
+
+def test_prescribed_heights(tmp_path: Path) -> None:
+    names, rows = ("knee_height", "knee"), []
+    for i in range(300):
+        state = JointState(i * MILLISECOND, "", names, (0.0335 + 1e-4 * np.sin(0.1 * i), 0.3), (), ())
+        rows += [("/joint_states", state.stamp, encode_joint_state(state)), force(state.stamp, 500.0)]
+    one, other, taken = both_ways(tmp_path, rows, load_parameters({"drive": "displacement"}), 100)
+    assert one == other
+    assert taken == 6
+
+
+def test_leftovers_of_memory_between_the_fields_are_no_content(tmp_path: Path) -> None:
+    """ROS's own serialiser leaves them, and surplus bytes at the end."""
+    rows, random = [], np.random.default_rng(5)
+    for topic, stamp, data in gait(200):
+        at = data.find(b"knee\0") + 5  # behind it come 3 bytes of padding, then the number of positions
+        with_leftovers = data[:at] + random.bytes(3) + data[at + 3 :] + random.bytes(4)
+        rows.append((topic, stamp, with_leftovers if topic == "/joint_states" else data))
+    one, other, taken = both_ways(tmp_path, rows, load_parameters({}), 100)
+    assert one == other
+    assert taken == 4
+
+
+Row = Callable[[str, int, bytes], Message]
+ONE_ROW: dict[str, Row] = {
+    "nan angle": lambda _topic, stamp, _data: angle(stamp, float("nan")),
+    "nan force": lambda _topic, stamp, _data: force(stamp, float("nan")),
+    "inf": lambda _topic, stamp, _data: force(stamp, float("inf")),
+    "missing": lambda _topic, stamp, _data: angle(stamp, 0.3, ("hip", "ankle")),
+    "other order": lambda _topic, stamp, _data: angle(stamp, 0.3, ("knee", "hip")),
+    "huge": lambda _topic, stamp, _data: angle(stamp, 11.0),
+    "minus zero": lambda _topic, stamp, _data: angle(stamp, -0.0),
+    "frame": lambda _topic, stamp, _data: force(stamp, 700.0, "other_tibia"),
+    "late": lambda _topic, stamp, _data: force(max(stamp - 3 * MILLISECOND, 0), 650.0),
+    "ahead": lambda _topic, stamp, _data: angle(stamp + 200 * MILLISECOND, 0.9),
+    "force ahead": lambda _topic, stamp, _data: force(stamp + 30 * MILLISECOND, 9.0),
+    "behind": lambda _topic, stamp, _data: force(max(stamp - 200 * MILLISECOND, 0), 9.0),
+    "empty": lambda topic, stamp, _data: (topic, stamp, b""),
+    "cut": lambda topic, stamp, data: (topic, stamp, data[:-3]),
+    "byte order": lambda topic, stamp, data: (topic, stamp, b"\0\0" + data[2:]),
+    "no representation": lambda topic, stamp, data: (topic, stamp, b"\7\7" + data[2:]),
+}
+"""What may become of a message"""
+MANY_ROWS: dict[str, Callable[[list[Message], int], list[Message]]] = {
+    "twice": lambda rows, at: [*rows[: at + 1], *rows[at:]],
+    "time jumps back": lambda rows, at: rows[:at] + gait(len(rows) // 3),
+    "gap": lambda rows, at: rows[:at] + gait(20, begin=5000),
+    "lost": lambda rows, at: rows[:at] + rows[at + 3 :],
+    "a stream ends": lambda rows, at: rows[: at + 9] + [row for row in rows[at + 9 :] if row[0] != rows[at][0]],
+}
+"""What may become of all from there on"""
+
+
+def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
+    """Rows with a fault."""
+    if kind in MANY_ROWS:
+        return MANY_ROWS[kind](rows, at)
+    return [*rows[:at], ONE_ROW[kind](*rows[at]), *rows[at + 1 :]]
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(st.sampled_from([*ONE_ROW, *MANY_ROWS]), st.floats(0.0, 0.999)), max_size=4),
+    st.sampled_from([1, 3, 10]),
+    st.sampled_from([5, 16, 50]),
+    st.sampled_from(list(PARAMETERS)),
+)
+def test_anything_unusual_ends_in_the_same_file(
+    tmp_path: Path, faults: list[tuple[str, float]], every: int, block: int, name: str
+) -> None:
+    rows = gait(80, every)
+    for kind, where in faults:
+        rows = broken(kind, rows, int(where * len(rows)))
+    one, other, _ = both_ways(tmp_path, rows, load_parameters(PARAMETERS[name]), block)
+    assert one == other

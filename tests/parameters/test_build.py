@@ -1,0 +1,112 @@
+"""From names to models: every law, surface and mechanism of the tables works with every other."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
+from knee_contact_ros.core.geometries import GEOMETRIES
+from knee_contact_ros.core.mechanisms import MECHANISMS
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.parameters.build import retuned
+from knee_contact_ros.parameters.reading import load_parameters
+
+TIME = np.arange(0.0, 0.1, 0.005)
+ANGLE = 0.3 + 0.3 * np.sin(20.0 * TIME)
+LOAD = 700.0 + 200.0 * np.sin(25.0 * TIME)
+FILES = {
+    "femur.profile": "femur_medial.csv",
+    "tibia.profile": "tibia_medial.csv",
+    "translation.table": "translation_medial.csv",
+}
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("tibia", TIBIAL_GEOMETRIES)
+@pytest.mark.parametrize("femur", GEOMETRIES)
+def test_surfaces_and_mechanisms_work_together(femur: str, tibia: str, mechanism: str) -> None:
+    names = {"femur.geometry": femur, "tibia.geometry": tibia, "translation.mechanism": mechanism}
+    model = knee_contact_ros.load_model(FILES | names)
+    series = model.run(TIME, ANGLE, LOAD)
+    assert np.all(series.status == Status.OK)
+    assert np.all(series.penetration_depth > 0.0)
+    tibial = model.pair.outline(0.03)
+    for contact in series:
+        closest = model.closest(contact.flexion_angle, contact.femoral_height)
+        assert closest.depth == pytest.approx(contact.penetration_depth, abs=1e-15)  # rounding of heights of 34 mm
+        # On the surface, to 0.1 mm: more than the sagitta of any chord of the drawing
+        x, y = contact.contact_point.x, contact.contact_point.y
+        assert np.interp(x, *tibial.T) == pytest.approx(y, abs=1e-4)
+        # The femur hardly accelerates (1 m/s² at most here, 10 kg): the normal force carries the load.
+        assert contact.contact_force * closest.normal_y == pytest.approx(contact.load, abs=15.0)
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+@pytest.mark.parametrize("tibia", ["plane", "circle"])
+@pytest.mark.parametrize("drive", ["force", "displacement"])
+def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> None:
+    forced = knee_contact_ros.load_model({"contact.law": law, "tibia.geometry": tibia, "fidelity.tolerance": 1e-9})
+    series = forced.run(TIME, ANGLE, LOAD)
+    if drive == "displacement":
+        led = knee_contact_ros.load_model({"contact.law": law, "tibia.geometry": tibia, "drive": drive})
+        followed = led.run(TIME, ANGLE, LOAD, series.femoral_height)
+        # Rounding of heights of 34 mm
+        assert followed.penetration_depth == pytest.approx(series.penetration_depth, abs=1e-16)
+        for contact in followed:
+            formula = [layer.formula for layer in led.regions.law.layers if layer.begin < contact.penetration_depth][-1]
+            # Pressed from the start, which counts as no impact
+            force = formula.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
+            # The very numbers that were published go into the very formula.
+            assert contact.contact_force == max(force, 0.0)
+        series = followed
+    for field in ("contact_force", "penetration_depth", "penetration_rate", "femoral_height", "error_estimate"):
+        assert np.isfinite(series[field]).all(), field
+    assert np.all(series.contact_force >= 0.0)
+
+
+def test_stiffness_from_the_material_is_hertz() -> None:
+    names = {"contact.stiffness_from": "material", "contact.law": "two_layer_elastic", "contact.layer_depth": 0.01}
+    law = knee_contact_ros.load_model(names).regions.law
+    cartilage, bone = 136.08 * 10**4.5, 98_408 * 10**4.5  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
+    # The numbers by hand have 5 digits.
+    assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
+    beyond = law.static_force(0.01) + bone * 1e-3**1.5
+    assert law.static_force(0.011) == pytest.approx(beyond, rel=1e-4)
+
+
+def test_the_plateau_of_the_circle_is_the_parameters(config: Path) -> None:
+    model = knee_contact_ros.load_model([config / "healthy.yaml", config / "mri_knee.yaml"])
+    flat = knee_contact_ros.load_model({"tibia.geometry": "circle", "tibia.radius": 0.08, "femur.radius": 0.03})
+    # Centres 1 mm apart: depth = 1 mm + 30 mm - 80 mm + the way of the centre, in closed form.
+    height = 0.08 - math.sqrt(0.051**2 - 0.001**2)
+    # Rounding of 80 mm
+    assert flat.pair.closest(0.0, 0.001, height).depth == pytest.approx(0.051 + 0.03 - 0.08, abs=1e-16)
+    x, y = flat.pair.outline(0.03).T
+    assert np.hypot(x, y - 0.08) == pytest.approx(0.08, abs=1e-16)  # rounding of 80 mm
+    assert (x.min(), x.max()) == (-0.03, 0.03)
+    # The measured plateau goes through its points, and the drawing holds them.
+    points = np.loadtxt(config / "tibia_medial.csv", delimiter=",", comments=["#", "x"])
+    drawn = model.pair.outline(0.01)
+    inside = points[np.abs(points[:, 0]) < 0.01]
+    assert np.interp(inside[:, 0], *drawn.T) == pytest.approx(inside[:, 1], abs=1e-17)  # rounding of 4 mm
+
+
+def test_the_mechanism_carries_the_contact_along() -> None:
+    table = knee_contact_ros.load_model(FILES | {"translation.mechanism": "table"})
+    series = table.run(TIME, ANGLE, LOAD)
+    expected = [table.mechanism.translation(angle)[0] for angle in ANGLE]
+    assert series.contact_point.x == pytest.approx(expected, abs=1e-18)  # a circle touches below its centre
+    assert np.ptp(series.contact_point.x) > 1e-3
+
+
+def test_the_wanted_error_of_the_force_reaches_the_scene() -> None:
+    model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
+    assert (model.force_tolerance, model.scene.force_tolerance) == (2.5, 2.5)
+    assert knee_contact_ros.load_model({}).scene.force_tolerance == 0.0
+    assert retuned(model, load_parameters({"fidelity.force_tolerance": 0.1})).scene.force_tolerance == 0.1

@@ -1,0 +1,107 @@
+"""Files that parameters name: the user's are read to a limit, those that a recording names are never opened."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.bags.provenance import provenance_record, read_provenance
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.parameters.curves import LARGEST, MOST_POINTS
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.recordings_of import recording_with
+
+PROFILE, TABLE = (
+    {"femur.geometry": "profile", "femur.profile": "{path}"},
+    {"translation.mechanism": "table", "translation.table": "{path}"},
+)
+NAMED = {"femur.profile": PROFILE, "translation.table": TABLE,
+         "tibia.profile": {"tibia.geometry": "profile", "tibia.profile": "{path}"}}  # fmt: skip
+
+
+def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
+    return {name: value.format(path=path) for name, value in values.items()}
+
+
+@pytest.mark.parametrize("parameter", NAMED)
+def test_what_is_no_file_is_not_waited_for(parameter: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", "/dev/zero", tmp_path, "a\0b", "~nobody_of_this_name/x.csv"):
+        with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
+            knee_contact_ros.load_model(naming(NAMED[parameter], path))
+
+
+@pytest.mark.parametrize("parameter", NAMED)
+def test_a_curve_has_so_many_points_at_most(parameter: str, tmp_path: Path) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(MOST_POINTS + 1)))
+    words = f"parameter {parameter}: .* has {MOST_POINTS + 1} points; at most {MOST_POINTS} are allowed"
+    with pytest.raises(UsageError, match=words):
+        knee_contact_ros.load_model(naming(NAMED[parameter], path))
+    path.write_text("#" * (LARGEST + 1))
+    with pytest.raises(UsageError, match="longer than"):
+        knee_contact_ros.load_model(naming(NAMED[parameter], path))
+
+
+def test_a_curve_of_so_many_points_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text("".join(f"{number * 1e-3:g},{0.01 * (number % 2):g}\n" for number in range(MOST_POINTS)))
+    model = knee_contact_ros.load_model(naming(TABLE, path))
+    assert model.mechanism.translation(1e-3)[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("command", ["solve", "view", "report"])
+def test_no_file_is_opened_that_a_recording_names(
+    command: str, right_bag: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pipe that is opened would never end; a file that is read would be in the output."""
+    recording, pipe = tmp_path / "theirs.mcap", tmp_path / "pipe"
+    os.mkfifo(pipe)
+    record = provenance_record(load_parameters({}), {}) | {"parameters": json.dumps(naming(PROFILE, pipe))}
+    if command == "solve":
+        recording_with(recording, right_bag, [("knee_contact", record)])
+        how = ["solve", str(recording), "--output", str(tmp_path / "out.mcap")]
+    else:
+        main(["solve", str(right_bag), "--output", str(tmp_path / "answers.mcap")])
+        recording_with(recording, tmp_path / "answers.mcap", [("knee_contact", record)])
+        how = [command, str(recording), "--save" if command == "view" else "--output", str(tmp_path / "out.rrd")]
+    capsys.readouterr()
+    code = main(how)
+    told = capsys.readouterr().err
+    if command == "report":  # needs no model but for its doubts
+        assert code == 0
+        return
+    assert code == 2
+    assert told == (
+        f"knee-contact: {recording} does not hold the file that its parameter femur.profile names ({pipe}): give your "
+        "own with -p femur.profile:=FILE, or all parameters with --params\n"
+    )
+    mine = ["-p", f"femur.profile:={config / 'femur_medial.csv'}"]
+    if command == "solve":
+        assert main([*how, *mine]) == 0
+
+
+@pytest.mark.parametrize(
+    "parameters", ['"/dev/zero"', '["/dev/zero"]', "[" * 100_000, '{"a": ' * 500 + "1" + "}" * 500]
+)
+def test_parameters_of_a_recording_are_names_and_values(parameters: str, right_bag: Path, tmp_path: Path) -> None:
+    """A text or a list would be names of files."""
+    record = provenance_record(load_parameters({}), {}) | {"parameters": parameters}
+    recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
+    with pytest.raises(
+        UsageError, match="its record knee_contact, which has the parameters, is damaged: give --params"
+    ):
+        read_provenance(tmp_path / "theirs.mcap")
+
+
+def test_a_curve_in_a_recording_has_its_limits_too(right_bag: Path, tmp_path: Path) -> None:
+    values, text = naming(PROFILE, "x.csv"), "0,0\n" * (MOST_POINTS + 1)
+    record = provenance_record(load_parameters(values), {"femur.profile": text})
+    recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
+    assert main(["solve", str(tmp_path / "theirs.mcap"), "--output", str(tmp_path / "out.mcap")]) == 2

@@ -1,0 +1,211 @@
+"""What makes no sense is told: in parameters, in depths, in a load of the wrong sign; and nothing else is."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.geometries import Circle, Profile
+from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from tests.core.test_geometries import ellipse
+from tests.helpers.scenes import RADIUS, law, model
+from tests.offline.test_solve import make_bag, silent
+
+TYPED = {"contact.stiffness": 2500.0}
+"""N/mm^1.5 for N/m^1.5"""
+FIFTH = r"beyond 6\.8 mm, a fifth of the femoral radius"
+HALF = r"under 368\.5 N \(0\.5 body weights\)"
+MILLISECOND = 1_000_000
+
+
+def doubts(**values: Any) -> Doubts:
+    """Those about parameters, `__` standing for a dot."""
+    parameters = load_parameters({name.replace("__", "."): value for name, value in values.items()})
+    return doubts_about(parameters, build_model(parameters))
+
+
+def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
+    combinations = [[], ["healthy.yaml"], ["osteoarthritis.yaml"]]
+    combinations += [[*files, knee] for files in combinations[1:] for knee in ("mri_femur.yaml", "mri_knee.yaml")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for files in combinations:
+            knee_contact_ros.load_model([config / name for name in files])
+    for name in ("elastic_foundation", "two_layer_viscoelastic", "flores"):
+        assert doubts(contact__law=name).sentences == []
+    assert doubts(contact__stiffness_from="material").sentences == []
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (TYPED, rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
+                r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$"),
+        ({"contact.stiffness": 2.5, "contact.exponent": 1.0},
+         r"^contact\.stiffness 2\.5 N/m\^1 gives 1\.47e\+05 mm of depth .*radius$"),  # 2.5 N/mm is no cartilage either
+        (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),
+        (TYPED | {"load.compartment": "moment_balance"}, HALF),
+        (TYPED | {"load.share": 0.7}, r"under 515\.9 N \(0\.7 body weights\), "),
+        ({"contact.law": "elastic_foundation", "contact.youngs_modulus": 24.0},
+         rf"^contact\.youngs_modulus 24 Pa gives 466 mm of depth {HALF}, beyond 4\.4 mm, the cartilage's thickness; "
+         r"24 MPa would be 2\.4e\+07 Pa$"),
+        ({"contact.stiffness_from": "material", "contact.youngs_modulus": 24.0},
+         rf"^contact\.youngs_modulus 24 Pa gives 1\.94e\+04 mm of depth {HALF}, {FIFTH}; 24 MPa would"),
+        ({"contact.law": "two_layer_elastic", "contact.stiffness_2": 98408.0},
+         r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness 7\.905694e\+07 N/m\^1\.5: bone softer "
+         r"than cartilage; 98408 N/mm\^1\.5 would be 3\.111934e\+09 N/m\^1\.5$"),
+        ({"contact.law": "two_layer_elastic", "contact.stiffness": 2500.0, "contact.stiffness_2": 98408.0},
+         r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07"),
+        ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
+    ],
+)  # fmt: skip
+def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any], words: str) -> None:
+    with pytest.warns(UserWarning, match=words) as told:
+        knee_contact_ros.load_model(values)
+    assert len(told) == 1
+    assert "\n" not in str(told[0].message)
+    assert told[0].filename == __file__  # where the user called
+
+
+def test_one_layer_does_not_look_at_the_second_ones_stiffness() -> None:
+    assert doubts(contact__stiffness_2=5.0).sentences == []
+
+
+def test_the_thickness_bounds_where_the_law_has_one() -> None:
+    foundation = law("elastic_foundation")
+    assert plausible_depth(foundation, RADIUS) == 4.4e-3
+    assert plausible_depth(foundation, 0.01) == pytest.approx(2e-3)
+    assert plausible_depth(law("two_layer_elastic"), RADIUS) == pytest.approx(RADIUS / 5.0)  # bone lies below
+
+
+def test_the_radius_is_that_of_the_circle_that_fits() -> None:
+    assert radius_of(Circle(RADIUS)) == pytest.approx(RADIUS, rel=1e-12)
+    angles = np.linspace(-2.5, -0.5, 30)
+    points = 0.03 * np.stack([np.cos(angles), np.sin(angles)])
+    for shift in ([0.0, 0.0], [0.5, -2.0]):  # wherever the reference point is
+        arc = Profile(*(points + np.array(shift)[:, None]))
+        assert radius_of(arc) == pytest.approx(0.03, rel=1e-5)  # of a spline through its points
+    assert 0.02 < radius_of(ellipse(160)) < 0.05
+    line = Profile(np.linspace(0.0, 1.0, 5), np.zeros(5))
+    assert radius_of(line) == math.inf
+    assert model(law("hertz"), pair=OnPlane(Circle(0.05))).plausible_depth == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_tick_that_is_too_deep_says_so_and_nothing_else(compiled: bool) -> None:
+    limit = 1.0 / 5.0 * RADIUS
+    knee = build_model(load_parameters({"drive": "displacement"}), compiled=compiled)
+    depths = limit + np.array([-1e-3, -1e-9, 1e-9, 1e-3])
+    series = knee.run(np.arange(4) * 1e-3, np.zeros(4), np.zeros(4), RADIUS - depths)
+    assert series.status.tolist() == [0, 0, Status.IMPLAUSIBLE, Status.IMPLAUSIBLE]
+    stream = knee.stream()
+    assert [stream.tick(i * 1e-3, 0.0, 0.0, RADIUS - depths[i]).status for i in range(4)] == series.status.tolist()
+
+
+def test_the_limit_follows_parameters_that_change() -> None:
+    pipeline = Pipeline(load_parameters({}), compiled=False)
+    assert pipeline.doubts.about_parameters == []
+    pipeline.retune(load_parameters(TYPED))
+    assert len(pipeline.doubts.about_parameters) == 1
+    assert pipeline.doubts.limit == "beyond 6.8 mm, a fifth of the femoral radius"
+
+
+def told(loads: np.ndarray, period: float = 0.01, parts: int = 1) -> str:
+    """What is said of loads [N]; the same one by one and in parts."""
+    stamps = np.rint(np.arange(len(loads)) * period * 1e9).astype(np.int64)
+    nothing = np.zeros(len(loads))
+    watch, other = Doubts(), Doubts()
+    for stamp, load in zip(stamps.tolist(), loads.tolist(), strict=True):
+        watch.add(stamp, load, 0.0, 0)
+    for part in np.array_split(np.arange(len(loads)), parts):
+        other.add_all(stamps[part], loads[part], nothing[part], nothing[part].astype(np.int64))
+    assert watch.sentences == other.sentences
+    return watch.about_load
+
+
+@pytest.mark.parametrize("parts", [1, 7])
+def test_a_load_that_is_negative_throughout_is_told(parts: int) -> None:
+    gait = -400.0 - 397.0 * np.sin(np.arange(300) * 0.1)
+    assert told(gait, parts=parts) == (
+        f"the load was negative throughout ({gait.min():.0f} to {gait.max():.0f} N): compression is force.y < 0 in "
+        "joint_reaction_force; is the sign another convention's?"
+    )
+
+
+@pytest.mark.parametrize(
+    ("loads", "period"),
+    [
+        (np.append(np.full(300, -400.0), 1e-3), 0.01),  # once it pressed
+        (np.full(99, -400.0), 0.1),  # too few
+        (np.full(300, -400.0), 0.003),  # too short: a swing phase under an exoskeleton
+        (np.full(300, -49.0), 0.01),  # too little: a shank that hangs
+        (np.full(300, 400.0), 0.01),
+    ],
+)
+def test_other_loads_are_not(loads: np.ndarray, period: float) -> None:
+    assert told(loads, period) == ""
+
+
+def test_depths_are_judged_by_the_bit_and_by_the_limit() -> None:
+    """Recordings from before the bit have the depth alone; without the profile's file the bit alone is known."""
+    stamps, loads, depths = np.arange(3), np.ones(3), np.array([1e-3, 8e-3, 9e-3])
+    by_limit = Doubts(6.8e-3, "beyond 6.8 mm, a fifth of the femoral radius")
+    by_limit.add_all(stamps, loads, depths, np.zeros(3, dtype=np.int64))
+    assert by_limit.about_depth == f"2 of 3 ticks are up to 9 mm deep, {by_limit.limit} (IMPLAUSIBLE)"
+    by_bit = Doubts()
+    by_bit.add_all(stamps, loads, depths, np.array([0, Status.IMPLAUSIBLE, 0]))
+    assert by_bit.about_depth == "1 of 3 ticks are up to 8 mm deep (IMPLAUSIBLE)"
+
+
+def nonsense(tmp_path: Path) -> Path:
+    """A bag of 1.2 s whose loads have the other sign."""
+    return make_bag(tmp_path / "pulled.mcap", [(i * 10 * MILLISECOND, 0.1, -800.0 + 4.0 * i) for i in range(121)])
+
+
+def test_solve_says_it_on_the_terminal_and_in_its_table(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out.mcap"
+    arguments = [str(right_bag), "-p", "contact.stiffness:=2500", "-p", "body_weight:=75.16", "--output", str(output)]
+    assert main(["solve", *arguments]) == 0
+    printed = capsys.readouterr()
+    lines = printed.err.splitlines()
+    assert [line.partition(" warning: ")[2].split()[0] for line in lines] == ["body_weight", "contact.stiffness", "387"]
+    assert lines[2].startswith(
+        "knee-contact: warning: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of"
+    )
+    assert "387 x IMPLAUSIBLE" in printed.out
+    words = " ".join(printed.out.split())
+    for line in lines:
+        assert f"warning {line.partition(' warning: ')[2][:30]}" in words
+
+
+def test_solve_says_that_the_load_has_the_other_sign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", str(nonsense(tmp_path)), "--output", str(tmp_path / "out.mcap")]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == (
+        "knee-contact: warning: the load was negative throughout (-400 to -160 N): compression is force.y < 0 in "
+        "joint_reaction_force; is the sign another convention's?\n"
+    )
+    assert "warning the load was negative throughout" in " ".join(printed.out.split())
+
+
+def test_a_good_run_is_not_doubted(right_bag: Path, tmp_path: Path) -> None:
+    summary = solve(right_bag, Parameters(), tmp_path / "out.mcap", silent)
+    assert summary.doubts.sentences == []
+    assert summary.doubts.ticks == summary.ticks

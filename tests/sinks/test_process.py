@@ -1,0 +1,310 @@
+"""Sinks in processes of their own: what was sent is kept, and nothing that happens to them is felt by the sender."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tracemalloc
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.sinks.kinds import recorded_row
+from knee_contact_ros.sinks.process import Queue, SinkProcess, size_of
+from knee_contact_ros.sinks.protocol import Job
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.sinks import (
+    NOTHING_LEFT,
+    PATIENCE,
+    SETTINGS,
+    Started,
+    answer,
+    pid,
+    put,
+    recorded_ticks,
+    settled_backlog,
+    shown_ticks,
+    wait_until,
+)
+
+
+def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> None:
+    sink = started.viewer(tmp_path / "knee.rrd", wait=False)
+    put(sink, range(250))
+    sink.note("reset", {})
+    put(sink, range(250, 387))
+    sink.wait_until_open()
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
+    assert [path.name for path in tmp_path.iterdir()] == ["knee.rrd"]
+    assert shown_ticks(tmp_path / "knee.rrd") == list(range(387))
+
+
+def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path) -> None:
+    for name in ("out.mcap", "out.rrd"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "file").touch()
+    bad = {
+        f"cannot write {tmp_path / 'out.mcap'}: Is a directory": started.recorder(tmp_path / "out.mcap", wait=False),
+        f"cannot write {tmp_path / 'out.rrd'}: Is a directory": started.viewer(tmp_path / "out.rrd", wait=False),
+        f"cannot write {tmp_path / 'file' / 'out.mcap'}: Not a directory": started.recorder(
+            tmp_path / "file" / "out.mcap", wait=False
+        ),
+    }
+    good = started.recorder(tmp_path / "new" / "out.mcap", wait=False)
+    for words, sink in bad.items():
+        for ask in (sink.wait_until_open, sink.is_open):
+            with pytest.raises(UsageError) as caught:
+                ask()
+            assert str(caught.value) == words
+        put(sink, range(5))
+        assert sink.dropped == 5
+        sink.discard(PATIENCE)
+    assert started.told == []  # those who wait tell it
+    good.discard(PATIENCE)
+    assert good.failure == ""
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "new", "out.mcap", "out.rrd"]
+
+
+def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, tmp_path: Path) -> None:
+    for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd"):
+        (tmp_path / name).write_text("earlier")
+    sink, picture = started.recorder(tmp_path / "knee.mcap"), started.viewer(tmp_path / "knee.rrd")
+    put(sink, range(10))
+    put(picture, range(10))
+    assert (sink.name, picture.name) == (str(tmp_path / "knee_2.mcap"), str(tmp_path / "knee_1.rrd"))
+    (tmp_path / "knee_2.mcap").write_text("quicker")
+    sink.close(NOTHING_LEFT, PATIENCE)
+    picture.close(NOTHING_LEFT, PATIENCE)
+    assert recorded_ticks(tmp_path / "knee_2_1.mcap") == list(range(10))
+    assert shown_ticks(tmp_path / "knee_1.rrd") == list(range(10))
+    assert (tmp_path / "knee.mcap").read_text() == (tmp_path / "knee.rrd").read_text() == "earlier"
+    assert (tmp_path / "knee_2.mcap").read_text() == "quicker"
+    partial = tmp_path / "knee_1.mcap.partial"
+    assert started.remarks == [
+        f"{tmp_path / 'knee.mcap'} is there already: this recording is {tmp_path / 'knee_2.mcap'}",
+        f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole",
+        f"{tmp_path / 'knee.rrd'} is there already: this Rerun recording is {tmp_path / 'knee_1.rrd'}",
+        f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: the recording is {tmp_path / 'knee_2_1.mcap'}",
+    ]
+
+
+def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
+    arguments = (tmp_path, {}, ABSOLUTE_NAMES, SETTINGS)
+    sink = started.begun(Job("knee_contact_ros.bags.answer_recorder", arguments), recorded_row)
+    wait_until(sink.is_over)
+    assert started.told == [f"cannot write {tmp_path}: Is a directory"]
+
+
+def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
+    started: Started, monkeypatch: Any
+) -> None:
+    def send_when_it_is_gone(sink: SinkProcess, connection: Connection) -> None:
+        assert sink.process
+        sink.process.wait()  # it ends between two looks at what it says
+        send(sink, connection)
+
+    send = SinkProcess._send_batch
+    monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)
+    sink = started.begun(Job("knee_contact_ros.nowhere", ()), recorded_row)
+    sink.put(answer(0))
+    wait_until(sink.is_over)
+    words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"
+    assert started.told == [f"output cannot be opened: {words}"]
+
+
+def test_a_sink_may_be_opened_while_answers_come(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap", wait=False)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(10))
+    assert not sink.is_open()
+    os.kill(pid(sink), signal.SIGCONT)
+    put(sink, range(10, 20))
+    wait_until(sink.is_open)
+    put(sink, range(20, 30))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    sink.put(answer(30))
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(30))
+    assert sink.dropped == 0
+
+
+def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
+    def words(happens: Callable[[SinkProcess], None] = lambda sink: None) -> str:
+        sink = started.recorder(tmp_path / "out.mcap", wait=False)
+        happens(sink)
+        with pytest.raises(UsageError) as caught:
+            sink.wait_until_open()
+        sink.discard(PATIENCE)
+        return str(caught.value).removeprefix(f"recording {tmp_path / 'out.mcap'} cannot be opened: ")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.executable", "/no/where")
+        assert words() == "no process can be started: No such file or directory"
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "knee_contact_ros.sinks.spawn.CHILD", "only_here"
+        )  # found where this process looks for its modules
+        patch.syspath_prepend(tmp_path)
+        (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
+        assert words() == "its process ended with code 7"
+    monkeypatch.setattr("knee_contact_ros.sinks.process.START", 0.05)
+    assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == "its process did not start within 0.05 s"
+    assert started.told == []
+
+
+def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path)
+    put(sink, range(100))
+    wait_until(lambda: path.with_name("out.mcap.partial").stat().st_size > 10_000)
+    os.kill(pid(sink), signal.SIGKILL)
+    wait_until(lambda: sink.failure)  # though nothing is put
+    put(sink, range(100, 105))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert started.told == [f"recording {path} stopped: its process was ended by SIGKILL"]
+    assert sink.dropped == 5
+    assert [p.name for p in tmp_path.iterdir()] == ["out.mcap.partial"]
+
+
+def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
+    started: Started, tmp_path: Path
+) -> None:
+    sink = started.viewer(tmp_path / "knee.rrd", queue=Queue(500, 1e9))
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(480))
+    last = 480 + 500 - settled_backlog(sink)
+    assert last > 500
+    put(sink, range(480, last + 101))
+    wait_until(lambda: started.told)
+    assert sink.dropped == 101
+    assert sink.diagnostics()["backlog"] == "500"
+    os.kill(pid(sink), signal.SIGCONT)
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert started.told == [sink.failure]
+    assert "knee.rrd has gaps: more waited than 500 answers (parameter rerun.queue)" in sink.failure
+    assert sink.problem() == (sink.failure, True)
+    assert shown_ticks(tmp_path / "knee.rrd") == list(range(last))
+
+
+@pytest.mark.parametrize("joints", [1, 12, 100])
+def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
+    """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
+    pipeline, names = Pipeline(load_parameters({}), compiled=False), tuple(f"joint_{i}" for i in range(joints - 1))
+    numbers = tuple(float(number) for number in range(joints))
+    inputs = []
+    for stamp in range(0, 2_000_000_000, 1_000_000):
+        angle = JointState(stamp, "", ("knee", *names), numbers, numbers, numbers)
+        force = WrenchStamped(stamp, "tibia", (0.0, -900.0, 0.0), (0.0, 0.0, 0.0))
+        inputs.append((encode_joint_state(angle), encode_wrench_stamped(force)))
+    waiting: list[Answer] = []
+    for angle, force in inputs[:100]:  # what the first ones bring about stays
+        waiting += [*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)]
+    waiting.clear()
+    tracemalloc.start()
+    try:
+        for angle, force in inputs[100:]:
+            waiting += [*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)]
+        taken, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(waiting) == 1900
+    assert 0.67 < taken / sum(map(size_of, waiting)) < 1.33
+
+
+@pytest.mark.parametrize("awaited", [True, False])
+def test_a_process_that_stands_still_does_not_hold_up_the_end(started: Started, tmp_path: Path, awaited: bool) -> None:
+    sink = started.recorder(tmp_path / "out.mcap", wait=awaited)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(5000))  # more than the socket takes
+    sink.close(NOTHING_LEFT, patience=0.3)
+    assert sink.given_up
+    assert sink.process
+    assert sink.process.returncode == -signal.SIGKILL
+    assert sink.dropped > 1000
+    trouble = "stopped" if awaited else "cannot be opened"
+    words = f"recording {tmp_path / 'out.mcap'} {trouble}: its process stood still when it was to end"
+    assert sink.failure == f"{words}; {sink.dropped} answers had not been handed to its process"
+    assert started.told == ([sink.failure] if awaited else [])
+
+
+def test_a_process_that_is_busy_completes_its_output_by_itself(
+    started: Started, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.sinks.process.is_stopped", lambda _pid: False)  # it is as good as busy
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path)
+    os.kill(pid(sink), signal.SIGSTOP)
+    put(sink, range(5000))
+    waiting = settled_backlog(sink)
+    sink.close(NOTHING_LEFT, patience=0.1)
+    assert sink.given_up
+    words = f"its process ({pid(sink)}) goes on; {waiting} answers have yet to be handed to it"
+    assert started.told == [f"recording {path} is not complete yet, and is not waited for: {words}"]
+    os.kill(pid(sink), signal.SIGCONT)
+    wait_until(sink.is_over)
+    assert recorded_ticks(path) == list(range(5000))
+    assert len(started.told) == 1
+
+
+def test_a_process_that_has_got_all_is_not_given_up(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr("knee_contact_ros.sinks.process.is_stopped", lambda _pid: False)  # it is as good as busy
+    path = tmp_path / "out.mcap"
+    sink = started.recorder(path)
+    put(sink, range(10))
+    wait_until(lambda: sink.diagnostics()["backlog"] == "0")
+    os.kill(pid(sink), signal.SIGSTOP)
+    sink.close(NOTHING_LEFT, patience=0.5)
+    assert not sink.given_up
+    assert not sink.failure
+    words = f"recording {path} is not complete yet, and is not waited for: its process ({pid(sink)}) goes on"
+    assert words in started.remarks
+    os.kill(pid(sink), signal.SIGCONT)
+    wait_until(sink.is_over)
+    assert recorded_ticks(path) == list(range(10))
+
+
+def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    assert os.getpgid(pid(sink)) == pid(sink)  # so that a terminal does not send it any
+    assert os.getsid(pid(sink)) == os.getsid(0)  # so that it gets its share where sessions have shares
+    for number in (signal.SIGINT, signal.SIGTERM):
+        os.kill(pid(sink), number)
+    put(sink, range(10))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
+
+
+def test_a_sinks_process_is_lean_and_steps_back(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    process = psutil.Process(pid(sink))
+    loaded = [Path(library.path).name for library in process.memory_maps()]
+    assert not [name for name in loaded if "rcl" in name or "numpy" in name or "scipy" in name]
+    assert process.nice() == psutil.Process().nice()  # its share of a busy machine
+    assert os.sched_getscheduler(process.pid) == os.SCHED_BATCH  # that it takes from nobody who runs
+    assert all(Path(file.path).name == "out.mcap.partial" for file in process.open_files())
+    sink.close(NOTHING_LEFT, PATIENCE)
+    viewer = started.viewer(tmp_path / "knee.rrd")
+    assert psutil.Process(pid(viewer)).nice() > psutil.Process().nice()
+    viewer.close(NOTHING_LEFT, PATIENCE)
+
+
+def test_files_in_the_working_folder_do_not_stand_in_for_libraries(
+    started: Started, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("mcap", "queue", "knee_contact_ros"):
+        Path(f"{name}.py").write_text("raise RuntimeError")
+    sink = started.recorder(Path("out.mcap"))
+    put(sink, range(3))
+    sink.close(NOTHING_LEFT, PATIENCE)
+    assert recorded_ticks(Path("out.mcap")) == [0, 1, 2]

@@ -1,0 +1,73 @@
+"""Random disturbances of the stamps, against a plain account of what every good sample must get (`studies/pairing`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from knee_contact_ros.pipeline.synchronise import PairedSample, Synchroniser
+from knee_contact_ros.pipeline.timeline import Timeline
+from studies.pairing.judging import judged
+
+WORLDS = range(10_112, 10_160)
+"""Seeds: 576 disturbances"""
+
+
+def breaches(seeds: range) -> list[tuple[int, str, str]]:
+    """What goes wrong in these worlds."""
+    found = [judged(seed) for seed in seeds]
+    return [(seed, breach.what, breach.kind) for seed, world in found for breach in world.breaches]
+
+
+def test_every_good_sample_gets_what_it_must() -> None:
+    assert breaches(WORLDS) == []
+
+
+def believe_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+    """One stamp ahead, and all that come after it are late; one behind, and the stream begins anew."""
+    if self.last is not None and 0 <= self.last - sample.stamp <= self._max_gap:
+        self._refuse("angle_not_in_order")
+        return []
+    self._go_to(sample.stamp)
+    return [sample]
+
+
+def believe_nothing_else(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+    """A clock that is set is not believed any more."""
+    if self.last is not None and not 0 < sample.stamp - self.last <= 5 * self._max_gap:
+        self._refuse("angle_off_time")
+        return []
+    self._go_to(sample.stamp)
+    return [sample]
+
+
+def give_up_all(self: Synchroniser, _arrived_by: float = 0.0) -> list[PairedSample]:
+    """Also loads that have only just come."""
+    return self._pairs(hold=True)
+
+
+def keep_old_angles(self: Synchroniser, samples: list[Any]) -> list[PairedSample]:
+    """Where angles have jumped back, those of before stay in the way."""
+    self._angles.extend(samples)
+    self._fresh.extend(samples)
+    return self._pairs()
+
+
+FAULTS: dict[str, tuple[type, str, Callable[..., Any]]] = {
+    "every stamp is believed": (Timeline, "take", believe_all),
+    "no jump is believed": (Timeline, "take", believe_nothing_else),
+    "the other stream is not looked at": (Timeline, "has_reached", lambda _self, _stamp: False),
+    "nothing kept aside is looked at again": (Timeline, "look_again", lambda _self, _other, jumped=False: []),
+    "a load is given up too soon": (Synchroniser, "give_up", give_up_all),
+    "angles of before a jump are kept": (Synchroniser, "_take_angles", keep_old_angles),
+    "no time is long enough": (Timeline, "_silence", lambda _self: 10**18),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_put_back_is_found(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+    owner, name, wrong = FAULTS[fault]
+    monkeypatch.setattr(owner, name, wrong)
+    assert any(breaches(range(seed, seed + 4)) for seed in WORLDS[::4])

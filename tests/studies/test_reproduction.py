@@ -1,0 +1,62 @@
+"""docs/reproduction.md says what the code gives, and its key numbers are those that must come out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+
+pytest.importorskip("tabulate", reason="the studies' tables")
+
+from studies.report import save
+from studies.reproduction.healthy import static_depths
+from studies.reproduction.loads import load_peak
+from studies.reproduction.osteoarthritis import arthritic_depth, bone_stiffness_needed, load_needed
+from studies.reproduction.phases import phases, second_stance
+from studies.reproduction.scenes import MM, N_MM
+from studies.reproduction.sections import COMMAND, TITLE, sections
+from studies.reproduction.table1 import bone_stiffness, cartilage_stiffness
+
+PAGE = ROOT / "docs" / "reproduction.md"
+
+
+def test_load_peaks():
+    assert [round(load_peak(time), 3) for time in second_stance()] == [1.815, 2.189]
+
+
+def test_phases_follow_each_other():
+    times = [moment.time for moment in phases()]
+    assert times == sorted(times)
+    assert len(times) == 4
+
+
+def test_static_depths():
+    assert [round(MM * depth, 6) for depth in static_depths()] == [0.657906, 0.747035]
+    assert round(MM * arthritic_depth(), 6) == 0.538046
+
+
+def test_what_the_arthritic_depth_would_need():
+    assert load_needed() == pytest.approx(1.6055, abs=5e-5)  # its own rounding
+    assert bone_stiffness_needed() == pytest.approx(2.40e5, rel=5e-3)
+
+
+def test_stiffness_from_material():
+    assert round(bone_stiffness() * N_MM) == 98408
+    assert round(cartilage_stiffness() * N_MM) == 136
+
+
+def test_page_is_up_to_date(tmp_path):
+    save(tmp_path / "page.md", TITLE, COMMAND, sections(), "some machine")
+    assert _but_machine(tmp_path / "page.md") == _but_machine(PAGE), f"run {COMMAND}"
+
+
+def test_figures_are_there():
+    named = [part.split(")")[0] for part in PAGE.read_text(encoding="utf-8").split("](")[1:]]
+    assert len(named) == 5
+    assert all((PAGE.parent / name).is_file() for name in named)
+
+
+def _but_machine(page: Path) -> list[str]:
+    return [line for line in page.read_text(encoding="utf-8").splitlines() if not line.startswith("Made by")]

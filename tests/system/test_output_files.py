@@ -1,0 +1,195 @@
+"""Unfinished files: who writes them, and which were cut off."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import (
+    all_names,
+    claim,
+    claim_first,
+    is_being_written,
+    leftovers,
+    open_claimed,
+    refuse_existing,
+    refuse_impossible,
+    take_name,
+)
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from knee_contact_ros.system.output_files import claim, open_claimed
+file = open_claimed(claim(Path(sys.argv[1])))
+print("open", flush=True)
+time.sleep(60.0)
+"""
+
+
+def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> None:
+    path, partial = tmp_path / "out.mcap", tmp_path / "out.mcap.partial"
+    with subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout
+        assert writer.stdout.readline() == "open\n"
+        assert is_being_written(partial)
+        assert leftovers(tmp_path) == []
+        with pytest.raises(UsageError, match="is being written by another process"):
+            refuse_existing(path)
+        os.kill(writer.pid, signal.SIGKILL)
+        writer.wait()
+    assert not is_being_written(partial)
+    assert leftovers(tmp_path) == [partial]
+    with pytest.raises(UsageError, match="was cut off"):
+        refuse_existing(path)
+
+
+def test_leftovers_are_unfinished_recordings_only(tmp_path: Path) -> None:
+    for name in ("b.mcap.partial", "a.mcap.partial", "whole.mcap", "view.rrd.partial", "metadata.yaml"):
+        (tmp_path / name).touch()
+    with open_claimed(claim(tmp_path / "live.mcap")):
+        assert [path.name for path in leftovers(tmp_path)] == ["a.mcap.partial", "b.mcap.partial"]
+    assert leftovers(tmp_path / "nowhere") == []
+
+
+def test_a_claimed_file_is_emptied_by_its_writer_only(tmp_path: Path) -> None:
+    partial = tmp_path / "out.mcap.partial"
+    partial.write_text("earlier")
+    with open_claimed(claim(tmp_path / "out.mcap", overwrite=True)) as file:
+        assert partial.read_bytes() == b""
+        file.write(b"new")
+        file.flush()
+        with pytest.raises(UsageError, match="is being written"):
+            open_claimed(claim(tmp_path / "out.mcap", overwrite=True))
+    assert partial.read_bytes() == b"new"
+
+
+@pytest.fixture
+def never_waiting() -> Iterator[None]:
+    """A test that waits for ever fails."""
+
+    def on_alarm(_number: int, _frame: FrameType | None) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, on_alarm)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def link_to_victim(place: Path) -> None:
+    """A link that leads to another's file."""
+    place.symlink_to(place.parent / "victim")
+
+
+PLANTED: dict[str, Callable[[Path], None]] = {"link": link_to_victim, "pipe": os.mkfifo}
+"""What may lie where a file is to be, and must not be opened"""
+
+
+@pytest.mark.usefixtures("never_waiting")
+@pytest.mark.parametrize("what", PLANTED)
+@pytest.mark.parametrize("place", ["out.mcap", "out.mcap.partial"])
+def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place: str) -> None:
+    path, victim = tmp_path / "out.mcap", tmp_path / "victim"
+    victim.write_text("another's")
+    PLANTED[what](tmp_path / place)
+    assert leftovers(tmp_path) == []
+    with pytest.raises(UsageError):
+        claim(path)
+    assert claim_first(all_names(path))[0].name == "out_1.mcap"
+    with open_claimed(claim(path, overwrite=True)) as file:
+        file.write(b"ours")
+    take_name(tmp_path / "out.mcap.partial", path, overwrite=True)
+    assert path.read_bytes() == b"ours"
+    assert not path.is_symlink()
+    assert victim.read_text() == "another's"
+
+
+@pytest.mark.usefixtures("never_waiting")
+@pytest.mark.parametrize("what", PLANTED)
+def test_what_takes_the_place_of_a_claimed_file_is_refused(tmp_path: Path, what: str) -> None:
+    (tmp_path / "victim").write_text("another's")
+    partial = claim(tmp_path / "out.mcap")
+    partial.unlink()
+    PLANTED[what](partial)
+    with pytest.raises(UsageError, match="cannot write"):
+        open_claimed(partial)
+    assert (tmp_path / "victim").read_text() == "another's"
+
+
+@pytest.mark.parametrize("trouble", [0, errno.EPERM, errno.ENOTSUP])
+def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path: Path, monkeypatch: Any, trouble: int) -> None:
+    """Also where a file system has no links."""
+
+    def link(*_arguments: Any, **_options: Any) -> None:
+        raise OSError(trouble, os.strerror(trouble))
+
+    if trouble:
+        monkeypatch.setattr("os.link", link)
+    for name in ("out.mcap", "out_1.mcap"):
+        (tmp_path / name).write_text(name)
+    partial = tmp_path / "out.mcap.partial"
+    partial.write_text("new")
+    assert take_name(partial, tmp_path / "out.mcap", overwrite=False) == tmp_path / "out_2.mcap"
+    contents = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert contents == {"out.mcap": "out.mcap", "out_1.mcap": "out_1.mcap", "out_2.mcap": "new"}
+
+
+def test_names_go_on_as_those_of_further_files(tmp_path: Path) -> None:
+    path = tmp_path / "rec_0.mcap"
+    for expected in ("rec_0", "rec_1", "rec_2"):
+        name, partial = claim_first(all_names(path))
+        assert (name, partial) == (tmp_path / f"{expected}.mcap", tmp_path / f"{expected}.mcap.partial")
+
+
+IMPOSSIBLE = {
+    "": "it names no file",
+    "..": "it names no file",
+    "folder": "Is a directory",
+    "file/out.mcap": "Not a directory",
+    "file/deep/out.mcap": "Not a directory",
+    f"{'n' * 237}.mcap": "File name too long",
+    f"new/{'n' * 300}/out.mcap": "File name too long",
+    "new/" + "x/" * 4000 + "out.mcap": "File name too long",
+    "with\0zero.mcap": "it names no file",
+    "half\ud800.mcap": "'utf-8' codec can't encode character '\\ud800' in position",
+    "loop/out.mcap": "Too many levels of symbolic links",
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UsageError) as caught:
+        refuse_impossible(tmp_path / name if name else Path("/"))
+    assert IMPOSSIBLE[name] in str(caught.value)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "new/deep/out.mcap", f"{'n' * 236}.mcap", "taken.mcap"])
+def test_paths_that_can_be_are_not_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "taken.mcap").touch()
+    refuse_impossible(tmp_path / name)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may do all")
+def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
+    for mode in (0o500, 0o600):
+        tmp_path.chmod(mode)
+        with pytest.raises(UsageError, match="Permission denied"):
+            refuse_impossible(tmp_path / "new" / "out.mcap")
+    tmp_path.chmod(0o700)

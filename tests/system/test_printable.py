@@ -1,0 +1,65 @@
+"""Texts of others on a terminal and in a log."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.bags.recovery.recover import Recovery, TopicCount
+from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.offline.summary import read_summary
+from knee_contact_ros.offline.summary_table import show_summary
+from knee_contact_ros.pipeline.samples import RefusedSampleError
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.printable import listed, printable
+from knee_contact_ros.system.terminal import say, warn
+from tests.helpers.terminals import Terminal
+
+EVIL = "\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
+SHOWN = r"\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
+
+
+def test_what_does_not_print_is_spelled() -> None:
+    assert printable(EVIL) == SHOWN
+    assert printable("µm Knie 膝 [a] \\x1b") == "µm Knie 膝 [a] \\x1b"
+
+
+def test_lists_are_cut() -> None:
+    assert listed([EVIL, "b"]) == f"{SHOWN}, b"
+    assert listed([str(number) for number in range(30)]).endswith("18, 19 and 10 more")
+    assert listed(["a" * 101]) == f"{'a' * 100}..."
+
+
+def test_errors_are_printable_lines() -> None:
+    assert str(UsageError(f"a\nb {EVIL}")) == f"a b {SHOWN}".replace(r"\r", " ")
+    assert str(RefusedSampleError("joint_missing", EVIL)) == SHOWN
+
+
+def test_what_is_told_has_no_escape_codes(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    say(EVIL, err=True)
+    warn([EVIL])
+    show_recovery(Recovery([TopicCount(EVIL, EVIL, 1, 2)], None, 1, 1, [EVIL]), EVIL)
+    show_summary(read_summary(old_recording, 737.0), {"parameters": EVIL}, {"Recording": EVIL})
+    told = capsys.readouterr()
+    assert (told.out + told.err).replace("\n", "").isprintable()
+    assert told.out.count("mine") == 6
+    assert told.err.count(SHOWN) == 2
+
+
+PROGRAM = """
+from knee_contact_ros.system.terminal import progress
+
+with progress("\x1b]0;mine\x07[/red]") as advance:
+    advance(1, 2)
+    advance.describe("\x1b]0;mine\x07[/green]")
+    advance(2, 2)
+"""
+
+
+def test_a_bar_has_none() -> None:
+    with Terminal(sys.executable, "-c", PROGRAM) as terminal:
+        terminal.wait_for(r"\\x1b\]0;mine\\x07\[/red\]")
+        terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\]")
+        terminal.wait_for(r"\[ended with 0, usual\]")

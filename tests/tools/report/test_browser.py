@@ -1,0 +1,79 @@
+"""The page in a real browser: no errors on its console, every picture decoded, nothing asked of any network."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from knee_contact_ros.cli.main import main
+
+BROWSER, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
+WIDTHS = (1600, 420)
+"""[px] of a desk's screen and of a telephone's"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if not (BROWSER and DRIVER):
+        pytest.skip("chromium and chromedriver are not on this machine (Debian: apt install chromium-driver)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed (dependency group dev)")
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for argument in ("--headless=new", "--disable-gpu", "--disable-dev-shm-usage"):
+        options.add_argument(argument)
+    if os.geteuid() == 0:
+        options.add_argument("--no-sandbox")  # it cannot be had as root
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory, config: Path) -> Path:
+    """Both knees with a femur from MRI, healthy beside osteoarthritic: all figures there are."""
+    output = tmp_path_factory.mktemp("browser") / "out"
+    bags = [str(config.parent / "bags" / f"gait2354_{side}") for side in ("right", "left")]
+    parameters = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "--compare", "osteoarthritis.yaml"]
+    assert main(["report", *bags, *parameters, "--output", str(output)]) == 0
+    return output / "report.html"
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get_log("browser"), browser.get_log("performance")  # those of before
+    browser.get(page.as_uri())
+    assert browser.get_log("browser") == []
+    pictures = browser.execute_async_script(
+        "const done = arguments[0];"
+        "const size = async i => { await i.decode(); return [i.naturalWidth, i.clientWidth]; };"
+        "Promise.all([...document.images].map(size))"
+        ".then(done, error => done(String(error)));"
+    )
+    assert isinstance(pictures, list), pictures
+    assert len(pictures) == 7
+    for natural, shown in pictures:
+        assert natural > 900
+        assert 0.8 * min(width, 640) <= shown <= width
+    # Tables may be scrolled; the page itself is as wide as the screen.
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    tables = browser.execute_script("return [...document.querySelectorAll('table')].map(t => t.innerText)")
+    text = "\n".join(tables)
+    for words in ("largest depth", "1265.2", "heel strike", "contact.stiffness", "impulse of stance [BW s]"):
+        assert words in text
+    assert requested(browser) == {page.as_uri()}
+
+
+def requested(browser: Any) -> set[str]:
+    """Addresses that the page has asked for, but for data that it holds itself."""
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    sent = (each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent")
+    return {address for address in sent if not address.startswith("data:")}

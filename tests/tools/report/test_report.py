@@ -1,0 +1,402 @@
+"""`knee-contact report` as a person runs it: files, numbers, page, and what it says of bad input."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.tools.report.cycles import PERCENT
+from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
+from knee_contact_ros.tools.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
+from tests.offline.test_solve import make_bag, silent
+
+BODY_WEIGHT = 737.068
+CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
+MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
+TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def bags(config: Path) -> tuple[Path, Path]:
+    return config.parent / "bags" / "gait2354_right", config.parent / "bags" / "gait2354_left"
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
+    """Both knees, healthy beside osteoarthritic."""
+    output = tmp_path_factory.mktemp("report") / "both"
+    arguments = ["--label", "right", "--label", "left", "--compare", "osteoarthritis.yaml", "--output", str(output)]
+    assert main(["report", *map(str, bags), *arguments]) == 0
+    return output
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path) -> Path:
+    """The right knee as we record it."""
+    path = tmp_path_factory.mktemp("recording") / "knee.mcap"
+    solve(bags[0], load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]), path, silent)
+    return path
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def page_of(folder: Path) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def text_of(page: str) -> str:
+    """Without tags and pictures, in one line."""
+    body = re.sub(r"<style>.*?</style>", " ", page, flags=re.DOTALL)
+    return " ".join(re.sub(r"<[^>]*>", " ", body).split())
+
+
+def check_html(page: str) -> None:
+    """Raise at the first error of an HTML5 page, where the parser is installed."""
+    pytest.importorskip("html5lib", reason="html5lib is not installed (dependency group dev)").HTMLParser(
+        strict=True
+    ).parse(page)
+
+
+def numbers(rows: list[dict[str, str]], column: str) -> np.ndarray:
+    return np.array([float(row[column]) for row in rows])
+
+
+def test_all_files_are_there_and_nothing_else(both: Path) -> None:
+    expected = {"report.html", "over_time_1.png", "over_time_2.png"} | TABLES | CYCLE_FIGURES
+    assert {path.name for path in both.iterdir()} == expected  # a circle on a plane: the contact point stays
+    for figure in both.glob("*.png"):
+        assert figure.read_bytes().startswith(PNG)
+
+
+def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> None:
+    rows = [row for row in read(both / "cycles.csv") if row["run"] == "right, osteoarthritis"]
+    assert numbers(rows, "gait_cycle_percent") == pytest.approx(PERCENT)
+    assert {row["cycles"] for row in rows} == {"1"}
+    strikes = [float(row["stamp_s"]) for row in read(both / "events.csv")
+               if row["event"] == "heel strike" and row["run"] == "right, osteoarthritis"]  # fmt: skip
+    answers = read_answers(recording)
+    time = answers.stamps / 1e9
+    at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
+    units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "BW": 1.0 / BODY_WEIGHT}
+    for name, (field, _) in CURVE_COLUMNS.items():
+        expected = np.interp(at, time, getattr(answers, field)) * units[name.rsplit("_", 1)[1]]
+        # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
+        assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert {row[f"{name}_sd"] for row in rows} == {""}  # of a single cycle there is none
+    assert list(rows[0]) == ["run", "gait_cycle_percent", "cycles",
+                             *(f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd"))]  # fmt: skip
+
+
+def test_the_peaks_are_those_of_the_demo(both: Path) -> None:
+    rows = read(both / "peaks.csv")
+    assert tuple(rows[0]) == PEAK_COLUMNS
+    right = [row for row in rows if row["run"] == "right, healthy"]
+    assert [row["stamp_s"] for row in right] == ["0.785000000", "1.205000000", "2.015000000", "2.430000000"]
+    assert [row["peak"] for row in right] == ["first", "second", "", ""]
+    assert [row["cycle"] for row in right] == ["1", "1", "", ""]
+    assert numbers(right, "time_s") == pytest.approx([0.255, 0.675, 1.485, 1.900], abs=1e-9)
+    assert numbers(right, "load_N") == pytest.approx([1265.2, 1556.9, 1337.7, 1613.8], abs=0.05)  # the demo's digits
+    assert numbers(right, "contact_force_N") == pytest.approx([1265.2, 1556.9, 1338.0, 1614.1], abs=0.05)
+    assert numbers(right, "penetration_depth_mm") == pytest.approx([0.635, 0.729, 0.658, 0.747], abs=0.0005)
+    for kind in ("load", "contact_force"):
+        assert numbers(right, f"{kind}_BW") == pytest.approx(numbers(right, f"{kind}_N") / BODY_WEIGHT, rel=1e-8)
+    percent = numbers(right[:2], "gait_cycle_percent")
+    assert percent == pytest.approx([13.2, 47.3], abs=0.05)
+    assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
+                                            "left, osteoarthritis"}  # fmt: skip
+
+
+def test_the_strides_are_in_their_file(both: Path, recording: Path) -> None:
+    rows = read(both / "strides.csv")
+    assert tuple(rows[0]) == STRIDE_COLUMNS
+    assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
+                                            "left, osteoarthritis"}  # fmt: skip
+    (row,) = (row for row in rows if row["run"] == "right, osteoarthritis")
+    answers = read_answers(recording)
+    start, duration = float(row["heel_strike_s"]), float(row["duration_s"])
+    inside = (answers.stamps >= start * 1e9) & (answers.stamps <= (start + duration) * 1e9)
+    assert row["cycle"] == "1"
+    speed = np.abs(answers.sliding_velocity[inside])
+    assert float(row["largest_sliding_velocity_mm_per_s"]) == pytest.approx(1e3 * speed.max(), rel=1e-8)
+    # A sum of 5 ms each; the heel strikes lie between ticks
+    assert float(row["sliding_distance_mm"]) == pytest.approx(1e3 * 0.005 * speed.sum(), rel=0.02)
+    text = text_of(page_of(both))
+    assert f"sliding distance [mm] {float(row['sliding_distance_mm']):.1f}" in text
+
+
+def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
+    assert (
+        main(["report", str(old_recording), "--compare", "osteoarthritis.yaml", "--output", str(tmp_path / "out")]) == 0
+    )
+    text = text_of(page_of(tmp_path / "out"))
+    assert "error bound of the contact force not in this recording" in text
+    assert "sliding distance [mm] –" in text
+    old, compared = read(tmp_path / "out" / "strides.csv")
+    assert old["sliding_distance_mm"] == old["largest_sliding_velocity_mm_per_s"] == ""
+    assert float(compared["sliding_distance_mm"]) > 30.0  # computed now
+    assert float(old["largest_penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
+    for row in read(tmp_path / "out" / "peaks.csv")[:4]:
+        assert row["contact_force_error_N"] == ""
+        assert 0.0 < float(row["penetration_depth_error_mm"]) < 1e-3
+    curves = read(tmp_path / "out" / "cycles.csv")[0]
+    assert curves["sliding_velocity_mm_per_s_mean"] == ""
+    assert curves["contact_force_N_mean"]
+
+
+def test_the_events_are_in_their_file(both: Path) -> None:
+    rows = read(both / "events.csv")
+    assert tuple(rows[0]) == EVENT_COLUMNS
+    left = [row for row in rows if row["run"] == "left, healthy"]
+    kinds = ["load peak", "toe-off", "heel strike", "load peak", "load peak", "toe-off", "heel strike"]
+    assert [row["event"] for row in left] == kinds
+    assert numbers(left, "stamp_s") == pytest.approx(numbers(left, "time_s") + 0.53, abs=1e-8)
+    assert numbers(left, "load_BW") == pytest.approx(numbers(left, "load_N") / BODY_WEIGHT, rel=1e-8)
+    assert numbers(left, "contact_force_BW") == pytest.approx(numbers(left, "contact_force_N") / BODY_WEIGHT, rel=1e-8)
+    assert left[0]["text"] == "load peak 2.56 BW (1884.2 N)"
+    assert float(left[0]["penetration_depth_mm"]) == pytest.approx(0.827, abs=0.0005)
+
+
+def test_the_page_is_valid_and_needs_nothing_else(both: Path) -> None:
+    page = page_of(both)
+    check_html(page)
+    references = re.findall(r"""(?:src|href|action|poster|data)\s*=\s*["']([^"']*)""", page)
+    assert len(references) == 6  # five pictures and an empty icon
+    assert all(each.startswith("data:") for each in references)
+    assert not re.search(r"https?://|@import|url\((?!data:)", page)
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert [base64.b64decode(each) for each in pictures] == [
+        (both / name).read_bytes()
+        for name in ("flexion.png", "contact_force.png", "depth.png", "over_time_1.png", "over_time_2.png")
+    ]
+
+
+def test_the_page_says_what_it_should(both: Path) -> None:
+    text = text_of(page_of(both))
+    for words in (
+        "Knee contact: right, left", "not of a medical device", "medial compartment: 0.5 of the axial joint reaction",
+        "doi:10.1186/ar4138", "387 in 1.93 s (200 Hz)", "0.747 mm", "0.538 mm", "0.915 s (47.4 %)",
+        "the contact law has one layer", "ticks not converged", "impulse of stance [BW s]", "1.084", "1265.2", "47.3",
+        "heel strike at 2° of flexion", "2 heel strikes, 1 toe-off, 4 load peaks.", "contact.layer_depth",
+        "two_layer_viscoelastic", "with osteoarthritis.yaml over its parameters", "The contact point does not move",
+    ):  # fmt: skip
+        assert words in text
+
+
+def test_published_ranges_are_of_the_same_load(both: Path, bags: tuple[Path, Path], tmp_path: Path) -> None:
+    assert "The load of these runs is the medial one." in text_of(page_of(both))
+    arguments = ["-p", "load.compartment:=total", "--output", str(tmp_path / "total")]
+    assert main(["report", str(bags[0]), *arguments]) == 0
+    text = text_of(page_of(tmp_path / "total"))
+    assert "The load of these runs is the total one." in text
+    assert "total: the whole axial joint reaction" in text
+    assert MEDIAL[0].text not in text
+    assert TOTAL[0].text in text
+
+
+def test_published_numbers_name_their_sources() -> None:
+    for each in (*TOTAL, *MEDIAL, DEPTH):
+        told = re.search(r"\[(.+)\]$", each.text)
+        assert told
+        assert [int(number) - 1 for number in told[1].split(", ")] == list(each.sources)
+        assert all(SOURCES[number].text for number in each.sources)
+        assert each.lowest <= each.highest
+
+
+def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path) -> None:
+    arguments = ["--compare", "healthy.yaml", "--output", str(tmp_path / "out")]
+    assert main(["report", str(recording), *arguments]) == 0
+    text = text_of(page_of(tmp_path / "out"))
+    assert "Recorded with knee_contact_ros" in text
+    assert "700 default 737.068" in text  # stored, and not that of healthy.yaml
+    healthy = [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == "knee, healthy"]
+    # --compare sets what its file names: healthy.yaml has the law and the body weight of the paper
+    assert float(healthy[1]["penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
+    assert float(healthy[1]["load_BW"]) == pytest.approx(float(healthy[1]["load_N"]) / BODY_WEIGHT, rel=1e-8)
+    own = [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == "knee"]
+    assert float(own[1]["load_BW"]) == pytest.approx(float(own[1]["load_N"]) / 700.0, rel=1e-8)
+
+
+def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
+    """Somebody else's recorder stores the messages, and no parameters."""
+    path = tmp_path / "both.mcap"
+    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items() if topic != KNEE_CONTACT_WRENCH}
+    with BagWriter(path) as bag, BagReader(recording, types) as reader:
+        for side in ("left", "right"):
+            for topic, name in types.items():
+                bag.add_topic(f"/{side}{topic}", name)
+        for message in reader.raw_messages():
+            for side in ("left", "right"):
+                bag.write(f"/{side}{message.topic}", message.log_time, message.data)
+    arguments = ["--compare", "healthy.yaml", "--output", str(tmp_path / "out")]
+    assert main(["report", str(path), *arguments]) == 0
+    rows = read(tmp_path / "out" / "peaks.csv")
+    labels = list(dict.fromkeys(row["run"] for row in rows))
+    assert labels == ["both left/knee_contact", "both left/knee_contact, healthy", "both right/knee_contact",
+                      "both right/knee_contact, healthy"]  # fmt: skip
+    depths = [max(float(row["penetration_depth_mm"]) for row in rows if row["run"] == label) for label in labels]
+    assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
+    text = text_of(page_of(tmp_path / "out"))
+    assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text
+    arguments = ["-p", "body_weight:=600.0", "--output", str(tmp_path / "again")]
+    assert main(["report", str(path), *arguments]) == 0
+    row = read(tmp_path / "again" / "peaks.csv")[0]
+    assert float(row["load_BW"]) == pytest.approx(float(row["load_N"]) / 600.0, rel=1e-8)
+
+
+def test_files_of_one_name_are_told_apart(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    assert main(["report", str(bags[0]), str(bags[0]), "--output", str(tmp_path / "out")]) == 0
+    rows = read(tmp_path / "out" / "peaks.csv")
+    assert {row["run"] for row in rows} == {"gait2354_right (1)", "gait2354_right (2)"}
+
+
+def test_a_femur_from_mri_shows_the_way_of_the_contact_point(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    arguments = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "--output", str(tmp_path / "out")]
+    assert main(["report", str(bags[0]), *arguments]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= MOVING_FIGURES
+    rows = read(tmp_path / "out" / "cycles.csv")
+    assert np.ptp(numbers(rows, "contact_point_x_mm_mean")) > 5.0
+
+
+def test_without_gait_everything_is_over_time(tmp_path: Path) -> None:
+    bag = make_bag(tmp_path / "standing.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(400)])
+    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "over_time_1.png"} | TABLES
+    text = text_of(page_of(tmp_path / "out"))
+    assert "No two heel strikes that follow each other" in text
+    assert "0 heel strikes, 0 toe-offs, 0 load peaks." in text
+    assert read(tmp_path / "out" / "cycles.csv") == read(tmp_path / "out" / "peaks.csv") == []
+
+
+def test_an_earlier_report_gives_way_and_other_files_stay(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    output.mkdir()
+    for name in ("mine.txt", "over_time_7.png", "contact_point.png", "report.html"):
+        (output / name).write_text("earlier")
+    assert main(["report", str(bags[0]), "--output", str(output)]) == 0
+    names = {path.name for path in output.iterdir()}
+    assert (output / "mine.txt").read_text() == "earlier"
+    assert not names & {"over_time_7.png", "contact_point.png"}
+    assert page_of(output).startswith("<!DOCTYPE html>")
+
+
+def test_the_page_escapes_what_it_is_given(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    label = '_<b onload="x">&$\\no$'
+    assert main(["report", str(bags[0]), "--label", label, "--output", str(tmp_path / "out")]) == 0
+    page = page_of(tmp_path / "out")
+    check_html(page)
+    assert "<b onload" not in page
+    assert "&lt;b onload=" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.mcap"], "no recording at nowhere.mcap"),
+        (["{bag}", "--label", "a", "--label", "b"], "--label: 2 given for 1 FILEs"),
+        (["{bag}", "--params", "nowhere.yaml"], "nowhere.yaml"),
+        (["{bag}", "--compare", "nowhere.yaml"], "nowhere.yaml"),
+        (["{bag}", "-p", "knee.joint_name:=elbow"], "elbow"),
+        (["{recording}", "--params", "healthy.yaml"], "--params is for bags"),
+        (["{csv}"], "femur_medial.csv"),
+        ([], "FILE"),
+    ],
+)
+def test_bad_input_is_told_in_a_line(
+    arguments, words, bags, recording: Path, config: Path, tmp_path: Path, capsys
+) -> None:
+    names = {"bag": bags[0], "recording": recording, "csv": config / "femur_medial.csv"}
+    output = tmp_path / "out"
+    assert main(["report", *(each.format(**names) for each in arguments), "--output", str(output)]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not output.exists()
+
+
+def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(bags, tmp_path: Path, capsys) -> None:
+    source = next(bags[0].glob("*.mcap"))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(source.read_bytes()[: source.stat().st_size * 2 // 3])
+    assert main(["report", str(cut), "--output", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert "The file is damaged" in text_of(page_of(tmp_path / "out"))
+
+
+def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['jinja2'] = None; from knee_contact_ros.cli.main import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "report", str(bags[0]), "--output", str(tmp_path / "out")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr == "knee-contact: jinja2 is not installed: pip install 'knee-contact-ros[report]'\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, number: int) -> None:
+    bag, output = tmp_path / "bag", tmp_path / "out"
+    shutil.copytree(bags[0], bag)
+    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "report", *[str(bag)] * 50, "--output", str(output)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while not list(output.glob(".incomplete-*/*")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, error = process.communicate(timeout=60.0)
+    by_python = -signal.SIGINT  # where the signal meets generated code Python ends so; a shell says 130 to both
+    assert (process.returncode, error.strip()) in [(code, "knee-contact: interrupted") for code in (130, by_python)]
+    assert not output.exists()
+
+
+def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], both: Path, tmp_path: Path) -> None:
+    """Solved for the report, and as a recording says it itself."""
+    assert "What makes no sense" not in page_of(both)
+    recording = tmp_path / "knee.mcap"
+    solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording, silent)
+    pulled = make_bag(tmp_path / "pulled.mcap", [(i * 10_000_000, 0.1, -800.0) for i in range(121)])
+    assert main(["report", str(recording), str(pulled), "--output", str(tmp_path / "out")]) == 0
+    check_html(page_of(tmp_path / "out"))
+    told = text_of(page_of(tmp_path / "out")).partition("What makes no sense.")[2].partition("Overview")[0]
+    for words in (
+        "knee: contact.stiffness 2500 N/m^1.5 gives 279 mm of depth under 368.5 N",
+        "knee: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of the femoral radius",
+        "pulled: the load was negative throughout (-400 to -400 N)",
+    ):
+        assert told.count(words) == 1
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3])
+def test_a_few_ticks_are_a_report(tmp_path: Path, ticks: int) -> None:
+    bag = make_bag(tmp_path / "few.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(ticks)])
+    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
+    assert f"{ticks} in {0.005 * (ticks - 1):.2f} s" in text_of(page_of(tmp_path / "out"))
+
+
+def test_a_knee_that_lifts_off_is_told(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, -200.0 if 100 <= i < 120 else 800.0) for i in range(200)]
+    bag = make_bag(tmp_path / "apart.mcap", rows)
+    assert main(["report", str(bag), "-p", "femur.mass:=1.0", "--output", str(tmp_path / "out")]) == 0
+    answers_apart = re.search(
+        r"lifted off ([0-9.]+) s \([0-9.]+ %\), at most ([0-9.]+) s", text_of(page_of(tmp_path / "out"))
+    )
+    assert answers_apart is not None
+    assert float(answers_apart[1]) == float(answers_apart[2]) > 0.09
