@@ -138,6 +138,8 @@ class Disk:
     def __init__(self) -> None:
         self.names: dict[Path, list[Call]] = {}
         """What was written into the file of a name; two names may have one file"""
+        self.former: dict[Path, list[Call]] = {}
+        """Likewise by the names before: a file may get its name while a thread has it synced"""
         self.kept_names: dict[Path, list[Call]] = {}
         self.kept: dict[int, int] = {}
         """How many of a file's writes are on the disk for certain, by its list"""
@@ -151,11 +153,11 @@ class Disk:
         elif call.what == "linkat":
             self.names[call.other] = self.names[call.path]
         elif call.what == "rename":
-            self.names[call.other] = self.names.pop(call.path)
+            self.names[call.other] = self.former[call.path] = self.names.pop(call.path)
         elif call.what == "unlink":
             self.names.pop(call.path)
         elif call.what in ("fsync", "fdatasync") and call.path.name != FOLDER:
-            writes = self.names[call.path]
+            writes = self.names[call.path] if call.path in self.names else self.former[call.path]
             self.kept[id(writes)] = len(writes)
         elif call.what == "fsync":
             self.kept_names = dict(self.names)
