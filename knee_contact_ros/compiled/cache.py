@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 import llvmlite
@@ -26,6 +25,7 @@ from numba.core.serialize import dumps
 
 import knee_contact_ros.core
 from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
+from knee_contact_ros.compiled.source_meaning import digest, source_meaning
 from knee_contact_ros.core.kernel_source import FUNCTIONS
 
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
@@ -150,8 +150,8 @@ class _Kernels:
         if sources is None:
             return None
         names = [(one.__module__, one.__qualname__) for one in made_of]
-        start = f"{self._function.__name__}-{_digest((names, str(signature), code, sources))}-"
-        return f"{start}{_digest(processor)}.kernel", start
+        start = f"{self._function.__name__}-{digest((names, str(signature), code, sources))}-"
+        return f"{start}{digest(processor)}.kernel", start
 
 
 def _named_tuples(kinds: Iterable[Any]) -> Iterator[type]:
@@ -211,45 +211,20 @@ def _fingerprint() -> str:
         raise FileNotFoundError(f"{CORE} has no Python files")
     paths = [*model, *sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)]
     versions = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag
-    files = _digest((versions, [_file_digest(path) for path in paths]))
+    files = digest((versions, [_file_digest(path) for path in paths]))
     kept, name = KernelFolder(_caches() / "meaning"), "model"
     with suppress(DoubtError):
         known, _, meaning = (kept.read(name) or b"").decode().partition(" ")
         if known == files:
             return meaning
-    meaning = _digest((versions, [source_meaning(path.read_bytes()) for path in paths]))
+    meaning = digest((versions, [source_meaning(path.read_bytes()) for path in paths]))
     with suppress(DoubtError):
         kept.write(name, f"{files} {meaning}".encode())
     return meaning
 
 
-def source_meaning(source: bytes) -> str:
-    """A digest of what a module does; its comments, docstrings and the places of its lines do not count."""
-    try:
-        return _digest(_meaning(compile(source, "", "exec", optimize=2, dont_inherit=True)))
-    except (SyntaxError, ValueError):  # of no module that could be imported
-        return _digest(source)
-
-
-def _meaning(code: CodeType) -> tuple[Any, ...]:
-    """All of a piece of bytecode but the lines it comes from."""
-    constants = [_meaning(one) if isinstance(one, CodeType) else _constant(one) for one in code.co_consts]
-    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
-    names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    return code.co_code, code.co_exceptiontable, counts, names, constants
-
-
-def _constant(value: object) -> str:
-    """In words that are the same in every process, as those of a set are not."""
-    return repr(sorted(map(repr, value)) if isinstance(value, frozenset) else value)
-
-
 def _file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _digest(of: Any) -> str:
-    return hashlib.sha256(repr(of).encode()).hexdigest()[:16]
 
 
 def _tell(error: Exception, then: str) -> None:

@@ -107,14 +107,13 @@ class Session:
             )
         except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
-        self._services = [
-            self._service("reset", self._reset),
-            self._service("start_recording", self._start_recording),
-            self._service("stop_recording", self._stop_recording),
-        ]
-        try:  # the last thing that can fail: a file is opened if all else is well
+        self._services: list[Any] = []
+        acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
+        try:  # a file is opened when all else is well
+            for name, act in acts.items():
+                self._services.append(self._service(name, act))
             self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
-        except UsageError:
+        except BaseException:
             self.destroy_endpoints()
             raise
         if parameters.rerun.mode in ("serve", "spawn"):

@@ -124,7 +124,7 @@ class Translation(Section):
     table: str = Field("", description="CSV of flexion_angle [rad], x [m] of the femoral reference point")
 
 
-class ContactParameters(Section):
+class CommonContactParameters(Section):
     """The contact law and the constants of more than one law, or that others depend on.
 
     What a law's factory asks for beside these is a parameter too; see `with_constants_of_laws`.
@@ -161,23 +161,24 @@ def constants_of(law: str) -> list[str]:
     return list(inspect.signature(CONTACT_LAWS[law]).parameters)
 
 
-def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[ContactParameters]:
-    """`ContactParameters` and what these laws ask for beyond it, each with a default and a `Range` in the signature."""
+def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[CommonContactParameters]:
+    """The common parameters and what these laws ask for beyond, each with a default and a `Range` in the signature."""
     more: dict[str, Any] = {}
     for factory in laws.values():
         types = get_type_hints(factory, include_extras=True)
         for name, parameter in inspect.signature(factory).parameters.items():
-            if name not in ContactParameters.model_fields:
+            if name not in CommonContactParameters.model_fields:
                 (limits,) = types[name].__metadata__
                 field = Field(parameter.default, ge=limits.least, le=limits.most, description=limits.meaning)
                 more[name] = (types[name].__origin__, field)
-    return create_model("ContactParameters", __base__=ContactParameters, __doc__=ContactParameters.__doc__, **more)
+    # The module, so that it can be pickled.
+    return create_model("ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more)
 
 
 if TYPE_CHECKING:
-    ContactSection = ContactParameters
+    ContactParameters = CommonContactParameters
 else:
-    ContactSection = with_constants_of_laws(CONTACT_LAWS)
+    ContactParameters = with_constants_of_laws(CONTACT_LAWS)
 
 
 class FidelityParameters(Section):
@@ -251,7 +252,7 @@ class Parameters(Section):
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
     translation: Translation = Translation()
-    contact: ContactSection = ContactSection()
+    contact: ContactParameters = ContactParameters()
     fidelity: FidelityParameters = FidelityParameters()
     body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
     autostart: bool = Field(True, description="configure and activate without being asked")

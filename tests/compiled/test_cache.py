@@ -307,67 +307,6 @@ def test_a_damaged_note_of_a_meaning_is_made_again(tmp_path: Path, monkeypatch: 
         assert note.read_bytes() == whole
 
 
-SOURCE = '''
-"""A module."""
-SLOPE = 3.0
-"""[N/m]"""
-
-def force(depth, /, rate=0, *, damp=None):
-    """Of a depth."""
-    try:
-        if rate in {"none", "some"}:
-            return -0.0
-    except ValueError:
-        pass
-    return SLOPE * depth
-'''
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        ("SLOPE = 3.0", "SLOPE = 3"),
-        ("-0.0", "0.0"),
-        ("depth, /,", "depth,"),
-        ("rate=0", "rate=False"),
-        ("*, damp", "damp"),
-        ('{"none", "some"}', '{"none", "more"}'),
-        ("ValueError", "KeyError"),
-        ("SLOPE * depth", "depth * SLOPE"),
-        ("        pass", "        return 1.0"),
-    ],
-)
-def test_what_a_module_does_is_its_meaning(one: str, other: str) -> None:
-    assert SOURCE.count(one)
-    assert cache.source_meaning(SOURCE.replace(one, other).encode()) != cache.source_meaning(SOURCE.encode())
-
-
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [("[N/m]", "[N/mm]"), ("Of a depth.", "Else."), ("SLOPE = 3.0", "# why\n\nSLOPE = (3.0)"), ("A module.", "")],
-)
-def test_words_are_not(one: str, other: str) -> None:
-    assert SOURCE.count(one)
-    assert cache.source_meaning(SOURCE.replace(one, other).encode()) == cache.source_meaning(SOURCE.encode())
-
-
-def test_a_file_that_is_no_python_means_its_bytes() -> None:
-    assert cache.source_meaning(b"one two") != cache.source_meaning(b"one  two")
-    assert cache.source_meaning(b"\0") != cache.source_meaning(b"\0\0")
-
-
-def test_a_meaning_is_the_same_in_every_process() -> None:
-    """Although the order in a set is not."""
-    code = f"from knee_contact_ros.compiled.cache import source_meaning as m; print(m({SOURCE.encode()!r}))"
-    found = {
-        subprocess.run(
-            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
-        ).stdout
-        for seed in ("1", "2", "3")
-    }
-    assert len(found) == 1
-
-
 def keep_on_writing(path: Path) -> None:
     while True:
         for number in range(2):

@@ -148,6 +148,7 @@ def test_a_service_that_cannot_be_offered_leaves_no_recording_behind(
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert not list(folder.iterdir())
     assert not psutil.Process(node.process.pid).children()
+    peer.wait_until(lambda: not peer.node.count_publishers("knee_contact"))  # nothing is offered that is not there
     node.stop()
 
 

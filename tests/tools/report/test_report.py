@@ -1,15 +1,10 @@
-"""`knee-contact report` as a person runs it: files, numbers, page, and what it says of bad input."""
+"""`knee-contact report` as a person runs it: files, numbers and page."""
 
 from __future__ import annotations
 
 import base64
 import csv
 import re
-import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +21,13 @@ from knee_contact_ros.tools.report.cycles import PERCENT
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
 from knee_contact_ros.tools.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
 from tests.offline.test_solve import make_bag, silent
+from tests.tools.report.pages import page_of, text_of
 
 BODY_WEIGHT = 737.068
 CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
 MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
 TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-@pytest.fixture(scope="module")
-def bags(config: Path) -> tuple[Path, Path]:
-    return config.parent / "bags" / "gait2354_right", config.parent / "bags" / "gait2354_left"
 
 
 @pytest.fixture(scope="module")
@@ -48,27 +39,9 @@ def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> P
     return output
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path) -> Path:
-    """The right knee as we record it."""
-    path = tmp_path_factory.mktemp("recording") / "knee.mcap"
-    solve(bags[0], load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]), path, silent)
-    return path
-
-
 def read(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
-
-
-def page_of(folder: Path) -> str:
-    return (folder / "report.html").read_text(encoding="utf-8")
-
-
-def text_of(page: str) -> str:
-    """Without tags and pictures, in one line."""
-    body = re.sub(r"<style>.*?</style>", " ", page, flags=re.DOTALL)
-    return " ".join(re.sub(r"<[^>]*>", " ", body).split())
 
 
 def check_html(page: str) -> None:
@@ -307,64 +280,6 @@ def test_the_page_escapes_what_it_is_given(bags: tuple[Path, Path], tmp_path: Pa
     check_html(page)
     assert "<b onload" not in page
     assert "&lt;b onload=" in page
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere.mcap"], "no recording at nowhere.mcap"),
-        (["{bag}", "--label", "a", "--label", "b"], "--label: 2 given for 1 FILEs"),
-        (["{bag}", "--params", "nowhere.yaml"], "nowhere.yaml"),
-        (["{bag}", "--compare", "nowhere.yaml"], "nowhere.yaml"),
-        (["{bag}", "-p", "knee.joint_name:=elbow"], "elbow"),
-        (["{recording}", "--params", "healthy.yaml"], "--params is for bags"),
-        (["{csv}"], "femur_medial.csv"),
-        ([], "FILE"),
-    ],
-)
-def test_bad_input_is_told_in_a_line(
-    arguments, words, bags, recording: Path, config: Path, tmp_path: Path, capsys
-) -> None:
-    names = {"bag": bags[0], "recording": recording, "csv": config / "femur_medial.csv"}
-    output = tmp_path / "out"
-    assert main(["report", *(each.format(**names) for each in arguments), "--output", str(output)]) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1
-    assert not output.exists()
-
-
-def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(bags, tmp_path: Path, capsys) -> None:
-    source = next(bags[0].glob("*.mcap"))
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(source.read_bytes()[: source.stat().st_size * 2 // 3])
-    assert main(["report", str(cut), "--output", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
-    assert "The file is damaged" in text_of(page_of(tmp_path / "out"))
-
-
-def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['jinja2'] = None; from knee_contact_ros.cli.main import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "report", str(bags[0]), "--output", str(tmp_path / "out")]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert run.returncode == 2
-    assert run.stderr == "knee-contact: jinja2 is not installed: pip install 'knee-contact-ros[report]'\n"
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, number: int) -> None:
-    bag, output = tmp_path / "bag", tmp_path / "out"
-    shutil.copytree(bags[0], bag)
-    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "report", *[str(bag)] * 50, "--output", str(output)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60.0
-    while not list(output.glob(".incomplete-*/*")) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    process.send_signal(number)
-    _, error = process.communicate(timeout=60.0)
-    by_python = -signal.SIGINT  # where the signal meets generated code Python ends so; a shell says 130 to both
-    assert (process.returncode, error.strip()) in [(code, "knee-contact: interrupted") for code in (130, by_python)]
-    assert not output.exists()
 
 
 def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], both: Path, tmp_path: Path) -> None:
