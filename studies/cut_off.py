@@ -29,7 +29,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.messages.cdr_in import stamp_in
+from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.parameters.schema import Record
 from knee_contact_ros.system.output_files import partial_name

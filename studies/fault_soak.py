@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.cdr_in import SECOND, decode_joint_state
+from knee_contact_ros.messages.cdr import SECOND, decode_joint_state
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.offline.demo import RECORDING, node_process

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.model import as_series
 from studies.honesty.judging import Judged, judge
 from studies.honesty.loads import STRIDE, bag
 from studies.honesty.ours import knee
@@ -161,7 +160,8 @@ def measured(run: LongRun, part: float, seed: int, level: str) -> Found:
     tally, not_finite, first, largest = Tally(), 0, math.nan, 0.0
     for begin in range(0, len(stamps), CHUNK):
         here = slice(begin, begin + CHUNK)
-        series = as_series(stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None))
+        answers = stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None)
+        series = answers.view(np.recarray)
         judged = judge(series, truth.take(scene.time[here], scene.angle[here], scene.load[here]), TOLERANCE)
         tally.count(judged)
         not_finite += _not_finite(judged) + int(np.sum(~np.isfinite(series.penetration_depth)))

@@ -18,9 +18,10 @@ from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
-from knee_contact_ros.core.model import NANOSECOND, KneeModel, as_series
+from knee_contact_ros.core.model import NANOSECOND, KneeModel
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import at_height, begin_with
+from knee_contact_ros.core.types import blank
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from studies.ellipse import Ellipse
 
@@ -176,12 +177,13 @@ def run(
     touching = model.pair.at(scene.angle[0], 0.0, 0.0, 0.0).touch(0.0)[0]
     state = FemurState(touching + scene.start_gap, -scene.thrown)
     progress = begin_with(state, math.nan, -scene.start_gap)
-    memory, answers = np.zeros(ticks.MEMORY), np.zeros((len(scene.time), ticks.ANSWER))
-    memory[:3] = 1.0, scene.angle[0], scene.load[0]
-    ticks.write_progress(memory, progress)
+    memory, answers = np.zeros(1, ticks.MEMORY), blank(len(scene.time))
+    memory["begun"], memory["angle"], memory["load"] = 1, scene.angle[0], scene.load[0]
+    ticks.write_progress(memory[0]["progress"], progress)
     start = at_height(model.scene, state.height, state.velocity, -scene.start_gap, scene.thrown, math.nan)
     ticks.write_answer(answers[0], model.scene, scene.angle[0], 0.0, scene.load[0], start)
     durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND
     angles, loads, heights = np.array(scene.angle[1:]), np.array(scene.load[1:]), np.full(len(durations), math.nan)
     model.kernel.run(model.scene, memory, durations, angles, loads, heights, answers[1:])
-    return as_series(answers)
+    series: np.recarray[Any, Any] = answers.view(np.recarray)
+    return series

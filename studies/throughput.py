@@ -20,10 +20,9 @@ import click
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.model import as_contact
-from knee_contact_ros.core.ticks import ANSWER
-from knee_contact_ros.messages.cdr_in import SECOND
-from knee_contact_ros.messages.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.core.types import blank
+from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.messages.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -75,9 +74,8 @@ def read_and_write(bag: Path, output: Path) -> None:
 
 def prepared() -> tuple[bytes, bytes]:
     """Bytes of an answer and of its wrench."""
-    numbers = [0.1] * ANSWER
-    contact = as_contact(numbers)
-    return encode_numbers(0, "tibia_r", numbers, 0), encode_contact_wrench(0, "tibia_r", contact, (0.0, 1.0))
+    row = blank(1).tobytes()
+    return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)
 
 
 def solve_blocks(bag: Path, output: Path) -> None:

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.cdr_in import SECOND
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -32,7 +33,7 @@ from knee_contact_ros.sinks.process import Tell
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
-from knee_contact_ros.view.drawing import Drawing, drawing_of, shown, shown_row
+from knee_contact_ros.view.drawing import Drawing, drawing_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import address, connect_command
@@ -128,8 +129,9 @@ def paced(pipeline: Pipeline, outputs: Outputs, ticks: int, first: int) -> NDArr
         start = clock()
         pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
         for pair in pairs:
-            message, numbers = pipeline.compute(pair)
-            outputs.put(pipeline.answer(pair, message, numbers, clock() - start))
+            message = pipeline.compute(pair)
+            pipeline.row["latency"] = clock() - start
+            outputs.put(pipeline.answer(pair, message))
         times[number] = clock() - start
     gc.enable()
     return times
@@ -164,15 +166,15 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     drawing: Drawing = drawing_of(pipeline.model, "knee", weight)
     outlet = RerunFile(folder / f"{'_'.join(files)}.rrd", [drawing], latency=True)
     scene = Scene(outlet.recording, drawing, latency=True)
-    rows: list[tuple[Any, ...]] = []
+    rows: list[bytes] = []
     begun = 0
     for number, sample in enumerate(islice(samples(RATE, SECOND), ticks)):
         if number == first:
             begun = snapshot(os.getpid()).family[0].resident
         pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
-        rows += [shown_row(pipeline.answer(pair, *pipeline.compute(pair), 1e-4)) for pair in pairs]
+        rows += [pipeline.answer(pair, pipeline.compute(pair)).row for pair in pairs]
         if len(rows) >= RATE // 2:  # what comes in the half second that a batch waits
-            scene.show(shown(rows))
+            scene.show(np.frombuffer(b"".join(rows), ROW))
             outlet.flush()
             rows = []
     grown = snapshot(os.getpid()).family[0].resident - begun

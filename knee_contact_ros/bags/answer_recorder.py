@@ -5,17 +5,14 @@ That order depends on stamps only, so a live recording and an offline one hold t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from shutil import disk_usage
 from threading import Event, Thread
-from typing import Any
 
 from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Settings
-from knee_contact_ros.messages.answer import Answer, Ending, Input
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.messages.answer import Ending, Record
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
 
@@ -40,16 +37,10 @@ class AnswerWriter:
             bag.add_topic(names[topic], type_name)
         bag.add_metadata(PROVENANCE, dict(provenance))
 
-    def write(self, answer: Answer) -> None:
-        """Write an answer's inputs and outputs."""
-        self.write_tick(answer.stamp, answer.inputs, answer.message, answer.wrench)
-
-    def write_tick(self, stamp: int, inputs: Iterable[Input], message: bytes, wrench: bytes) -> None:
-        """Write an answer given as stamp [ns], inputs and encoded messages; a tick is never split over two files."""
-        self.bag.split_if_due(stamp)
-        self.write_inputs(inputs)
-        self.bag.write(self._names[KNEE_CONTACT], stamp, message)
-        self.bag.write(self._names[KNEE_CONTACT_WRENCH], stamp, wrench)
+    def write(self, records: Sequence[Record]) -> None:
+        """Write an answer's inputs and outputs, the outputs last; they are never split over two files."""
+        self.bag.split_if_due(records[-1][1])
+        self._write(records)
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record behind the answers so far."""
@@ -58,15 +49,13 @@ class AnswerWriter:
 
     def finish(self, ending: Ending) -> None:
         """Write the inputs without an answer, and how many samples were refused and why."""
-        self.write_inputs(ending.inputs)
+        self._write(ending.inputs)
         counts = {"total": sum(ending.refused.values())} | ending.refused
         self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
 
-    def write_inputs(self, inputs: Iterable[Input]) -> None:
-        """Write input messages anew: what came may hold leftovers of the sender's memory between the fields."""
-        for topic, stamp, message in inputs:
-            encoded = encode_joint_state(message) if isinstance(message, JointState) else encode_wrench_stamped(message)
-            self.bag.write(self._names[topic], stamp, encoded)
+    def _write(self, records: Iterable[Record]) -> None:
+        for topic, stamp, data in records:
+            self.bag.write(self._names[topic], stamp, data)
 
 
 class Recorder:
@@ -85,10 +74,9 @@ class Recorder:
         if settings.sync_period:
             Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
 
-    def write(self, row: tuple[Any, ...]) -> None:
-        """Write what `sinks.recorded_row` gives."""
-        stamp, inputs, message, wrench = row
-        self._writer.write_tick(stamp, map(input_of, inputs), message, wrench)
+    def write(self, records: Sequence[Record]) -> None:
+        """Write an answer's records."""
+        self._writer.write(records)
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record behind the answers so far."""
@@ -145,12 +133,6 @@ class Recorder:
                 self._writer.bag.sync()
         except OSError as error:
             self._sync_error = error
-
-
-def input_of(row: tuple[str, int, tuple[Any, ...]]) -> Input:
-    """An input whose message came as a plain tuple."""
-    topic, stamp, fields = row
-    return topic, stamp, JointState(*fields) if topic == JOINT_STATES else WrenchStamped(*fields)
 
 
 def too_little(free: float, least: float) -> str:

@@ -25,7 +25,7 @@ OPCODE_AND_LENGTH = 9
 """[B] that its length does not count"""
 
 
-class Rows(NamedTuple):
+class Messages(NamedTuple):
     """Messages of a channel, and where they belong among those of others."""
 
     topic: str
@@ -61,7 +61,7 @@ class Index(MessageIndex):
         stream.finish_record()  # type: ignore[no-untyped-call]
 
 
-def write_rows(bag: BagWriter, rows: Sequence[Rows]) -> None:
+def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     """Write messages of several topics in the order of their places: the same bytes as by `BagWriter.write`.
 
     All go into one file.
@@ -77,7 +77,7 @@ def write_rows(bag: BagWriter, rows: Sequence[Rows]) -> None:
         file.count(row.topic, len(row.stamps), int(row.stamps.min()), int(row.stamps.max()))
 
 
-def block_of(rows: Sequence[Rows], channels: Sequence[int], sequences: Sequence[int]) -> Block:
+def block_of(rows: Sequence[Messages], channels: Sequence[int], sequences: Sequence[int]) -> Block:
     """Message records in their order; `channels` and `sequences` give each topic's channel and next sequence number."""
     records = [_records(*what) for what in zip(rows, channels, sequences, strict=True)]
     order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
@@ -107,7 +107,7 @@ def write_block(writer: Any, block: Block) -> None:
         done = end
 
 
-def _records(rows: Rows, channel: int, sequence: int) -> NDArray[np.uint8]:
+def _records(rows: Messages, channel: int, sequence: int) -> NDArray[np.uint8]:
     """Message records, shape (n, length)."""
     number, length = rows.data.shape
     heads = np.empty(number, dtype=HEAD)

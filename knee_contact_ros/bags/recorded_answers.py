@@ -1,4 +1,4 @@
-"""The answers in a recording, as columns of numbers."""
+"""The answers in a recording, as rows of numbers."""
 
 from __future__ import annotations
 
@@ -6,65 +6,20 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, islice
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.recovery.source import in_a_line, open_bag
 from knee_contact_ros.bags.topic_names import absolute
+from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_layout import decode_answers
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
 """Messages that are decoded at once"""
-Floats = NDArray[np.float64]
-
-
-class Answers(NamedTuple):
-    """Answers in their order, one per element; stamps, and behind them the numbers of `NUMBERS`, all of shape (n,)."""
-
-    stamps: NDArray[np.int64]
-    """[ns]"""
-    flexion_angle: Floats
-    """[rad]"""
-    load: Floats
-    """[N]"""
-    contact_force: Floats
-    """[N]"""
-    penetration_depth: Floats
-    """[m]"""
-    gap: Floats
-    """[m]"""
-    penetration_rate: Floats
-    """[m/s]"""
-    sliding_velocity: Floats
-    """[m/s]; not a number in recordings that were made before it was added"""
-    contact_point_x: Floats
-    """[m] tibia frame"""
-    contact_point_y: Floats
-    """[m]"""
-    femoral_height: Floats
-    """[m]"""
-    cartilage_depth: Floats
-    """[m]"""
-    bone_depth: Floats
-    """[m]"""
-    contact_state: Floats
-    """`ContactState`"""
-    fidelity: Floats
-    """`Fidelity`"""
-    status: Floats
-    """Set of `Status` bits"""
-    error_estimate: Floats
-    """[m]"""
-    force_error_estimate: Floats
-    """[N]; not a number in recordings that were made before it was added"""
-    evaluations: Floats
-    """Contact law evaluations"""
 
 
 def answer_topics(path: Path) -> list[str]:
@@ -88,7 +43,7 @@ def answer_topics(path: Path) -> list[str]:
 
 def answer_blocks(
     path: Path, topic: str = f"/{KNEE_CONTACT}", advance: Callable[[int, int], None] | None = None
-) -> Iterator[Answers]:
+) -> Iterator[Rows]:
     """The answers on a topic (absolute name) of a recording, by the block, in the order of log time.
 
     `advance` is called now and then with the number of answers read and in all.
@@ -102,18 +57,18 @@ def answer_blocks(
         done = 0
         for block, described in _blocks(reader.described_messages()):
             try:
-                stamps, numbers = decode_answers(block, described)
+                answers = decode_answers(block, described)
             except Exception as error:  # whatever broken bytes and definitions provoke
                 raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
-            yield Answers(stamps, *numbers.T)
+            yield answers
             done += len(block)
             if advance:
                 advance(done, reader.count)
 
 
-def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Answers:
+def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
     """All of them at once; see `answer_blocks`."""
-    return Answers(*(np.concatenate(columns) for columns in zip(*answer_blocks(path, topic), strict=True)))
+    return np.concatenate(list(answer_blocks(path, topic)))
 
 
 def _blocks(

@@ -23,7 +23,8 @@ from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.functions import ENTRY, compiled_function
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
-from knee_contact_ros.core.ticks import ANSWER, MEMORY, Floats
+from knee_contact_ros.core.ticks import MEMORY, Memory
+from knee_contact_ros.core.types import ROW, Rows
 
 TICK = "void (*)(uintptr_t, double, double, double, double)"
 """C type of the tick: address of the addresses of memory, sample, answer and scene; duration, angle, load and height"""
@@ -31,7 +32,7 @@ _KEPT: list[Any] = []
 """Compiled code that is called by address"""
 
 
-def bind(scene: Scene, memory: Floats, answer: Floats) -> Callable[[float, float, float, float], None]:
+def bind(scene: Scene, memory: Memory, answer: Rows) -> Callable[[float, float, float, float], None]:
     """See `Kernel.bind`."""
     size, put, call = _by_address(numba.typeof(scene))
     block = np.zeros(size, dtype=np.uint8)
@@ -69,14 +70,15 @@ def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..
         laid_down(scene, address)
 
     def tick(addresses: Any, duration: float, angle: float, load: float, height: float) -> None:
-        memory, sample = carray(addresses[0], MEMORY), carray(addresses[1], 4)
+        memory, sample = carray(addresses[0], 1, MEMORY), carray(addresses[1], 4, np.float64)
         sample[0], sample[1], sample[2], sample[3] = duration, angle, load, height
-        answers = carray(addresses[2], (1, ANSWER))
+        answers = carray(addresses[2], 1, ROW)
         compiled_run(taken_up(addresses[3]), memory, sample[:1], sample[1:2], sample[2:3], sample[3:], answers)
 
-    numbers = types.CPointer(types.float64)
     # Numba's decorators do likewise, with its own cache or none.
-    pointer: Any = CFunc(tick, ((types.CPointer(numbers), *[types.float64] * 4), types.void), locals={}, options={})
+    pointer: Any = CFunc(
+        tick, ((types.CPointer(types.voidptr), *[types.float64] * 4), types.void), locals={}, options={}
+    )
     pointer._cache = kernel_cache(tick, kind)
     pointer.compile()
     _KEPT.append(pointer)

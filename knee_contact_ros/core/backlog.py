@@ -9,9 +9,9 @@ contact, lost (`adrift.py`) until that has been forgotten.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knee_contact_ros.core.adrift import (
     CALMING,
@@ -40,30 +40,30 @@ from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
 from knee_contact_ros.core.statics import ANSWER, static_contact
 from knee_contact_ros.core.types import Fidelity
 
-Floats = NDArray[np.float64]
-
 MOST = 16
 """Ticks that a run may lie behind"""
-MOVED = 3 * (MOST + 2)
-"""Where it stands whether the tick has come forward"""
-SIZE = MOVED + 1
-"""Numbers of a backlog: how many intervals, angle and load where the motion has come to; duration, angle and load at
-the end of each; and the one above
-"""
+BACKLOG = np.dtype([
+    ("count", np.int64), ("moved", np.int64), ("angle", np.float64), ("load", np.float64),
+    ("durations", np.float64, (MOST + 1,)), ("angles", np.float64, (MOST + 1,)), ("loads", np.float64, (MOST + 1,)),
+])  # fmt: skip
+"""How many intervals are to be done, and whether the tick has come forward; angle [rad] and load [N] where the motion
+has come to; every interval's duration [s], and angle and load at its end"""
+Backlog = Any
+"""A record of `BACKLOG`"""
 STANDING = int(Fidelity.QUASI_STATIC)
 """The level of such an answer"""
 
 
 @aside
-def take_on(scene: Scene, backlog: Floats, start: Progress, last: Interval) -> tuple[Interval, Progress, int]:
+def take_on(scene: Scene, backlog: Backlog, start: Progress, last: Interval) -> tuple[Interval, Progress, int]:
     """Add an interval to the backlog; return its first one, the progress that it begins with, and the evaluations."""
-    count = int(backlog[0]) + 1
-    if count == 1:
-        backlog[1], backlog[2] = last.angle, last.start_load
-    backlog[0], backlog[3 * count] = count, last.duration
-    backlog[3 * count + 1] = last.angle + last.angle_rate * last.duration
-    backlog[3 * count + 2] = load_at(last, last.duration)
-    backlog[MOVED] = 0.0
+    count = int(backlog["count"])
+    if count == 0:
+        backlog["angle"], backlog["load"] = last.angle, last.start_load
+    backlog["durations"][count] = last.duration
+    backlog["angles"][count] = last.angle + last.angle_rate * last.duration
+    backlog["loads"][count] = load_at(last, last.duration)
+    backlog["count"], backlog["moved"] = count + 1, 0
     interval = interval_of(scene, backlog, 0)
     progress, evaluations = looked_after(scene, interval, start)
     return interval, progress, evaluations
@@ -71,26 +71,27 @@ def take_on(scene: Scene, backlog: Floats, start: Progress, last: Interval) -> t
 
 @aside
 def work_off(
-    scene: Scene, backlog: Floats, interval: Interval, start: Progress, advance: Advance
+    scene: Scene, backlog: Backlog, interval: Interval, start: Progress, advance: Advance
 ) -> tuple[Advance, bool]:
     """What a level has made of the backlog's first interval; and whether another one is to be done in this tick.
 
     If there is not, the answer is that of the tick.
     """
-    if float(backlog[0]) == 0.0:
+    if backlog["count"] == 0:
         take_on(scene, backlog, start, interval)
-    count = int(backlog[0])
+    count = int(backlog["count"])
+    durations, angles, loads = backlog["durations"], backlog["angles"], backlog["loads"]
     if not advance.converged:
-        moved = float(backlog[MOVED]) > 0.0 or advance.reached > 0.0
-        backlog[1] = interval.angle + interval.angle_rate * advance.reached
-        backlog[2] = load_at(interval, advance.reached)
-        backlog[3] = interval.duration - advance.reached
+        moved = backlog["moved"] > 0 or advance.reached > 0.0
+        backlog["angle"] = interval.angle + interval.angle_rate * advance.reached
+        backlog["load"] = load_at(interval, advance.reached)
+        durations[0] = interval.duration - advance.reached
         return behind(scene, backlog, advance, start.adrift, count > MOST or not moved), False
     advance = watched(scene, interval, start, advance)
-    backlog[1], backlog[2] = float(backlog[4]), float(backlog[5])
-    for i in range(3, 3 * count):
-        backlog[i] = backlog[i + 3]
-    backlog[0], backlog[MOVED] = count - 1, 1.0
+    backlog["angle"], backlog["load"] = angles[0], loads[0]
+    for i in range(count - 1):
+        durations[i], angles[i], loads[i] = durations[i + 1], angles[i + 1], loads[i + 1]
+    backlog["count"], backlog["moved"] = count - 1, 1
     if count == 1:
         return advance, False
     if scene.budget > 0 and advance.evaluations >= scene.budget - RESERVE:
@@ -100,15 +101,15 @@ def work_off(
 
 
 @in_kernel
-def interval_of(scene: Scene, backlog: Floats, index: int) -> Interval:
+def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
     """An interval by its index: each begins where the motion has come to when it is next to be done."""
-    angle, load = float(backlog[1]), float(backlog[2])
+    angle, load = float(backlog["angle"]), float(backlog["load"])
     if index > 0:
-        angle, load = float(backlog[3 * index + 1]), float(backlog[3 * index + 2])
-    duration = float(backlog[3 * index + 3])
+        angle, load = float(backlog["angles"][index - 1]), float(backlog["loads"][index - 1])
+    duration = float(backlog["durations"][index])
     return Interval(
-        scene.pair, scene.mechanism, duration, angle, (float(backlog[3 * index + 4]) - angle) / duration, load,
-        (float(backlog[3 * index + 5]) - load) / duration, float("nan"),
+        scene.pair, scene.mechanism, duration, angle, (float(backlog["angles"][index]) - angle) / duration, load,
+        (float(backlog["loads"][index]) - load) / duration, float("nan"),
     )  # fmt: skip
 
 
@@ -220,7 +221,7 @@ def drive_of(scene: Scene, interval: Interval, start: Progress) -> Drive:
 
 
 @aside
-def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give_up: bool) -> Advance:
+def behind(scene: Scene, backlog: Backlog, advance: Advance, adrift: Adrift, give_up: bool) -> Advance:
     """The static contact at the end of the backlog, in doubt by all that the femur's energy allows until then.
 
     If the motion is given up the run goes on from there, else from where `advance` has come to.
@@ -233,7 +234,7 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
         evaluations += looks
     drive = drive_of(scene, interval, with_bounds(progress, adrift))
     _, _, cosine = touch_at(interval, 0.0).touch(progress.state.height)
-    for i in range(1, int(backlog[0])):
+    for i in range(1, int(backlog["count"])):
         following = interval_of(scene, backlog, i)
         turn = abs(following.angle_rate - interval.angle_rate) * scene.pair.farthest()
         interval = following
@@ -246,7 +247,7 @@ def behind(scene: Scene, backlog: Floats, advance: Advance, adrift: Adrift, give
     limits = range_of(law, adrift, drive.mass)
     evaluations += looks
     if give_up:
-        backlog[0] = 0
+        backlog["count"] = 0
         progress = Progress(
             FemurState(static.height, surface_rate / cosine), EXACT, progress.try_step, 0.0, 0.0, STANDING,
             cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, adrift,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Level, Scene
-from knee_contact_ros.core.types import COLUMN, Contact, Point
+from knee_contact_ros.core.types import ROW, Contact, Rows, blank
 
 NANOSECOND = 1e-9
 AUTO = Auto()
@@ -38,15 +38,15 @@ class Kernel(NamedTuple):
 
     run: Callable[..., None]
     """See `ticks.run`"""
-    bind: Callable[[Scene, NDArray[np.float64], NDArray[np.float64]], Callable[[float, float, float, float], None]]
-    """From a scene, its memory and its answer to a run of one tick with these given: of duration [s], angle [rad],
-    load [N], height [m]"""
+    bind: Callable[[Scene, ticks.Memory, Rows], Callable[[float, float, float, float], None]]
+    """From a scene, its memory and its answer, shape (1,), to a run of one tick with these given: of duration [s],
+    angle [rad], load [N], height [m]"""
 
 
-def _bind(scene: Scene, memory: NDArray[np.float64], answer: NDArray[np.float64]) -> Callable[..., None]:
+def _bind(scene: Scene, memory: ticks.Memory, answer: Rows) -> Callable[..., None]:
     def tick(duration: float, angle: float, load: float, height: float) -> None:
         sample = np.array([[duration], [angle], [load], [height]])
-        ticks.run(scene, memory, sample[0], sample[1], sample[2], sample[3], answer[np.newaxis])
+        ticks.run(scene, memory, sample[0], sample[1], sample[2], sample[3], answer)
 
     return tick
 
@@ -136,8 +136,8 @@ class KneeModel:
                 shape (n,).
 
         Returns:
-            Record array of shape (n,) with the fields of `KneeContact.msg`: `series.contact_force`,
-            `series.contact_point.x` and so on. Bit for bit the records that `stream().tick` gives.
+            Record array of shape (n,) of `Contact`s: `series.contact_force`, `series.contact_point.x` and so on. Bit
+            for bit the records that `stream().tick` gives.
 
         Raises:
             ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
@@ -155,10 +155,11 @@ class KneeModel:
             raise ValueError("time must be finite and increase")
         self.check_drive(bool(heights))
         durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-        answers = np.zeros((len(time_), ticks.ANSWER))
+        answers = blank(len(time_))
         height = heights[0] if heights else np.full(len(time_), math.nan)
-        self.kernel.run(self.scene, np.zeros(ticks.MEMORY), durations, angles, loads, height, answers)
-        return as_series(answers)
+        self.kernel.run(self.scene, np.zeros(1, ticks.MEMORY), durations, angles, loads, height, answers)
+        answers["stamp"] = stamps
+        return answers.view(np.recarray)
 
     def check_drive(self, height_given: bool) -> None:
         """Refuse a series that does not fit the drive.
@@ -174,25 +175,20 @@ class KneeModel:
         """The common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
         return self.pair.closest(angle, self.mechanism.translation(angle)[0], height)
 
-    def contact_point(self, angle: float, height: float) -> Point:
-        """Point of the tibia [m] in which the femur is deepest (when apart: the closest to it), tibia frame."""
-        x, _ = self.mechanism.translation(angle)
-        return Point(*self.pair.closest(angle, x, height).point(x, height), 0.0)
-
 
 @dataclass
 class Stream:
     """A run of a model, one tick at a time. The first tick is answered with the static solution."""
 
     model: KneeModel
-    answer: NDArray[np.float64] = field(init=False)
-    """Numbers of the last tick's answer, in the order of `types.Contact` and then `placing`"""
+    answer: Rows = field(init=False)
+    """The last tick's, shape (1,): the next tick is written over it"""
 
     def __post_init__(self) -> None:
-        self.answer = np.zeros(ticks.ANSWER)
+        self.answer = blank(1)
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
-        self._memory = np.zeros(ticks.MEMORY)
+        self._memory = np.zeros(1, ticks.MEMORY)
         self._bind()
 
     def _bind(self) -> None:
@@ -205,12 +201,6 @@ class Stream:
         """
         self.model = model
         self._bind()
-
-    @property
-    def placing(self) -> tuple[float, float, float]:
-        """At the last tick: x of the femoral reference point [m], the tibial normal (x, y) at the contact point."""
-        x, normal_x, normal_y = self.answer[ticks.PLACING].tolist()
-        return x, normal_x, normal_y
 
     def tick(self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
@@ -226,10 +216,11 @@ class Stream:
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """Advance to a stamp [ns], an integer, and give the answer; see `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
-        return as_contact(self.answer.tolist())
+        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
+        return contact
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
-        """Advance to a stamp [ns], leaving the numbers in `answer`: for those who need few of them, quickly."""
+        """Advance to a stamp [ns], leaving the contact in `answer`: for those who need little of it, quickly."""
         if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
             _refuse(flexion_angle, load, femoral_height)
         height = math.nan
@@ -243,10 +234,10 @@ class Stream:
         else:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
         self._tick(duration, flexion_angle, load, height)
-        self._stamp = stamp
+        self._stamp = self.answer["stamp"][0] = stamp
 
-    def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Floats:
-        """Many ticks: `advance` for each, with all numbers of their answers, shape (n, `ticks.ANSWER`).
+    def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
+        """Many ticks: `advance` for each, with their answers.
 
         Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,).
 
@@ -258,7 +249,8 @@ class Stream:
         steps = np.diff(stamps, prepend=stamps[:1] if self._stamp is None else self._stamp)
         if (steps[0 if self._stamp is not None else 1 :] <= 0).any():
             raise ValueError("time must increase")
-        answers = np.zeros((len(stamps), ticks.ANSWER))
+        answers = blank(len(stamps))
+        answers["stamp"] = stamps
         height = np.full(len(stamps), math.nan) if heights is None else heights
         self.model.kernel.run(self.model.scene, self._memory, steps * NANOSECOND, angles, loads, height, answers)
         self._stamp = int(stamps[-1])
@@ -299,41 +291,3 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
         raise ValueError(f"time, {INPUTS} must be finite, got {angle}, {load}, {height}")
     limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
     raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}")
-
-
-POINT_DTYPE = np.dtype([(axis, np.float64) for axis in Point._fields])
-INTEGER_FIELDS = {
-    "contact_state": np.uint8,
-    "fidelity": np.uint8,
-    "status": np.uint8,
-    "evaluations": np.uint32,
-}
-SERIES_DTYPE = np.dtype(
-    [
-        (name, POINT_DTYPE if name == "contact_point" else INTEGER_FIELDS.get(name, np.float64))
-        for name in Contact._fields
-    ]
-)
-"""One row of `KneeModel.run`."""
-
-
-def as_contact(answer: Sequence[float], more_status: int = 0) -> Contact:
-    """An answer's numbers under the names of the message; `more_status` gives more bits of the status."""
-    (angle, load, force, depth, gap, rate, sliding, x, y, height, cartilage, bone, state, fidelity, status, error,
-     force_error, evaluations, *_) = answer  # fmt: skip
-    return Contact(
-        angle, load, force, depth, gap, rate, sliding, Point(x, y, 0.0), height, cartilage, bone, int(state),
-        int(fidelity), int(status) | more_status, error, force_error, int(evaluations),
-    )  # fmt: skip
-
-
-def as_series(answers: NDArray[np.float64]) -> np.recarray[Any, Any]:
-    """Answers, shape (n, `ticks.ANSWER`), under the names of the message."""
-    series = np.zeros(len(answers), dtype=SERIES_DTYPE)
-    for name in Contact._fields:
-        if name == "contact_point":
-            for axis in ("x", "y"):
-                series[name][axis] = answers[:, COLUMN[f"{name}_{axis}"]]
-        else:
-            series[name] = answers[:, COLUMN[name]]
-    return series.view(np.recarray)

@@ -1,17 +1,18 @@
 """One tick after another: what the samples prescribe, the level's answer, and what is told about it.
 
-A run's state and its answer lie in arrays of numbers that the caller keeps, so that a tick allocates nothing.
+What a run keeps and its answers lie in records that the caller keeps, so that a tick allocates nothing.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.adrift import FOUND, NONE, Adrift
-from knee_contact_ros.core.backlog import SIZE, in_doubt, interval_of, take_on, work_off
+from knee_contact_ros.core.backlog import BACKLOG, in_doubt, interval_of, take_on, work_off
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.error_estimate import (
@@ -25,22 +26,27 @@ from knee_contact_ros.core.kernel_source import aside, in_kernel
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
-from knee_contact_ros.core.types import NUMBERS, Status
+from knee_contact_ros.core.types import Rows, Status
 
 Floats = NDArray[np.float64]
 
-PROGRESS = 3
-"""Where the progress begins in a run's memory: behind whether the run has begun, the last angle and the last load"""
-BACKLOG = PROGRESS + 26
-"""Where the backlog begins"""
-MEMORY = BACKLOG + SIZE
-"""Numbers that a run keeps from tick to tick"""
-TOLD = len(NUMBERS)
-"""Numbers of an answer that its message tells"""
-ANSWER = TOLD + 3
-"""Numbers of an answer, in the order of `write_answer`"""
-PLACING = slice(TOLD, ANSWER)
-"""Those of them that the message does not have: x of the reference point, and the tibial normal (x, y)"""
+
+def _fields(kind: type) -> np.dtype[Any]:
+    """A record with the fields of a named tuple."""
+    kinds = {float: np.dtype(np.float64), int: np.dtype(np.int64)}
+    return np.dtype([(name, kinds.get(hint) or _fields(hint)) for name, hint in get_type_hints(kind).items()])
+
+
+PROGRESS = _fields(Progress)
+MEMORY = np.dtype([
+    ("begun", np.int64), ("angle", np.float64), ("load", np.float64), ("progress", PROGRESS), ("backlog", BACKLOG),
+])  # fmt: skip
+"""What a run keeps from tick to tick: whether it has begun, the last tick's angle [rad] and load [N], and where it
+stands; all zeros before the first tick"""
+Memory = NDArray[Any]
+"""Of one run: an array of `MEMORY`, shape (1,)"""
+Record = Any
+"""An element of an array of records"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 LARGEST_FORCE_ERROR = 1e12
 """[N]"""
@@ -50,58 +56,54 @@ NEARLY_STRAIGHT = 0.05
 
 @in_kernel
 def run(
-    scene: Scene, memory: Floats, durations: Floats, angles: Floats, loads: Floats, heights: Floats, answers: Floats
+    scene: Scene, memory: Memory, durations: Floats, angles: Floats, loads: Floats, heights: Floats, answers: Rows
 ) -> None:
     """Take ticks one after another: advance by durations [s] to angles [rad], loads [N] and prescribed heights [m].
 
-    All arrays have shape (n,), `answers` (n, `ANSWER`), which is filled; a height that is not prescribed is not a
-    number. `memory`, shape (`MEMORY`,), is all zeros before the first tick, whose duration does not count: it is
-    answered with the contact at rest.
+    All arrays have shape (n,); `answers` is filled. A height that is not prescribed is not a number. The duration of
+    the first tick does not count: it is answered with the contact at rest.
     """
+    kept = memory[0]
+    begun, last_angle, last_load = kept["begun"] != 0, float(kept["angle"]), float(kept["load"])
+    progress, backlog = read_progress(kept["progress"]), kept["backlog"]
     for i in range(len(durations)):
         angle, load, height, angle_rate = float(angles[i]), float(loads[i]), float(heights[i]), 0.0
-        if float(memory[0]) == 0.0:
+        if not begun:
             advance = start(scene, angle, load, height)
         else:
-            interval = interval_behind(scene, memory, float(durations[i]), angle, load, height)
-            progress = progress_behind(interval, memory)
+            interval = interval_between(scene, float(durations[i]), last_angle, last_load, angle, load, height)
+            if math.isnan(progress.state.velocity):
+                progress = following_surface(interval, progress)
             angle_rate = interval.angle_rate
-            calm = float(memory[BACKLOG]) == 0.0 and progress.adrift.stage == NONE
+            calm = backlog["count"] == 0 and progress.adrift.stage == NONE
             calm = calm and not in_doubt(scene, interval, progress)
             spent, again = 0, True
             if not calm:
-                interval, progress, spent = take_on(scene, memory[BACKLOG:], progress, interval)
+                interval, progress, spent = take_on(scene, backlog, progress, interval)
             while again:
                 advance = scene.level.advance(scene, interval, progress, spent)
                 if calm and advance.converged:
                     break
                 calm = False
-                advance, again = work_off(scene, memory[BACKLOG:], interval, progress, advance)
+                advance, again = work_off(scene, backlog, interval, progress, advance)
                 if again:
-                    interval, progress = interval_of(scene, memory[BACKLOG:], 0), advance.progress
+                    interval, progress = interval_of(scene, backlog, 0), advance.progress
                     spent = advance.evaluations
-        memory[0], memory[1], memory[2] = 1.0, angle, load
-        write_progress(memory, advance.progress)
+        begun, last_angle, last_load, progress = True, angle, load, advance.progress
         write_answer(answers[i], scene, angle, angle_rate, load, advance)
+    kept["begun"], kept["angle"], kept["load"] = begun, last_angle, last_load
+    write_progress(kept["progress"], progress)
 
 
 @in_kernel
-def interval_behind(
-    scene: Scene, memory: Floats, duration: float, angle: float, load: float, height: float
+def interval_between(
+    scene: Scene, duration: float, last_angle: float, last_load: float, angle: float, load: float, height: float
 ) -> Interval:
-    """The interval from the last tick to one with this angle [rad], load [N] and, if it is prescribed, height [m]."""
-    last_angle, last_load = float(memory[1]), float(memory[2])
+    """The interval [s] from the last tick's angle [rad] and load [N] to these, and to a prescribed height [m]."""
     return Interval(
         scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
         (load - last_load) / duration, height,
     )  # fmt: skip
-
-
-@in_kernel
-def progress_behind(interval: Interval, memory: Floats) -> Progress:
-    """The progress that the last tick has left in a run's memory."""
-    progress = read_progress(memory)
-    return following_surface(interval, progress) if math.isnan(progress.state.velocity) else progress
 
 
 @aside
@@ -137,55 +139,52 @@ def following_surface(interval: Interval, progress: Progress) -> Progress:
 
 
 @in_kernel
-def read_progress(memory: Floats) -> Progress:
-    """Take the progress out of a run's memory."""
+def read_progress(kept: Record) -> Progress:
+    """Take the progress out of a record of `PROGRESS`."""
+    state, error, adrift = kept["state"], kept["error"], kept["adrift"]
     return Progress(
-        FemurState(float(memory[3]), float(memory[4])),
-        CarriedError(float(memory[5]), float(memory[6]), float(memory[7]), float(memory[8]), float(memory[9])),
-        float(memory[10]),
-        float(memory[11]),
-        float(memory[12]),
-        int(memory[13]),
-        float(memory[14]),
-        float(memory[15]),
-        float(memory[16]),
-        float(memory[17]),
-        float(memory[18]),
-        Adrift(
-            float(memory[19]),
-            float(memory[20]),
-            float(memory[21]),
-            float(memory[22]),
-            float(memory[23]),
-            float(memory[24]),
-            float(memory[25]),
-            float(memory[26]),
-            float(memory[27]),
-            float(memory[28]),
+        FemurState(float(state["height"]), float(state["velocity"])),
+        CarriedError(
+            float(error["height"]), float(error["velocity"]), float(error["hh"]), float(error["hv"]), float(error["vv"])
         ),
-    )
+        float(kept["try_step"]),
+        float(kept["impact_speed"]),
+        float(kept["impact_error"]),
+        int(kept["fidelity"]),
+        float(kept["stiffness"]),
+        float(kept["damping"]),
+        float(kept["excess"]),
+        float(kept["sinking"]),
+        float(kept["depth"]),
+        Adrift(
+            float(adrift["stage"]), float(adrift["energy"]), float(adrift["height"]), float(adrift["load"]),
+            float(adrift["rest"]), float(adrift["stored"]), float(adrift["pressed"]), float(adrift["least"]),
+            float(adrift["begun"]), float(adrift["impact"]),
+        ),
+    )  # fmt: skip
 
 
 @in_kernel
-def write_progress(memory: Floats, progress: Progress) -> None:
-    """Put the progress into a run's memory."""
-    error, adrift = progress.error, progress.adrift
-    memory[3], memory[4] = progress.state.height, progress.state.velocity
-    memory[5], memory[6] = error.height, error.velocity
-    memory[7], memory[8], memory[9] = error.hh, error.hv, error.vv
-    memory[10] = progress.try_step
-    memory[11], memory[12] = progress.impact_speed, progress.impact_error
-    memory[13] = progress.fidelity
-    memory[14], memory[15] = progress.stiffness, progress.damping
-    memory[16], memory[17], memory[18] = progress.excess, progress.sinking, progress.depth
-    memory[19], memory[20], memory[21], memory[22] = adrift.stage, adrift.energy, adrift.height, adrift.load
-    memory[23], memory[24], memory[25] = adrift.rest, adrift.stored, adrift.pressed
-    memory[26], memory[27], memory[28] = adrift.least, adrift.begun, adrift.impact
+def write_progress(kept: Record, progress: Progress) -> None:
+    """Put the progress into a record of `PROGRESS`."""
+    state, error, adrift = kept["state"], kept["error"], kept["adrift"]
+    state["height"], state["velocity"] = progress.state.height, progress.state.velocity
+    error["height"], error["velocity"] = progress.error.height, progress.error.velocity
+    error["hh"], error["hv"], error["vv"] = progress.error.hh, progress.error.hv, progress.error.vv
+    kept["try_step"], kept["fidelity"] = progress.try_step, progress.fidelity
+    kept["impact_speed"], kept["impact_error"] = progress.impact_speed, progress.impact_error
+    kept["stiffness"], kept["damping"] = progress.stiffness, progress.damping
+    kept["excess"], kept["sinking"], kept["depth"] = progress.excess, progress.sinking, progress.depth
+    adrift["stage"], adrift["energy"] = progress.adrift.stage, progress.adrift.energy
+    adrift["height"], adrift["load"] = progress.adrift.height, progress.adrift.load
+    adrift["rest"], adrift["stored"] = progress.adrift.rest, progress.adrift.stored
+    adrift["pressed"], adrift["least"] = progress.adrift.pressed, progress.adrift.least
+    adrift["begun"], adrift["impact"] = progress.adrift.begun, progress.adrift.impact
 
 
 @in_kernel
-def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, load: float, advance: Advance) -> None:
-    """Put the answer to a tick into the terms of the message, in the order of `types.NUMBERS` and then `PLACING`."""
+def write_answer(answer: Record, scene: Scene, angle: float, angle_rate: float, load: float, advance: Advance) -> None:
+    """Fill a row with the answer to a tick, but for stamp and latency, which no kernel knows."""
     depth, height = max(0.0, advance.depth), advance.height
     layers = scene.regions.law.layers
     bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
@@ -196,24 +195,25 @@ def write_answer(answer: Floats, scene: Scene, angle: float, angle_rate: float, 
     if error > NEARLY_STRAIGHT * abs(advance.depth) and advance.depth + error > 0.0:
         force_error = max(force_error, bent_force_error(scene, advance))
         evaluations += 1
-    answer[0], answer[1] = angle, load
-    answer[2] = advance.force
-    answer[3], answer[4] = depth, max(0.0, -advance.depth)
-    answer[5] = advance.rate
-    answer[6] = sliding_velocity(closest, x_slope, angle_rate, advance.progress.state.velocity)
-    answer[7], answer[8] = point_x, point_y
-    answer[9] = height
-    answer[10], answer[11] = depth - bone, bone
-    answer[12] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
-    answer[13] = advance.fidelity
     missed = not (advance.converged and is_exact_enough(scene, error, force_error))
-    answer[14] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if depth > scene.plausible_depth else 0)
+    answer["flexion_angle"], answer["load"] = angle, load
+    answer["contact_force"], answer["penetration_rate"] = advance.force, advance.rate
+    answer["penetration_depth"], answer["gap"] = depth, max(0.0, -advance.depth)
+    answer["sliding_velocity"] = sliding_velocity(closest, x_slope, angle_rate, advance.progress.state.velocity)
+    answer["contact_point"]["x"], answer["contact_point"]["y"] = point_x, point_y
+    answer["femoral_height"], answer["femoral_x"] = height, x
+    answer["cartilage_depth"], answer["bone_depth"] = depth - bone, bone
+    answer["contact_state"] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
+    answer["fidelity"] = advance.fidelity
+    answer["status"] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if depth > scene.plausible_depth else 0)
     # Not a number is no estimate: it is published as the largest error.
-    answer[15] = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
-    answer[16] = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
-    answer[17] = evaluations
-    answer[18] = x
-    answer[19], answer[20] = closest.normal_x, closest.normal_y
+    answer["error_estimate"] = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+    answer["force_error_estimate"] = force_error if force_error < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
+    answer["evaluations"] = evaluations
+    answer["normal_x"], answer["normal_y"] = closest.normal_x, closest.normal_y
+    force, torque = answer["contact_wrench"]["force"], answer["contact_wrench"]["torque"]
+    force_x, force_y = -advance.force * closest.normal_x, -advance.force * closest.normal_y
+    force["x"], force["y"], torque["z"] = force_x, force_y, point_x * force_y - point_y * force_x
 
 
 @in_kernel

@@ -1,12 +1,25 @@
-"""What goes through the model: the answer to one tick, and the enumerations it uses.
+"""The answer to one tick, and the enumerations it uses.
 
-The values equal the constants in `msg/KneeContact.msg`.
+`Contact` is declared here once, and everything that holds answers holds rows of `ROW`: the kernel writes them, messages
+and recordings are made of their bytes, reports and viewers name their fields. The values of the enumerations equal the
+constants in `msg/KneeContact.msg`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Annotated, Any, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = Annotated[float, np.float64]
+Small = Annotated[int, np.uint8]
+Count = Annotated[int, np.uint32]
+Nanoseconds = Annotated[int, np.int64]
+Rows = NDArray[Any]
+"""Answers: an array of `ROW`, shape (n,)"""
 
 
 class ContactState(IntEnum):
@@ -43,58 +56,124 @@ class Status(IntFlag):
     """The depth makes no sense: see `plausible_depth.py`."""
 
 
-class Point(NamedTuple):
-    """A point in the tibia frame [m]: x anterior, y superior, z to the right."""
+class Point(np.record):  # type: ignore[misc]  # final to the stubs alone
+    """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right."""
 
-    x: float
-    y: float
-    z: float
+    x: Real
+    y: Real
+    z: Real
+    """0, or about the axis of flexion: all is planar"""
 
 
-class Contact(NamedTuple):
-    """The answer to one tick, under the field names of `KneeContact.msg`."""
+class Wrench(np.record):  # type: ignore[misc]
+    """What acts on a body, at the origin of the tibia frame; as `geometry_msgs/msg/Wrench` has it."""
 
-    flexion_angle: float
+    force: Point
+    """[N]"""
+    torque: Point
+    """[N m]"""
+
+
+class Contact(np.record):  # type: ignore[misc]
+    """The answer to one tick: first what `KneeContact.msg` tells, under its names, in its order and with its types."""
+
+    flexion_angle: Real
     """[rad] positive in flexion"""
-    load: float
+    load: Real
     """[N] compressive load that drove the tick"""
-    contact_force: float
+    contact_force: Real
     """[N] normal contact force; >= 0 unless the law may pull"""
-    penetration_depth: float
+    penetration_depth: Real
     """[m] >= 0; 0 when apart"""
-    gap: float
+    gap: Real
     """[m] >= 0; 0 in contact"""
-    penetration_rate: float
+    penetration_rate: Real
     """[m/s] > 0 when approaching"""
-    sliding_velocity: float
+    sliding_velocity: Real
     """[m/s] of the femur's surface relative to the tibia's, at the contact and along it; > 0 anteriorly (Eq. 6)"""
     contact_point: Point
     """[m] on the plateau, in the tibia frame (when apart: the point closest to the femur); z is 0, as all is planar"""
-    femoral_height: float
+    femoral_height: Real
     """[m] height of the femoral reference point above the plateau's origin"""
-    cartilage_depth: float
+    cartilage_depth: Real
     """[m] part of the depth in the first layer"""
-    bone_depth: float
+    bone_depth: Real
     """[m] part of the depth in the second layer"""
-    contact_state: int
+    contact_state: Small
     """a `ContactState`"""
-    fidelity: int
+    fidelity: Small
     """a `Fidelity`"""
-    status: int
+    status: Small
     """a set of `Status` bits"""
-    error_estimate: float
+    error_estimate: Real
     """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
-    force_error_estimate: float
+    force_error_estimate: Real
     """[N] the same of `contact_force`"""
-    evaluations: int
-    """contact law evaluations that this tick took"""
+    evaluations: Count
+    """contact law evaluations that this tick took; the last field of the message"""
+    contact_wrench: Wrench
+    """the contact force on the tibia, as it is published beside the message"""
+    stamp: Nanoseconds
+    """[ns]"""
+    femoral_x: Real
+    """[m] of the femoral reference point along the tibia's x axis"""
+    normal_x: Real
+    """of the tibial surface at the contact point, from tibia to femur"""
+    normal_y: Real
+    latency: Real
+    """[s] from the load's arrival to the answer's publication; not a number where it was not measured"""
 
 
-NUMBERS = tuple(
-    number
-    for name in Contact._fields
-    for number in (("contact_point_x", "contact_point_y") if name == "contact_point" else (name,))
-)
-"""Names of an answer's numbers, in their order: the fields of `Contact` without the contact point's z, which is 0"""
-COLUMN = {name: column for column, name in enumerate(NUMBERS)}
-"""Where each of them stands"""
+def _fields(record: type[np.record]) -> np.dtype[Any]:
+    """The fields that a class declares, aligned as in C, and as CDR aligns them."""
+    fields = []
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        fields.append((name, hint.__metadata__[0] if get_origin(hint) is Annotated else _fields(hint)))
+    return np.dtype(fields, align=True)
+
+
+def _place(name: str) -> slice:
+    """Where a field's bytes lie in those of a row."""
+    fields: Any = ROW.fields
+    kind, begin, *_ = fields[name]
+    return slice(begin, begin + kind.itemsize)
+
+
+ROW = np.dtype((Contact, _fields(Contact)))
+"""The type of a row, whose elements are `Contact`s"""
+MESSAGE = slice(0, _place("evaluations").stop)
+"""The bytes of a row that are those of a `KneeContact` behind its header, where a multiple of 8 B is reached"""
+WRENCH = _place("contact_wrench")
+"""Those of a `WrenchStamped` behind its header, likewise"""
+
+
+def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, np.dtype[Any], int]]:
+    """Name, type and place of every number in a type."""
+    for name, (field, offset, *_) in (kind.fields or {}).items():
+        if field.fields:
+            yield from _numbers(field, f"{before}{name}_", at + offset)
+        else:
+            yield before + name, field, at + offset
+
+
+_NAMES, _FORMATS, _OFFSETS = zip(*_numbers(ROW, "", 0), strict=True)
+FLAT = np.dtype({"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize})
+"""The same row with all of its numbers under names of their own: `contact_point_x`"""
+TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
+"""Those that the message has"""
+
+
+def blank(number: int) -> Rows:
+    """Rows to be filled by a kernel, shape (number,), zeros between the fields: a copy may have anything there."""
+    rows = np.zeros(number, dtype=ROW)
+    rows["latency"] = np.nan
+    return rows
+
+
+def untold(number: int) -> Rows:
+    """Rows of which nothing is known, shape (number,): not a number, or 0 where that cannot be."""
+    rows = np.zeros(number, dtype=ROW)
+    for name in _NAMES:
+        if FLAT[name].kind == "f":
+            rows.view(FLAT)[name] = np.nan
+    return rows

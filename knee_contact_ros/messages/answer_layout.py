@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import groupby
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.core.types import COLUMN
-from knee_contact_ros.messages.cdr_in import MOST_TRAILING, SECOND
+from knee_contact_ros.core.types import FLAT, TOLD, Rows, untold
+from knee_contact_ros.messages.cdr import BYTE_ORDERS, MOST_TRAILING, SECOND, STAMP_END, Order
 from knee_contact_ros.messages.ros_types import definition
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 
@@ -28,11 +27,8 @@ FIXED = ("float64", "float32", "int64", "uint64", "int32", "uint32", "int16", "u
 """Kinds of numbers, named as by NumPy"""
 BYTES = ("bool", "byte", "char")
 """More of them, which are a `uint8` here"""
-FRAME_END = 16
-"""Where the frame's text begins: behind encapsulation, stamp and the text's length"""
-Order = Literal["<", ">"]
-BYTE_ORDERS: dict[bytes, Order] = {b"\x00\x01": "<", b"\x00\x00": ">"}
-"""By the first bytes of the encapsulation"""
+FRAME_END = STAMP_END + 4
+"""Where the frame's text begins: behind its length"""
 
 
 PRESENT = MessageDefinition(MessageDefinitionFormat.NONE, "")
@@ -59,10 +55,8 @@ class Layout(NamedTuple):
     """False if fields of no fixed size follow, which are not read"""
 
 
-def decode_answers(
-    messages: Sequence[bytes], described: MessageDefinition
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Stamps [ns], shape (n,), and numbers of `KneeContact` messages, shape (n, columns) in the order of `COLUMN`.
+def decode_answers(messages: Sequence[bytes], described: MessageDefinition) -> Rows:
+    """Rows of `KneeContact` messages, shape (n,): with their stamps, and not a number where the message tells nothing.
 
     `described` is the definition that they came with; `PRESENT` is that of this package.
 
@@ -70,16 +64,18 @@ def decode_answers(
         ValueError: it lacks a number, or a message does not fit it.
     """
     places, whole = places_of(described)
-    stamps, numbers = np.empty(len(messages), dtype=np.int64), np.full((len(messages), len(COLUMN)), np.nan)
+    answers = untold(len(messages))
+    numbers = answers.view(FLAT)
     for begin, end in _alike(messages):
         block = messages[begin:end]
         layout = layout_of(places, whole, *_kind(block[0]))
         _check_lengths(block, layout)
         rows = np.frombuffer(b"".join(message[: layout.length] for message in block), dtype=layout.numbers)
-        stamps[begin:end] = rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"]
-        for name in COLUMN.keys() & set(layout.numbers.names or ()):
-            numbers[begin:end, COLUMN[name]] = rows[name]
-    return stamps, numbers
+        with np.errstate(invalid="ignore"):  # a definition of a stranger's may have other types
+            for name in set(TOLD) & set(layout.numbers.names or ()):
+                numbers[name][begin:end] = rows[name]
+        numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"]
+    return answers
 
 
 @lru_cache(maxsize=16)
@@ -102,7 +98,7 @@ def places_of(described: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
             whole = False
             break
         places.append(place)
-    missing = COLUMN.keys() - ADDED - {place.name for place in places}
+    missing = set(TOLD) - ADDED - {place.name for place in places}
     if missing:
         raise ValueError(f"{TYPE} has no {', '.join(sorted(missing))}")
     return tuple(places), whole

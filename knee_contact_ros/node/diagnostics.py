@@ -11,7 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from knee_contact_ros.core.types import Contact, Fidelity, Status
+from knee_contact_ros.core.types import Fidelity, Status
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.pipeline.synchronise import Synchroniser
 from knee_contact_ros.sinks.process import WORTH_A_WARNING
@@ -102,14 +102,14 @@ class TickMeter:
     durations: list[float] = field(default_factory=list)
     """Of the ticks since the last report [s]"""
 
-    def count(self, contact: Contact, duration: float, late: bool) -> None:
-        """Note an answer, the time it took [s], and whether it has missed its deadline."""
+    def count(self, fidelity: int, status: int, duration: float, late: bool) -> None:
+        """Note an answer's level and status, the time it took [s], and whether it has missed its deadline."""
         self.ticks += 1
         self.missed += late
         self.durations.append(duration)
-        self.fidelities[contact.fidelity] += 1
-        if contact.status:
-            self.flagged.update(bit.name or "" for bit in Status if contact.status & bit)
+        self.fidelities[fidelity] += 1
+        if status:
+            self.flagged.update(bit.name or "" for bit in Status if status & bit)
 
     def values(self) -> dict[str, str]:
         """Totals, and tick times of the last period."""

@@ -231,17 +231,18 @@ class Session:
         clock, pipeline = time.perf_counter, self.pipeline
         for pair in pairs:
             begin = clock()
-            message, numbers = pipeline.compute(pair)
+            message = pipeline.compute(pair)
             self._contact.publish(message)
             end = clock()
-            latency = end - pair.load.arrived
-            answer = pipeline.answer(pair, message, numbers, latency)
-            self._wrench.publish(answer.wrench)
+            row, latency = pipeline.row, end - pair.load.arrived
+            row["latency"] = latency
+            answer = pipeline.answer(pair, message)
+            _, _, wrench = answer.records[-1]
+            self._wrench.publish(wrench)
             self.outputs.put(answer)
-            late = latency + self.lag.now > self.parameters.deadline
-            self.ticks.count(answer.contact, end - begin, late)
-            contact = answer.contact
-            pipeline.doubts.add(answer.stamp, contact.load, contact.penetration_depth, contact.status)
+            late, status = latency + self.lag.now > self.parameters.deadline, int(row["status"][0])
+            self.ticks.count(int(row["fidelity"][0]), status, end - begin, late)
+            pipeline.doubts.add(pair.load.stamp, pair.load.load, float(row["penetration_depth"][0]), status)
         if pipeline.last_refusal:
             text = f"sample refused: {pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))

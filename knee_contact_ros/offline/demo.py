@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.cdr_in import stamp_in
+from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.messages.ros_types import stamp_to_ns
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
@@ -143,7 +143,8 @@ def check_before(bag: Path, parameters: Parameters) -> Doubts:
     with BagReader(bag) as reader:
         angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
     try:
-        angle_sample(pipeline.decoder.joint_state(angle), pipeline.parameters.knee, pipeline.model.height_prescribed)
+        message, _ = pipeline.decoder.joint_state(angle)
+        angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
     except RefusedSampleError as refused:
         raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
     return pipeline.doubts

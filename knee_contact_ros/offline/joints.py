@@ -6,8 +6,7 @@ from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_STATES
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.decode import Decoder
-from knee_contact_ros.pipeline.samples import RefusedSampleError
+from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
 
@@ -25,7 +24,7 @@ def check_joints(bag: BagReader, parameters: Parameters) -> None:
     found: dict[str, None] = {}  # a set that keeps the order
     for message in bag.raw_messages((f"/{JOINT_STATES}",)):
         try:
-            names = decoder.joint_state(message.data).name
+            names = decoder.joint_state(message.data)[0].name
         except RefusedSampleError:
             continue
         found |= dict.fromkeys(names)

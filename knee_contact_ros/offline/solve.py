@@ -7,14 +7,17 @@ from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, AnswerWriter
-from knee_contact_ros.bags.block_recorder import write_rows
+from knee_contact_ros.bags.block_recorder import write_messages
 from knee_contact_ros.bags.provenance import Provenance, provenance_record
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.recovery.inspection import refuse_input
 from knee_contact_ros.bags.recovery.source import in_a_line
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.offline.history import Changes
@@ -103,15 +106,17 @@ class Run:
     def take(self, block: Sequence[RawMessage]) -> None:
         """Take messages in their order: at once if they allow it, else one by one."""
         if self._changes.waiting or not self._take_at_once(block):
-            for message in block:
-                self._take_one(message)
+            self.keep(answer for message in block for answer in self._take_one(message))
 
     def keep(self, answers: Iterable[Answer]) -> None:
         """Write answers and take them into account, and what has changed between them."""
+        rows = []
         for answer in answers:
-            self._recorder.write(answer)
-            self._summary.add(answer.stamp, answer.contact)
+            self._recorder.write(answer.records)
+            rows.append(answer.row)
             self._make_changes()
+        if rows:
+            self._summary.add(np.frombuffer(b"".join(rows), ROW))
 
     def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
         by_topic = [
@@ -121,15 +126,16 @@ class Run:
         answers = take(self._pipeline, *by_topic)
         if answers is None:
             return False
-        write_rows(self._recorder.bag, [row._replace(topic=ABSOLUTE_NAMES[row.topic]) for row in answers.rows])
-        self._summary.add_all(answers.stamps, answers.numbers, answers.status)
+        write_messages(
+            self._recorder.bag, [part._replace(topic=ABSOLUTE_NAMES[part.topic]) for part in answers.messages]
+        )
+        self._summary.add(answers.rows)
         return True
 
-    def _take_one(self, message: RawMessage) -> None:
+    def _take_one(self, message: RawMessage) -> Iterator[Answer]:
         self._make_changes()
         ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
-        feed = self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force
-        self.keep(feed(message.data))
+        return (self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force)(message.data)
 
     def _make_changes(self) -> None:
         for name, values in self._changes.make(self._pipeline):

@@ -13,21 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.block_recorder import Rows
+from knee_contact_ros.bags.block_recorder import Messages
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.messages.cdr_blocks import (
-    JointStates,
-    Wrenches,
-    chosen,
-    decode_joint_states,
-    decode_wrenches,
-    encode_contact_wrenches,
-    encode_contacts,
-    encode_joint_states,
-    encode_wrenches,
-)
-from knee_contact_ros.messages.cdr_in import SECOND
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.core.types import Rows
+from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
+from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Block
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
@@ -44,17 +34,13 @@ Fresh = NDArray[np.bool_]
 class Answers(NamedTuple):
     """The answers to a block."""
 
-    stamps: NDArray[np.int64]
-    """[ns], shape (n,)"""
-    numbers: Floats
-    """As in `Stream.answer`, shape (n, `ANSWER`)"""
-    status: NDArray[np.int64]
-    """More bits of the status"""
-    rows: tuple[Rows, ...]
+    rows: Rows
+    """Shape (n,)"""
+    messages: tuple[Messages, ...]
     """What is to be recorded"""
 
 
-class _Block(NamedTuple):
+class _Received(NamedTuple):
     """Messages behind those that waited before them."""
 
     states: list[bytes]
@@ -64,10 +50,10 @@ class _Block(NamedTuple):
 class _Samples(NamedTuple):
     """The samples in a block's messages."""
 
-    states: JointStates
+    states: Block
     angles: Floats
     heights: Floats | None
-    wrenches: Wrenches
+    wrenches: Block
     loads: Floats
 
 
@@ -100,13 +86,13 @@ def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -
     return answers
 
 
-def _with_held(steady: Steady, states: Sequence[bytes], forces: Sequence[bytes]) -> tuple[_Block, Fresh]:
+def _with_held(steady: Steady, states: Sequence[bytes], forces: Sequence[bytes]) -> tuple[_Received, Fresh]:
     """The messages behind those that wait; and which of the angles are still to be recorded."""
-    held = {angle.stamp: angle.message for angle in (*steady.fresh, *steady.angles)}
+    held = {angle.stamp: angle.data for angle in (*steady.fresh, *steady.angles)}
     untaken = {angle.stamp for angle in steady.fresh}
-    block = _Block(
-        [*(encode_joint_state(held[stamp]) for stamp in sorted(held)), *states],
-        [*(encode_wrench_stamped(load.message) for load in steady.loads), *forces],
+    block = _Received(
+        [*(held[stamp] for stamp in sorted(held)), *states],
+        [*(load.data for load in steady.loads), *forces],
     )
     return block, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
 
@@ -121,9 +107,9 @@ def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
     )
 
 
-def _samples(block: _Block, pipeline: Pipeline) -> _Samples | None:
+def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
     """Columns of samples; None if one would be refused, or has to be looked at alone."""
-    decoded, wrenches = decode_joint_states(block.states), decode_wrenches(block.forces)
+    decoded, wrenches = JOINT_STATE.decode_all(block.states), WRENCH.decode_all(block.forces)
     if decoded is None or wrenches is None:
         return None
     knee, load = pipeline.parameters.knee, pipeline.parameters.load
@@ -132,7 +118,7 @@ def _samples(block: _Block, pipeline: Pipeline) -> _Samples | None:
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
     angles = knee.flexion_sign * position + knee.flexion_offset
-    axial, moment = wrenches.numbers[:, 1], wrenches.numbers[:, 3]
+    axial, moment = wrenches.numbers["force"][:, 1], wrenches.numbers["torque"][:, 0]
     loads = COMPARTMENTS[load.compartment](axial, moment, load)
     columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD), (loads, LARGEST_LOAD)]
     columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
@@ -143,37 +129,36 @@ def _samples(block: _Block, pipeline: Pipeline) -> _Samples | None:
     return _Samples(decoded, angles, heights, wrenches, loads)
 
 
-def _position(states: JointStates, joint: str) -> Floats | None:
-    if joint not in states.first.name:
+def _position(states: Block, joint: str) -> Floats | None:
+    _, names, known, *_ = states.shape
+    if joint not in names or names.index(joint) >= known:
         return None
-    index = states.first.name.index(joint)
-    return np.ascontiguousarray(states.position[:, index]) if index < states.position.shape[1] else None
+    return np.ascontiguousarray(states.numbers["position"][:, names.index(joint)])
 
 
 def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> Answers:
     """The answers to the loads that have found their angles, and what is to be recorded of inputs and answers."""
     number = len(paired.angle)
-    stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.first.frame_id
-    numbers = pipeline.stream.advance_all(stamps, paired.angle, samples.loads[:number], paired.height)
+    stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
+    rows = pipeline.stream.advance_all(stamps, paired.angle, samples.loads[:number], paired.height)
+    rows["status"] |= paired.status.astype(np.uint8)
     pipeline.ticks += number
     if pipeline.parameters.load.compartment in BY_MOMENT:
-        pipeline.split.add_all(samples.wrenches.numbers[:number, 1], samples.loads[:number])
+        pipeline.split.add_all(samples.wrenches.numbers["force"][:number, 1], samples.loads[:number])
     taken = fresh & (paired.tick_of_angle < number)
-    states = chosen(samples.states, taken)
-    wrenches = encode_wrenches(frame_id, stamps, samples.wrenches.numbers[:number])
-    place = 4 * np.arange(number)
-    rows = (
-        Rows(JOINT_STATES, states.stamps, encode_joint_states(states), 4 * paired.tick_of_angle[taken]),
-        Rows(JOINT_REACTION_FORCE, stamps, wrenches, place + 1),
-        Rows(KNEE_CONTACT, stamps, encode_contacts(frame_id, stamps, numbers, paired.status), place + 2),
-        Rows(KNEE_CONTACT_WRENCH, stamps, encode_contact_wrenches(frame_id, stamps, numbers), place + 3),
+    states, place = samples.states, 4 * np.arange(number)
+    messages = (
+        Messages(JOINT_STATES, states.stamps[taken], states.data[taken], 4 * paired.tick_of_angle[taken]),
+        Messages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
+        Messages(KNEE_CONTACT, stamps, encode_answers(frame_id, stamps, rows), place + 2),
+        Messages(KNEE_CONTACT_WRENCH, stamps, encode_answer_wrenches(frame_id, stamps, rows), place + 3),
     )
-    return Answers(stamps, numbers, paired.status, rows)
+    return Answers(rows, messages)
 
 
 def _hand_over(
     pipeline: Pipeline,
-    block: _Block,
+    block: _Received,
     samples: _Samples,
     paired: PairedSamples,
     fresh: Fresh,
@@ -187,10 +172,12 @@ def _hand_over(
     knee, load, displacement = pipeline.parameters.knee, pipeline.parameters.load, pipeline.model.height_prescribed
 
     def angle(index: int) -> AngleSample:
-        return angle_sample(pipeline.decoder.joint_state(states[index]), knee, displacement)
+        message, data = pipeline.decoder.joint_state(states[index])
+        return angle_sample(message, knee, displacement, data)
 
     def force(index: int) -> LoadSample:
-        return load_sample(pipeline.decoder.joint_reaction_force(forces[index]), load)
+        message, data = pipeline.decoder.joint_reaction_force(forces[index])
+        return load_sample(message, load, data=data)
 
     untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))
     pipeline.synchroniser.go_on(

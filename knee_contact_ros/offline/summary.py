@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.recorded_answers import answer_blocks
 from knee_contact_ros.bags.recovery.metadata_records import metadata_records
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
-from knee_contact_ros.core.types import COLUMN, Contact, Fidelity, Status
+from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.compartments import Split
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -77,45 +77,26 @@ class Summary:
     load_peaks: list[LoadPeak] = field(default_factory=list)
     """Local peaks of the load, where they were looked for"""
 
-    def add(self, stamp: int, contact: Contact) -> None:
-        """Take an answer into account."""
-        if not self.ticks:
-            self.first_stamp = stamp
-        self.last_stamp = stamp
-        self.ticks += 1
-        self.doubts.add(stamp, contact.load, contact.penetration_depth, contact.status)
-        self.evaluations += contact.evaluations
-        self.levels[Fidelity(contact.fidelity).name.lower()] += 1
-        self.largest_error = max(self.largest_error, bound(contact.error_estimate))
-        self.largest_force_error = max(self.largest_force_error, bound(contact.force_error_estimate))
-        for name in PEAKS:
-            value = getattr(contact, name)
-            if name not in self.peaks or value > self.peaks[name].value:
-                self.peaks[name] = Peak(value, stamp)
-        for bit in Status:
-            if contact.status & bit:
-                self.flagged[bit.name or ""] += 1
-
-    def add_all(self, stamps: NDArray[np.int64], numbers: NDArray[np.float64], status: NDArray[np.int64]) -> None:
-        """Take many answers into account, at least one: numbers as in `Stream.answer`, and more bits of the status."""
+    def add(self, answers: Rows) -> None:
+        """Take answers into account, at least one."""
+        stamps, status = answers["stamp"], answers["status"]
         if not self.ticks:
             self.first_stamp = int(stamps[0])
         self.last_stamp = int(stamps[-1])
-        self.ticks += len(stamps)
-        self.evaluations += int(numbers[:, COLUMN["evaluations"]].sum())
-        for level, count in zip(*np.unique(numbers[:, COLUMN["fidelity"]], return_counts=True), strict=True):
+        self.ticks += len(answers)
+        self.evaluations += int(answers["evaluations"].sum())
+        for level, count in zip(*np.unique(answers["fidelity"], return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
-        self.largest_error = max(self.largest_error, bound(numbers[:, COLUMN["error_estimate"]]))
-        self.largest_force_error = max(self.largest_force_error, bound(numbers[:, COLUMN["force_error_estimate"]]))
+        self.largest_error = max(self.largest_error, bound(answers["error_estimate"]))
+        self.largest_force_error = max(self.largest_force_error, bound(answers["force_error_estimate"]))
         for name in PEAKS:
-            index = int(numbers[:, COLUMN[name]].argmax())
-            value = float(numbers[index, COLUMN[name]])
+            index = int(answers[name].argmax())
+            value = float(answers[name][index])
             if name not in self.peaks or value > self.peaks[name].value:
                 self.peaks[name] = Peak(value, int(stamps[index]))
-        flags = numbers[:, COLUMN["status"]].astype(np.int64) | status
-        self.doubts.add_all(stamps, numbers[:, COLUMN["load"]], numbers[:, COLUMN["penetration_depth"]], flags)
+        self.doubts.add_all(stamps, answers["load"], answers["penetration_depth"], status)
         for bit in Status:
-            if count := int(np.count_nonzero(flags & bit)):
+            if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
 
     @property
@@ -137,9 +118,8 @@ def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = No
     summary = Summary(body_weight, doubts or Doubts())
     rows: list[LoadPeak] = []
     for answers in answer_blocks(recording):
-        summary.add_all(answers.stamps, np.column_stack(answers[1:]), np.zeros_like(answers.stamps))
-        columns = (answers.stamps, answers.load, answers.contact_force, answers.penetration_depth)
-        rows += [LoadPeak(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+        summary.add(answers)
+        rows += [LoadPeak(*row) for row in answers[list(LoadPeak._fields)].tolist()]
     summary.refused = read_refused(recording)
     summary.load_peaks = load_peaks(rows, body_weight)
     return summary

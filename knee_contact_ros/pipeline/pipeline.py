@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
-from knee_contact_ros.core.model import as_contact
-from knee_contact_ros.core.ticks import PLACING
-from knee_contact_ros.messages.answer import Answer, Ending, Input
-from knee_contact_ros.messages.cdr_out import encode_contact_wrench, encode_numbers
+from knee_contact_ros.core.types import Rows
+from knee_contact_ros.messages.answer import Answer, Ending, Record
+from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.compartments import BY_MOMENT, Split
 from knee_contact_ros.parameters.plausibility import doubts_about
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.decode import Decoder, Deserialize
-from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample, load_sample
+from knee_contact_ros.pipeline.samples import Decoder, Deserialize, RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample, Synchroniser
 
 
@@ -73,7 +70,8 @@ class Pipeline:
     def take_joint_state(self, data: bytes) -> list[PairedSample]:
         """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
         try:
-            sample = angle_sample(self.decoder.joint_state(data), self.parameters.knee, self.model.height_prescribed)
+            message, written = self.decoder.joint_state(data)
+            sample = angle_sample(message, self.parameters.knee, self.model.height_prescribed, written)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self.synchroniser.push_angle(sample)
@@ -81,41 +79,38 @@ class Pipeline:
     def take_joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the bytes of a WrenchStamped, `arrived` [s] by the caller's clock; give the ticks, likewise."""
         try:
-            sample = load_sample(self.decoder.joint_reaction_force(data), self.parameters.load, arrived)
+            message, written = self.decoder.joint_reaction_force(data)
+            sample = load_sample(message, self.parameters.load, arrived, written)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self.synchroniser.push_load(sample)
 
-    def compute(self, pair: PairedSample) -> tuple[bytes, list[float]]:
-        """Compute a tick: the answer as the bytes of a `KneeContact`, and its numbers as in `Stream.answer`."""
+    @property
+    def row(self) -> Rows:
+        """The answer to the last tick, shape (1,); the next one is written over it."""
+        return self.stream.answer
+
+    def compute(self, pair: PairedSample) -> bytes:
+        """Compute a tick; give the answer as the bytes of a `KneeContact`, and leave it in `row`."""
         if pair.status & TIME_RESET:
             self.stream = self.model.stream()
         load = pair.load
         self.stream.advance(load.stamp, pair.angle, load.load, pair.height)
+        if pair.status:
+            self.row["status"] |= pair.status
         self.ticks += 1
         if self.parameters.load.compartment in BY_MOMENT:
-            self.split.add(load.message.force[1], load.load)
-        numbers = self.stream.answer.tolist()
-        return encode_numbers(load.stamp, load.frame_id, numbers, pair.status), numbers
+            self.split.add(load.axial, load.load)
+        return encode_answer(load.stamp, load.frame_id, self.row.tobytes())
 
-    def answer(self, pair: PairedSample, message: bytes, numbers: Sequence[float], latency: float = math.nan) -> Answer:
-        """All that a computed tick leaves behind; `latency` as in `Answer`."""
-        load = pair.load
-        contact = as_contact(numbers, pair.status)
-        femoral_x, *normal = numbers[PLACING]
-        inputs: list[Input] = [(JOINT_STATES, angle.stamp, angle.message) for angle in pair.angles]
-        inputs.append((JOINT_REACTION_FORCE, load.stamp, load.message))
-        return Answer(
-            stamp=load.stamp,
-            frame_id=load.frame_id,
-            contact=contact,
-            femoral_x=femoral_x,
-            normal=(normal[0], normal[1]),
-            inputs=tuple(inputs),
-            message=message,
-            wrench=encode_contact_wrench(load.stamp, load.frame_id, contact, (normal[0], normal[1])),
-            latency=latency,
-        )
+    def answer(self, pair: PairedSample, message: bytes) -> Answer:
+        """All that the tick computed last leaves behind: `row` and its `message`, and what led to them."""
+        load, row = pair.load, self.row.tobytes()
+        records: list[Record] = [(JOINT_STATES, angle.stamp, angle.data) for angle in pair.angles]
+        records.append((JOINT_REACTION_FORCE, load.stamp, load.data))
+        records.append((KNEE_CONTACT, load.stamp, message))
+        records.append((KNEE_CONTACT_WRENCH, load.stamp, encode_answer_wrench(load.stamp, load.frame_id, row)))
+        return Answer(row, tuple(records))
 
     def retune(self, parameters: Parameters) -> None:
         """Go on with other numbers, between two ticks; see `retuned` for those that count."""
@@ -133,7 +128,7 @@ class Pipeline:
 
     def ending(self) -> Ending:
         """What a recording must hold beside the answers."""
-        inputs = tuple((JOINT_STATES, sample.stamp, sample.message) for sample in self.synchroniser.rest())
+        inputs = tuple((JOINT_STATES, sample.stamp, sample.data) for sample in self.synchroniser.rest())
         return Ending(inputs, dict(self.synchroniser.refused))
 
     def _refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
@@ -145,4 +140,4 @@ class Pipeline:
         self._pending.extend(pairs)
         while self._pending:
             pair = self._pending.popleft()
-            yield self.answer(pair, *self.compute(pair))
+            yield self.answer(pair, self.compute(pair))

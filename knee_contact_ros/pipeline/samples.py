@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.messages.cdr_in import SECOND, JointState, WrenchStamped
+from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Coder, Content, JointState, WrenchStamped
+from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS
 from knee_contact_ros.parameters.schema import Knee, Load
 from knee_contact_ros.system.printable import listed, printable
@@ -30,8 +33,8 @@ class AngleSample(NamedTuple):
     """[ns]"""
     angle: float
     """[rad] positive in flexion"""
-    message: JointState
-    """The message it came in"""
+    data: bytes = b""
+    """The message it came in, as it is recorded: what came may hold leftovers of the sender's memory between fields"""
     height: float | None = None
     """[m] of the femoral reference point; None with the force drive"""
 
@@ -45,14 +48,76 @@ class LoadSample(NamedTuple):
     """[N] > 0 when it presses the femur onto the tibia"""
     frame_id: str
     """The tibia frame"""
-    message: WrenchStamped
-    """The message it came in"""
+    axial: float
+    """[N] force.y of the joint reaction, of which the load is a part"""
+    data: bytes = b""
+    """The message it came in, likewise"""
     arrived: float = 0.0
     """When it came, by the caller's clock [s]"""
 
 
-def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = False) -> AngleSample:
+Deserialize = Callable[[bytes, str], Any]
+"""The ordinary way: a message from its bytes and its topic; raises anything if they are not one"""
+
+
+class Decoder:
+    """The bytes of the input messages to their content: by our own coder, or the ordinary way where it gives up."""
+
+    def __init__(self, deserialize: Deserialize) -> None:
+        self.ordinary = 0
+        """Messages that went the ordinary way"""
+        self._deserialize = deserialize
+
+    def joint_state(self, data: bytes) -> tuple[JointState, bytes]:
+        """The content of a JointState, and the bytes under which it is recorded.
+
+        Raises:
+            RefusedSampleError: the bytes are no such message.
+        """
+        return JOINT_STATE.decode(data) or self._in_the_ordinary_way(data, JOINT_STATES, JOINT_STATE, joint_state_of)
+
+    def joint_reaction_force(self, data: bytes) -> tuple[WrenchStamped, bytes]:
+        """The content of a WrenchStamped, likewise.
+
+        Raises:
+            RefusedSampleError: the bytes are no such message.
+        """
+        return WRENCH.decode(data) or self._in_the_ordinary_way(data, JOINT_REACTION_FORCE, WRENCH, wrench_of)
+
+    def _in_the_ordinary_way(
+        self, data: bytes, topic: str, coder: Coder[Content], content_of: Callable[[Any], Content]
+    ) -> tuple[Content, bytes]:
+        self.ordinary += 1
+        try:
+            content = content_of(self._deserialize(data, topic))
+        except Exception as error:  # whatever broken bytes provoke in a deserializer
+            text = f"{topic}: {len(data)} bytes are no message of its type ({' '.join(str(error).split())})"
+            raise RefusedSampleError("undecodable", text) from None
+        _checked(content.stamp, topic)
+        return content, coder.encode(content)
+
+
+def joint_state_of(message: Any) -> JointState:
+    """The content of a JointState, ROS's own or a plain one."""
+    return JointState(
+        stamp_to_ns(message.header.stamp), message.header.frame_id, tuple(message.name),
+        *(tuple(map(float, numbers)) for numbers in (message.position, message.velocity, message.effort)),
+    )  # fmt: skip
+
+
+def wrench_of(message: Any) -> WrenchStamped:
+    """The content of a WrenchStamped, likewise."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return WrenchStamped(
+        stamp_to_ns(message.header.stamp), message.header.frame_id,
+        (force.x, force.y, force.z), (torque.x, torque.y, torque.z),
+    )  # fmt: skip
+
+
+def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"") -> AngleSample:
     """Flexion angle from a JointState: sign x position + offset; with `height_prescribed` also the femoral height.
+
+    `data` are the bytes under which it is recorded.
 
     Raises:
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees; or the
@@ -66,7 +131,7 @@ def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = Fals
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(_checked(message.stamp, "joint_states"), angle, message, height)
+    return AngleSample(_checked(message.stamp, "joint_states"), angle, data, height)
 
 
 def _position(message: JointState, joint: str) -> float:
@@ -83,8 +148,8 @@ def _position(message: JointState, joint: str) -> float:
     return position
 
 
-def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0) -> LoadSample:
-    """Compressive load from a WrenchStamped on the tibia: the compartment's part of L = -F_y.
+def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0, data: bytes = b"") -> LoadSample:
+    """Compressive load from a WrenchStamped on the tibia: the compartment's part of L = -F_y; `data` as above.
 
     Raises:
         RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is beyond all
@@ -104,7 +169,8 @@ def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0) -> Loa
         raise RefusedSampleError(
             "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
         )
-    return LoadSample(_checked(message.stamp, "joint_reaction_force"), part, message.frame_id, message, arrived)
+    stamp = _checked(message.stamp, "joint_reaction_force")
+    return LoadSample(stamp, part, message.frame_id, axial, data, arrived)
 
 
 def _checked(stamp: int, topic: str) -> int:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 from knee_contact_ros.bags.writer import Settings
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.sinks.process import Handling, Queue, SinkProcess, Tell
 from knee_contact_ros.sinks.protocol import Job
-from knee_contact_ros.view.drawing import Drawing, Serving, shown_row
+from knee_contact_ros.view.drawing import Drawing, Serving
 
 VIEWERS_NICENESS = 10
 """A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
@@ -31,7 +30,7 @@ def recorder(
     See `answer_recorder.open_output` and `SinkProcess`.
     """
     job = Job("knee_contact_ros.bags.answer_recorder", (path, dict(provenance), dict(names), settings))
-    handling = Handling(recorded_row, queue, "record", gaps_allowed=False)
+    handling = Handling(attrgetter("records"), queue, "record", gaps_allowed=False)
     return SinkProcess("recording", str(name or path), job, handling, tell, awaited)
 
 
@@ -40,12 +39,6 @@ def viewer(
 ) -> SinkProcess:
     """A process that writes a Rerun file or, without a `path`, serves; see `view.output.open_output`, `SinkProcess`."""
     job = Job("knee_contact_ros.view.output", (path, serving, drawing))
-    handling = Handling(shown_row, queue, "rerun", gaps_allowed=True, niceness=VIEWERS_NICENESS)
+    handling = Handling(attrgetter("row"), queue, "rerun", gaps_allowed=True, niceness=VIEWERS_NICENESS)
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
     return SinkProcess(kind, str(path or ""), job, handling, tell, awaited)
-
-
-def recorded_row(answer: Answer) -> tuple[Any, ...]:
-    """What is recorded of an answer, in plain tuples: named ones take five times as long to send."""
-    inputs = tuple([(topic, stamp, tuple(message)) for topic, stamp, message in answer.inputs])
-    return answer.stamp, inputs, answer.message, answer.wrench

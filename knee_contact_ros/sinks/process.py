@@ -2,8 +2,8 @@
 
 The node's side is a queue and a thread that sends what waits. It is woken right after a tick, when the next sample is
 furthest, and sends in batches so small that the interpreter is not held for long. The child's side is
-`worker.py`. They talk through a pair of sockets: a `Job`, then lists of rows, notes and at last the `Ending` one
-way, `Report`s the other way. The end of the one is told to the other by the socket, whatever it dies of.
+`worker.py`. They talk through a pair of sockets: a `Job`, then lists of parts of answers, notes and at last the
+`Ending` one way, `Report`s the other way. The end of the one is told to the other by the socket, whatever it dies of.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.messages.cdr_in import JointState
 from knee_contact_ros.sinks.protocol import DONE, ENDED, OPEN, REFUSED, Discard, Job, Note, Report
 from knee_contact_ros.sinks.spawn import is_stopped, reap, start_child
 from knee_contact_ros.system.errors import UsageError
@@ -36,8 +35,8 @@ BATCH = 64
 """Answers that are sent at once at most: so long the interpreter is held, some 0.1 ms."""
 BATCH_SIZE = 64 * 4096
 """[B] likewise, unless one answer is larger"""
-ANSWER_SIZE, INPUT_SIZE, NUMBER_SIZE = 1600, 300, 32
-"""[B] of memory that an answer takes, each message that led to it, and each number of a joint's in it"""
+ANSWER_SIZE, RECORD_SIZE = 450, 150
+"""[B] of memory that an answer takes, and each of its records beyond the message"""
 PAUSE = 0.001
 """Time [s] for others to have the interpreter if more wait"""
 START = 180.0
@@ -61,8 +60,8 @@ class Queue(NamedTuple):
 class Handling(NamedTuple):
     """How a sink's answers are handled in the node."""
 
-    row: Callable[[Answer], tuple[Any, ...]]
-    """What is sent of an answer; plain tuples, numbers, texts and bytes are quick to send"""
+    part: Callable[[Answer], Any]
+    """What is sent of an answer; tuples, numbers, texts and bytes are quick to send"""
     queue: Queue
     section: str
     """Of the parameters `….queue` and `….queue_size`"""
@@ -330,12 +329,12 @@ class SinkProcess:
         self._tell(f"{self.label} has gaps: {words}")
 
     def _send_batch(self, connection: Connection) -> None:
-        row, waiting, size = self._handling.row, self._waiting, 0
+        part, waiting, size = self._handling.part, self._waiting, 0
         batch: list[Any] = []
         while waiting and len(batch) < BATCH and size < BATCH_SIZE:
             item = waiting.popleft()
             size += size_of(item)
-            batch.append(row(item) if isinstance(item, Answer) else item)
+            batch.append(part(item) if isinstance(item, Answer) else item)
         self._sent_size += size
         connection.send_bytes(pickle.dumps(batch, pickle.HIGHEST_PROTOCOL))  # half as dear as `send`
 
@@ -388,10 +387,5 @@ class SinkProcess:
 def size_of(item: Item) -> int:
     """[B] of memory that something takes while it waits, about."""
     if isinstance(item, Answer):
-        size = ANSWER_SIZE
-        for _, _, message in item.inputs:
-            size += INPUT_SIZE
-            if isinstance(message, JointState):
-                size += NUMBER_SIZE * (len(message.position) + len(message.velocity) + len(message.effort))
-        return size
-    return sum(map(len, item.values.values())) + INPUT_SIZE if isinstance(item, Note) else 0
+        return ANSWER_SIZE + sum([RECORD_SIZE + len(data) for _, _, data in item.records])
+    return sum(map(len, item.values.values())) + RECORD_SIZE if isinstance(item, Note) else 0

@@ -34,7 +34,7 @@ class Output(Protocol):
     period: float
     """How often [s] to flush"""
 
-    def write(self, row: tuple[Any, ...]) -> None:
+    def write(self, row: Any) -> None:
         """Take what was sent of an answer."""
 
     def note(self, name: str, values: dict[str, str]) -> None:

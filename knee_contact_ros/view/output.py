@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+
+from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.system.output_files import all_names, refuse_impossible
-from knee_contact_ros.view.drawing import Drawing, Serving, shown
+from knee_contact_ros.view.drawing import Drawing, Serving
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window
@@ -40,10 +42,10 @@ class Viewer:
         self.period, self.name = period, outlet.name
         self._outlet, self._scene, self._window = outlet, scene, window
         self._remarks = tuple(remarks)
-        self._batch: list[tuple[Any, ...]] = []
+        self._batch: list[bytes] = []
 
-    def write(self, row: tuple[Any, ...]) -> None:
-        """Show what `shown_row` gives."""
+    def write(self, row: bytes) -> None:
+        """Show an answer's row."""
         self._batch.append(row)
         if len(self._batch) == BATCH:
             self._show()
@@ -82,7 +84,7 @@ class Viewer:
 
     def _show(self) -> None:
         if self._batch:
-            self._scene.show(shown(self._batch))
+            self._scene.show(np.frombuffer(b"".join(self._batch), ROW))
             self._batch = []
 
 

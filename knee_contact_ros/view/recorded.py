@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.bags.recorded_answers import Answers, answer_blocks, answer_topics
+from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.topics import KNEE, knee_name
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.view.drawing import Drawing, Shown, drawing_of
+from knee_contact_ros.view.drawing import Drawing, drawing_of
 from knee_contact_ros.view.sagittal import Pictures
 
 LONGEST_NAME = 80
@@ -56,34 +55,28 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> li
     return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(found, names, strict=True)]
 
 
-def answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Shown]]:
+def answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Rows]]:
     """Answers block by block, each with what happened to the node right before it; see `answer_blocks`."""
     pictures, waiting, done = Pictures(), list(knee.changes), 0
     for block in answer_blocks(knee.recording, knee.topic, advance):
-        shown, begin = placed(knee.model, block, pictures), 0
-        while begin < len(shown.stamp):
+        place(knee.model, block, pictures)
+        begin = 0
+        while begin < len(block):
             now = [change for change in waiting if change.tick <= done + begin]
             waiting = waiting[len(now) :]
-            end = min(len(shown.stamp), waiting[0].tick - done) if waiting else len(shown.stamp)
-            yield now, shown.chosen(slice(begin, end))
+            end = min(len(block), waiting[0].tick - done) if waiting else len(block)
+            yield now, block[begin:end]
             begin = end
-        done += len(shown.stamp)
+        done += len(block)
 
 
-def placed(model: KneeModel, answers: Answers, pictures: Pictures) -> Shown:
-    """What is shown of answers; where femur and normal are is looked for only where there is a picture."""
-    x, normal_x, normal_y = np.full((3, len(answers.stamps)), np.nan)
-    for i in pictures.choose(answers.stamps).tolist():
-        angle, height = float(answers.flexion_angle[i]), float(answers.femoral_height[i])
-        x[i] = model.mechanism.translation(angle)[0]
-        closest = model.pair.closest(angle, float(x[i]), height)
-        normal_x[i], normal_y[i] = closest.normal_x, closest.normal_y
-    return Shown(
-        answers.stamps, answers.flexion_angle, answers.load, answers.contact_force, answers.penetration_depth,
-        answers.gap, answers.sliding_velocity, answers.contact_point_x, answers.contact_point_y, x,
-        answers.femoral_height, normal_x, normal_y, answers.contact_state, answers.fidelity, answers.status,
-        answers.error_estimate, answers.force_error_estimate, answers.evaluations, np.full(len(x), np.nan),
-    )  # fmt: skip
+def place(model: KneeModel, answers: Rows, pictures: Pictures) -> None:
+    """Tell answers where femur and normal are: no message does. It is looked for only where there is a picture."""
+    for i in pictures.choose(answers["stamp"]).tolist():
+        angle, height = float(answers["flexion_angle"][i]), float(answers["femoral_height"][i])
+        x, _ = model.mechanism.translation(angle)
+        closest = model.pair.closest(angle, x, height)
+        answers["femoral_x"][i], answers["normal_x"][i], answers["normal_y"][i] = x, closest.normal_x, closest.normal_y
 
 
 def distinct(names: Sequence[str]) -> list[str]:

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.types import ContactState, Status
+from knee_contact_ros.core.types import ContactState, Rows, Status
 from knee_contact_ros.pipeline.gait.events import GaitEvents
-from knee_contact_ros.view.drawing import Shown
 
 INFO, WARNING = "INFO", "WARN"
 
@@ -51,10 +50,11 @@ class Remarks:
         self._state = -1
         self._status = 0
 
-    def take(self, shown: Shown) -> list[Remark]:
+    def take(self, shown: Rows) -> list[Remark]:
         """What became certain with these answers, at least one."""
         found = [
-            Remark(event.stamp, event.text) for event in self._gait.add(shown.stamp, shown.flexion_angle, shown.load)
+            Remark(event.stamp, event.text)
+            for event in self._gait.add(shown["stamp"], shown["flexion_angle"], shown["load"])
         ]
         return sorted([*found, *self._contact(shown), *self._flags(shown)])
 
@@ -62,19 +62,19 @@ class Remarks:
         """What is left at the end."""
         return [Remark(event.stamp, event.text) for event in self._gait.finish()]
 
-    def _contact(self, shown: Shown) -> list[Remark]:
-        states = np.concatenate([[self._state], shown.contact_state.astype(int)])
+    def _contact(self, shown: Rows) -> list[Remark]:
+        states = np.concatenate([[self._state], shown["contact_state"].astype(int)])
         self._state = int(states[-1])
         changes = np.flatnonzero(np.diff(states)).tolist()
-        pairs = [(int(shown.stamp[i]), (int(states[i]), int(states[i + 1]))) for i in changes]
+        pairs = [(int(shown["stamp"][i]), (int(states[i]), int(states[i + 1]))) for i in changes]
         return [Remark(stamp, CONTACT[pair]) for stamp, pair in pairs if pair in CONTACT]
 
-    def _flags(self, shown: Shown) -> list[Remark]:
-        status = np.concatenate([[self._status], shown.status.astype(int)])
+    def _flags(self, shown: Rows) -> list[Remark]:
+        status = np.concatenate([[self._status], shown["status"].astype(int)])
         self._status = int(status[-1])
         begun = status[1:] & ~status[:-1]
         return [
-            Remark(int(shown.stamp[i]), text, WARNING)
+            Remark(int(shown["stamp"][i]), text, WARNING)
             for i in np.flatnonzero(begun).tolist()
             for bit, text in STATUS.items()
             if begun[i] & bit

@@ -12,8 +12,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, FORCE, NAME_OF_STATE, OF_STATE, SURFACE, WAY
-from knee_contact_ros.view.drawing import Drawing, Shown
+from knee_contact_ros.view.drawing import Drawing
 from knee_contact_ros.view.overlap import overlaps
 
 MM = 1e3
@@ -66,18 +67,18 @@ class Pictures:
         return new
 
 
-def plane_moving(drawing: Drawing, shown: Shown, layer: float, send: Send) -> None:
+def plane_moving(drawing: Drawing, shown: Rows, layer: float, send: Send) -> None:
     """Send pictures, at least one; the second layer begins at the depth `layer` [m]."""
-    zero = np.zeros(len(shown.stamp))
-    half = -0.5 * shown.flexion_angle  # the screen's y points down, so a turn changes its sign
+    zero = np.zeros(len(shown))
+    half = -0.5 * shown["flexion_angle"]  # the screen's y points down, so a turn changes its sign
     turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-    place = np.stack([MM * shown.femoral_x, -MM * shown.femoral_height, zero], axis=1)
+    place = np.stack([MM * shown["femoral_x"], -MM * shown["femoral_height"], zero], axis=1)
     send(FEMUR, rr.Transform3D.columns(translation=place, quaternion=turn))
-    point = np.stack([shown.point_x, shown.point_y], axis=1) * ON_SCREEN
-    colours = OF_STATE[shown.contact_state.astype(int)]
+    point = np.stack([shown["contact_point"]["x"], shown["contact_point"]["y"]], axis=1) * ON_SCREEN
+    colours = OF_STATE[shown["contact_state"].astype(int)]
     send(POINT, rr.Points2D.columns(positions=point, colors=colours))
     send(PATH, rr.Points2D.columns(positions=point))
-    arrow = shown.contact_force[:, None] / NEWTONS_PER_MM * np.stack([shown.normal_x, -shown.normal_y], axis=1)
+    arrow = shown["contact_force"][:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
     send(OVERLAP, _overlap(drawing, shown, layer))
 
@@ -87,19 +88,21 @@ def extent_of(drawing: Drawing) -> float:
     return MM * float(np.hypot(*drawing.femur.T).max())
 
 
-def turned(femur: NDArray[np.float64], shown: Shown) -> NDArray[np.float64]:
+def turned(femur: NDArray[np.float64], shown: Rows) -> NDArray[np.float64]:
     """Outlines of the femur, shape (n, m, 2) [m], in the tibia frame; flexion turns from anterior to superior."""
-    cosine, sine = np.cos(shown.flexion_angle)[:, None], np.sin(shown.flexion_angle)[:, None]
-    x = shown.femoral_x[:, None] + cosine * femur[:, 0] - sine * femur[:, 1]
-    y = shown.femoral_height[:, None] + sine * femur[:, 0] + cosine * femur[:, 1]
+    cosine, sine = np.cos(shown["flexion_angle"])[:, None], np.sin(shown["flexion_angle"])[:, None]
+    x = shown["femoral_x"][:, None] + cosine * femur[:, 0] - sine * femur[:, 1]
+    y = shown["femoral_height"][:, None] + sine * femur[:, 0] + cosine * femur[:, 1]
     return np.stack([x, y], axis=2)
 
 
-def _overlap(drawing: Drawing, shown: Shown, layer: float) -> Any:
+def _overlap(drawing: Drawing, shown: Rows, layer: float) -> Any:
     """Upright lines where the outlines overlap, in the colour of the layer that is reached there."""
     radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
-    found = overlaps(turned(drawing.femur, shown), drawing.tibia, shown.point_x, shown.penetration_depth, radius)
-    there = (found.upper > found.lower) & (shown.penetration_depth > 0.0)[:, None]
+    found = overlaps(
+        turned(drawing.femur, shown), drawing.tibia, shown["contact_point"]["x"], shown["penetration_depth"], radius
+    )
+    there = (found.upper > found.lower) & (shown["penetration_depth"] > 0.0)[:, None]
     ends = np.stack([np.stack([found.x, found.lower], axis=2), np.stack([found.x, found.upper], axis=2)], axis=2)
     deep = found.upper - found.lower > layer
     colours = np.where(deep[..., None], *np.array([BONE, CARTILAGE], dtype=np.uint8))

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE
-from knee_contact_ros.view.drawing import Drawing, Shown
+from knee_contact_ros.view.drawing import Drawing
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, PLOTS
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
 from knee_contact_ros.view.sagittal import SAGITTAL, Pictures, plane_moving, plane_still
@@ -62,27 +63,27 @@ class Scene:
         """Stamps [ns] of the states written last"""
         self._write_still()
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: Rows) -> None:
         """Write answers, at least one."""
         if not self._begun:
-            self._begin(int(shown.stamp[0]))
-        self._last_stamp = int(shown.stamp[-1])
+            self._begin(int(shown["stamp"][0]))
+        self._last_stamp = int(shown["stamp"][-1])
         for plot in self._plots:
             values = np.stack([series.values(shown, self._drawing.body_weight) for series in plot.series], axis=1)
             columns = rr.Scalars.columns(scalars=values.ravel())
             if values.shape[1] > 1:
                 columns = columns.partition(np.full(len(values), values.shape[1]))
-            self._send(f"{CURVES}/{plot.path}", shown.stamp, columns)
+            self._send(f"{CURVES}/{plot.path}", shown["stamp"], columns)
         if math.isfinite(self._layer):
-            ends = shown.stamp[[0, -1]]
+            ends = shown["stamp"][[0, -1]]
             self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
-        pictures = self._pictures.choose(shown.stamp)
+        pictures = self._pictures.choose(shown["stamp"])
         if len(pictures):
-            drawn = shown.chosen(pictures)
-            send = self._to(SAGITTAL, drawn.stamp)
+            drawn = shown[pictures]
+            send = self._to(SAGITTAL, drawn["stamp"])
             plane_moving(self._drawing, drawn, self._layer, send)
-        self._write_changes(CONTACT, shown.stamp, shown.contact_state, list(NAME_OF_STATE.values()))
-        self._write_changes(LEVEL, shown.stamp, shown.fidelity, LEVEL_NAMES)
+        self._write_changes(CONTACT, shown["stamp"], shown["contact_state"], list(NAME_OF_STATE.values()))
+        self._write_changes(LEVEL, shown["stamp"], shown["fidelity"], LEVEL_NAMES)
         self._tell(self._remarks.take(shown))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:

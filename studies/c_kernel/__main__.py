@@ -26,7 +26,7 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.types import COLUMN
+from knee_contact_ros.core.types import blank
 from studies.accuracy import CIRCLE, DAMPING, EXPONENT, K1, K2, LAYER, MASS, TOLERANCES, A
 from studies.report import Section, machine, save
 
@@ -102,13 +102,13 @@ def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], N
     model = model_of(problem, tolerance)
     scene, run = model.scene, model.kernel.run
     durations, loads = series(problem, count)
-    answers, angles, heights = np.zeros((count, ticks.ANSWER)), np.zeros(count), np.full(count, math.nan)
+    answers, angles, heights = blank(count), np.zeros(count), np.full(count, math.nan)
 
     def call() -> None:
-        run(scene, np.zeros(ticks.MEMORY), durations, angles, loads, heights, answers)
+        run(scene, np.zeros(1, ticks.MEMORY), durations, angles, loads, heights, answers)
 
     def found() -> Found:
-        depth, gap, error, evaluations = (answers[:, COLUMN[name]] for name in FIELDS)
+        depth, gap, error, evaluations = (answers[name] for name in FIELDS)
         return Found(depth - gap, error, evaluations.astype(np.int32))
 
     return call, found

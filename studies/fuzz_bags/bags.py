@@ -14,8 +14,7 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.ros_types import typestore
 
 TICKS = 100

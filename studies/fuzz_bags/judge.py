@@ -142,7 +142,7 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
         answers += list(feed(data))
     answers += list(pipeline.finish())
-    return [pair for a in answers for pair in (("/knee_contact", a.message), ("/knee_contact/wrench", a.wrench))]
+    return [(f"/{topic}", data) for answer in answers for topic, _, data in answer.records[-2:]]
 
 
 def answers_in(recording: Path) -> list[tuple[str, bytes]]:

@@ -6,6 +6,7 @@ import bisect
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import NamedTuple
 
 from knee_contact_ros.core.types import Status
@@ -77,8 +78,8 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
 
     def keep(pairs: list[PairedSample], now: int) -> None:
         for pair in pairs:
-            answers[pair.load.message].append(Answer(pair, now))  # type: ignore[index]
-            handed.update(angle.message for angle in pair.angles)  # type: ignore[misc]
+            answers[pair.load.data].append(Answer(pair, now))  # type: ignore[index]
+            handed.update(angle.data for angle in pair.angles)  # type: ignore[misc]
 
     for number, arrival in enumerate(world.arrivals):
         while look < arrival.arrives:
@@ -88,11 +89,11 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
             angle = AngleSample(arrival.stamp, angle_at(arrival.taken), number)  # type: ignore[arg-type]
             keep(synchroniser.push_angle(angle), arrival.arrives)
         else:
-            load = LoadSample(arrival.stamp, 0.0, "", number, arrival.arrives / SECOND)  # type: ignore[arg-type]
+            load = LoadSample(arrival.stamp, 0.0, "", 0.0, number, arrival.arrives / SECOND)  # type: ignore[arg-type]
             keep(synchroniser.push_load(load), arrival.arrives)
         aside = max(aside, len(synchroniser.angle_time.aside), len(synchroniser.load_time.aside))
     keep(synchroniser.finish(), world.now)
-    handed.update(angle.message for angle in synchroniser.rest())  # type: ignore[misc]
+    handed.update(angle.data for angle in synchroniser.rest())  # type: ignore[misc]
     return answers, handed, aside
 
 
@@ -138,6 +139,7 @@ class Account:
         self._latest: dict[tuple[int, int], int] = {}  # of a stream's earlier settings the largest stamp
         self._loads = {a.setting: a for a in world.arrivals if a.good and a.stream == LOAD}
         """The last good one of each setting of their clock"""
+        self._wrong = [a for a in world.arrivals if not a.good and a.stream == ANGLE]
         latest: Counter[int] = Counter()
         kept: dict[int, Arrival] = {}  # the last recorded angle of each setting
         for number, arrival in enumerate(world.arrivals):
@@ -156,8 +158,18 @@ class Account:
             for last in {self._good[before][-1], kept.get(before, self._good[before][-1])}
             if (bridge := _bridge(last, self._good[after]))
         ]
+        if self._crowded:  # where good angles may be lost, those that are not are neighbours
+            bridges += [recorded for recorded in self._recorded(world, handed).values() if recorded]
         self._good |= {-1 - number: bridge for number, bridge in enumerate(bridges)}
         self._stamps = {setting: [angle.stamp for angle in angles] for setting, angles in self._good.items()}
+
+    def _recorded(self, world: World, handed: Mapping[int, int]) -> dict[int, list[Arrival]]:
+        """Good angles that were recorded, by the setting of their clock."""
+        recorded: dict[int, list[Arrival]] = defaultdict(list)
+        for number, arrival in enumerate(world.arrivals):
+            if arrival.good and arrival.stream == ANGLE and handed.get(number):
+                recorded[arrival.setting].append(arrival)
+        return recorded
 
     def of_load(self, load: Arrival, given: list[Answer]) -> str:
         """What is wrong with a load's answers; empty if nothing is."""
@@ -207,9 +219,11 @@ class Account:
         return 0 <= self._latest[arrival.stream, arrival.setting] - arrival.stamp <= MAX_GAP
 
     def _cannot_be_told(self, load: Arrival) -> bool:
-        """Whether a wrong load comes right after its clock was set, or the angles' is off by as much."""
+        """Whether a wrong load comes right after its clock was set, or angles, their clock too, are off by as much."""
         before, last = self._loads.get(load.setting - 1), self._loads.get(load.setting)
         if before and load.arrives - before.arrives <= self._heals:
+            return True
+        if any(abs(angle.stamp - load.stamp) <= MAX_GAP for angle in self._wrong_angles_near(load)):
             return True
         angles = [
             angle
@@ -220,6 +234,11 @@ class Account:
         return last is not None and any(
             abs((angle.stamp - angle.taken) - (last.stamp - last.taken)) > MAX_GAP for angle in angles
         )
+
+    def _wrong_angles_near(self, load: Arrival) -> list[Arrival]:
+        first = bisect.bisect_left(self._wrong, load.arrives - self._heals, key=attrgetter("arrives"))
+        last = bisect.bisect_right(self._wrong, load.arrives + self._heals, key=attrgetter("arrives"))
+        return self._wrong[first:last]
 
     def _lies_before_angles(self, load: Arrival) -> bool:
         """Whether it lies before all angles of a clock that has just been set, or of the beginning."""

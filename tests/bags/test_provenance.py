@@ -25,12 +25,12 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.bags.writer import BagWriter, Limits
 from knee_contact_ros.cli.main import knee_contact, main
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.answers import rows_of
 from tests.helpers.recordings_of import recording_with
 
 
@@ -149,7 +149,7 @@ def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_pla
     answers += itertools.islice(coming := pipeline.joint_state(second), 2)
     pipeline.reset()
     answers += coming
-    assert [answer.contact.status for answer in answers] == [0, 0, 0, Status.TIME_RESET, 0]
+    assert rows_of(answers).status.tolist() == [0, 0, 0, Status.TIME_RESET, 0]
 
 
 def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word(
@@ -163,9 +163,9 @@ def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word
             angle = encode_joint_state(JointState(stamp * ms, "", ("knee",), (0.1,), (), ()))
             force = encode_wrench_stamped(WrenchStamped(stamp * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3))
             for answer in (*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)):
-                writer.write(answer)
+                writer.write(answer.records)
         for answer in pipeline.finish():
-            writer.write(answer)
+            writer.write(answer.records)
         writer.finish(pipeline.ending())
     assert (pipeline.ticks, pipeline.refused) == (400, 0)
     assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1

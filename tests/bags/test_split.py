@@ -37,7 +37,7 @@ def record(path: Path, numbers: range, limits: Limits, compression: CompressionT
     with BagWriter(path, compression, limits=limits) as bag:
         writer = AnswerWriter(bag, {})
         for number in numbers:
-            writer.write(answer(number))
+            writer.write(answer(number).records)
         writer.finish(Ending((), {"not_finite": 3}))
 
 
@@ -100,7 +100,7 @@ def test_stamps_that_jump_back_split_no_more_than_those_that_do_not(tmp_path: Pa
     with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS)) as bag:
         writer = AnswerWriter(bag, {})
         for number in (*range(1000, 1050), *range(50), *range(50)):
-            writer.write(answer(number))
+            writer.write(answer(number).records)
     assert [len(stamps_of(tmp_path / name)) // TICK for name in ("knee.mcap", "knee_1.mcap")] == [50, 100]
 
 
@@ -136,7 +136,7 @@ def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypa
     with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=MS)) as bag:
         writer = AnswerWriter(bag, {})
         for number in range(36):
-            writer.write(answer(number))
+            writer.write(answer(number).records)
             wait_until(lambda number=number: len(list(tmp_path.glob("*.mcap"))) == number)  # the thread has done it
             now += 1.0
     assert [listed[0], listed[-1], len(listed)] == [1, 36, 4]
@@ -152,7 +152,7 @@ def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
     bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(301):
-        writer.write(answer(number))
+        writer.write(answer(number).records)
     bag._settle(wait=True)
     bag.discard()  # a kill leaves a `.partial` beside
     record(tmp_path / "knee_9.mcap", range(500, 510), Limits())  # another recording, whose name only looks like it
@@ -190,7 +190,7 @@ def test_metadata_records_stand_where_they_were_written(tmp_path: Path) -> None:
         for number in range(250):
             if number == 150:
                 bag.add_metadata("parameters_changed", {"contact.damping": "0"})
-            writer.write(answer(number))
+            writer.write(answer(number).records)
         writer.finish(Ending((), {"not_finite": 3}))
     found = []
     for name in ("knee.mcap", "knee_1.mcap", "knee_2.mcap"):
@@ -218,7 +218,7 @@ def test_what_is_complete_can_be_read_while_the_rest_is_written(tmp_path: Path) 
     bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(150):
-        writer.write(answer(number))
+        writer.write(answer(number).records)
     bag._settle(wait=True)
     assert names(tmp_path) == ["knee.mcap", "knee_1.mcap.partial", "metadata.yaml"]
     with AnyReader([tmp_path]) as reader:
@@ -239,7 +239,7 @@ def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, m
     bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(250):
-        writer.write(answer(number))
+        writer.write(answer(number).records)
     bag.flush()
     assert names(tmp_path) == ["knee.mcap.partial", "knee_1.mcap.partial", "knee_2.mcap.partial"]
     goes_on.set()
@@ -256,7 +256,7 @@ def test_a_file_that_cannot_be_completed_is_told(tmp_path: Path, monkeypatch: An
     with monkeypatch.context() as patch:
         patch.setattr(BagFile, "complete", full)
         for number in range(150):
-            writer.write(answer(number))
+            writer.write(answer(number).records)
         with pytest.raises(OSError, match="No space left"):
             bag._settle(wait=True)
     bag.discard()
@@ -267,11 +267,11 @@ def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Pat
     bag = BagWriter(folder / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(100):
-        writer.write(answer(number))
+        writer.write(answer(number).records)
     moved = folder.rename(tmp_path / "moved")
     folder.write_text("a file where the folder was")
     with pytest.raises(UsageError, match=r"cannot write .*knee_1\.mcap"):
-        writer.write(answer(100))
+        writer.write(answer(100).records)
     assert (moved / "knee.mcap.partial").stat().st_size > 5000
 
 

@@ -21,20 +21,15 @@ from ruamel.yaml import YAML
 from knee_contact_ros.bags.metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import Contact, Point
-from knee_contact_ros.messages.cdr_in import decode_wrench_stamped
-from knee_contact_ros.messages.cdr_out import encode_contact, encode_contact_wrench
+from knee_contact_ros.core.types import Contact
+from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
+from knee_contact_ros.messages.cdr import decode_wrench_stamped
 from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.answers import FIELDS, contact, contacts_of
 
 floats = st.floats(allow_nan=False, width=64)
-contacts = st.fixed_dictionaries(
-    dict.fromkeys(Contact._fields, floats)
-    | {"contact_point": st.builds(Point, floats, floats, floats)}
-    | {name: st.integers(0, 255) for name in ("contact_state", "fidelity", "status")}
-    | {"evaluations": st.integers(0, 2**32 - 1)}
-).map(lambda fields: Contact(**fields))
 
 
 def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r") -> None:
@@ -43,40 +38,38 @@ def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r"
         for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH):
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         for stamp, contact in rows:
-            bag.write(f"/{KNEE_CONTACT}", stamp, encode_contact(stamp, frame_id, contact))
-            wrench = encode_contact_wrench(stamp, frame_id, contact, (0.0, 1.0))
+            bag.write(f"/{KNEE_CONTACT}", stamp, encode_answer(stamp, frame_id, contact.tobytes()))
+            wrench = encode_answer_wrench(stamp, frame_id, contact.tobytes())
             bag.write(f"/{KNEE_CONTACT_WRENCH}", stamp, wrench)
 
 
-def fields_of(message: Any) -> Contact:
+def fields_of(message: Any) -> list[Any]:
     """The answer in a message."""
-    point = Point(message.contact_point.x, message.contact_point.y, message.contact_point.z)
-    return Contact(
-        **{name: getattr(message, name) for name in Contact._fields if name != "contact_point"}, contact_point=point
-    )
+    point = message.contact_point
+    return [getattr(message, name) if name != "contact_point" else (point.x, point.y, point.z) for name in FIELDS]
 
 
 @settings(max_examples=30, deadline=None)
-@given(rows=st.lists(contacts, min_size=1, max_size=5), frame_id=st.text(max_size=9))
+@given(rows=st.lists(contacts_of(floats), min_size=1, max_size=5), frame_id=st.text(max_size=9))
 def test_every_reader_reads_what_was_written(tmp_path_factory: Any, rows: list[Contact], frame_id: str) -> None:
     frame_id = frame_id.replace("\x00", "")
     path = tmp_path_factory.mktemp("bag") / "out.mcap"
     stamps = [1_700_000_000_000_000_000 + i for i in range(len(rows))]
     write(path, list(zip(stamps, rows, strict=True)), frame_id)
+    expected = [[row[name].item() for name in FIELDS] for row in rows]
     with AnyReader([path.parent]) as reader:
         connections = [c for c in reader.connections if c.topic == "/knee_contact"]
         read = [(t, reader.deserialize(data, c.msgtype)) for c, t, data in reader.messages(connections)]
     assert [t for t, _ in read] == stamps
-    assert [fields_of(message) for _, message in read] == rows
+    assert [fields_of(message) for _, message in read] == expected
     assert all(message.header.frame_id == frame_id for _, message in read)
     with path.open("rb") as file:
         decoded = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages("/knee_contact"))
-    assert [fields_of(message) for _, _, _, message in decoded] == rows
+    assert [fields_of(message) for _, _, _, message in decoded] == expected
 
 
-CONTACT = Contact(
-    0.1, 2.0, 3.0, 4e-4, 0.0, 0.01, -0.02, Point(0.005, 0.0, 0.0), 0.03, 4e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
-)  # fmt: skip
+CONTACT = contact()
+MESSAGE = encode_answer(1, "", CONTACT.tobytes())
 
 
 def test_the_same_answers_give_the_same_bytes(tmp_path: Path) -> None:
@@ -117,7 +110,7 @@ def test_a_recording_has_its_name_only_when_complete(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     bag = BagWriter(path)
     bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
-    bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+    bag.write("/knee_contact", 1, MESSAGE)
     bag.flush()
     assert not path.exists()
     bag.close()
@@ -149,7 +142,7 @@ def test_a_recording_that_was_cut_off_is_not_lost(tmp_path: Path) -> None:
 def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwrite: bool) -> None:
     with BagWriter(tmp_path / "out.mcap") as bag:
         bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
-        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        bag.write("/knee_contact", 1, MESSAGE)
         with pytest.raises(UsageError, match=r"out\.mcap\.partial is being written by another process"):
             BagWriter(tmp_path / "out.mcap", overwrite=overwrite)
     assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
@@ -172,7 +165,7 @@ def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_pat
     path = tmp_path / "rec.mcap"
     with BagWriter(path) as bag:
         bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
-        bag.write("/knee_contact", 1, encode_contact(1, "", CONTACT))
+        bag.write("/knee_contact", 1, MESSAGE)
         path.write_text("another's")
     assert path.read_text() == "another's"
     assert bag.path == tmp_path / "rec_1.mcap"
@@ -207,7 +200,7 @@ def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_the_wrench_presses_the_tibia_down() -> None:
-    message = decode_wrench_stamped(encode_contact_wrench(0, "tibia_r", CONTACT, (0.0, 1.0)))
+    message = decode_wrench_stamped(encode_answer_wrench(0, "tibia_r", CONTACT.tobytes()))
     assert message is not None
     assert message.force == (0.0, -3.0, 0.0)
     assert message.torque == (0.0, 0.0, pytest.approx(0.005 * -3.0))

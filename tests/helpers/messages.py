@@ -16,6 +16,7 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.core.types import Contact
 from knee_contact_ros.messages.ros_types import NANOSECONDS, typestore
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from tests.helpers.answers import FIELDS
 
 
 def message_class(name: str) -> Any:
@@ -67,21 +68,16 @@ def header(types: Any, stamp: int, frame_id: str) -> Any:
 
 def contact_message(types: Any, stamp: int, frame_id: str, contact: Contact) -> Any:
     """The `KneeContact` message of an answer."""
-    fields = contact._asdict()
-    fields["contact_point"] = types.Point(**contact.contact_point._asdict())
+    fields = {name: contact[name].item() for name in FIELDS}
+    fields["contact_point"] = types.Point(**dict(zip("xyz", fields["contact_point"], strict=True)))
     return types.KneeContact(header=header(types, stamp, frame_id), **fields)
 
 
-def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact, normal: tuple[float, float]) -> Any:
-    """What the femur exerts on the tibia through the contact, reduced to the origin of the tibia frame.
-
-    `normal` (x, y) of the tibial surface points from the tibia to the femur; the force on the tibia goes against it.
-    """
-    force_x = -contact.contact_force * normal[0]
-    force_y = -contact.contact_force * normal[1]
-    torque_z = contact.contact_point.x * force_y - contact.contact_point.y * force_x
+def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact) -> Any:
+    """What the femur exerts on the tibia through the contact, reduced to the origin of the tibia frame."""
+    parts = (dict(zip("xyz", part, strict=True)) for part in contact["contact_wrench"].item())
     wrench = types.Wrench(
-        force=types.Vector3(x=force_x, y=force_y, z=0.0), torque=types.Vector3(x=0.0, y=0.0, z=torque_z)
+        **{name: types.Vector3(**part) for name, part in zip(("force", "torque"), parts, strict=True)}
     )
     return types.WrenchStamped(header=header(types, stamp, frame_id), wrench=wrench)
 

@@ -16,17 +16,23 @@ from rerun.chunk import RrdReader
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import Settings
-from knee_contact_ros.core.types import Contact, Point
 from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_contact, encode_contact_wrench
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+    MESSAGE_TYPES,
+)
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.kinds import recorder, viewer
 from knee_contact_ros.sinks.process import Handling, Queue, SinkProcess, Tell
 from knee_contact_ros.sinks.protocol import Job
 from knee_contact_ros.view.drawing import Serving, drawing_of
+from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
@@ -41,14 +47,12 @@ PATIENCE = 30.0
 def answer(number: int) -> Answer:
     """An answer that its number tells from others."""
     stamp, depth = 1_000_000 * number, 1e-6 * number
-    contact = Contact(
-        0.1, 2.0, 3.0, depth, 0.0, 0.01, -0.02, Point(0.0, 0.0, 0.0), 0.03, depth, 0.0, 1, 2, 0, 1e-9, 1e-3, 12
-    )  # fmt: skip
-    angle = JointState(stamp, "", ("knee",), (0.1,), (), ())
-    force = WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0))
-    inputs = ((JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force))
-    message, wrench = encode_contact(stamp, "", contact), encode_contact_wrench(stamp, "", contact, (0.0, 1.0))
-    return Answer(stamp, "", contact, 0.0, (0.0, 1.0), inputs, message, wrench)
+    row = contact(penetration_depth=depth, cartilage_depth=depth, stamp=stamp, contact_point=(0.0, 0.0, 0.0)).tobytes()
+    angle = encode_joint_state(JointState(stamp, "", ("knee",), (0.1,), (), ()))
+    force = encode_wrench_stamped(WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0)))
+    records = [(JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force)]
+    records += [(KNEE_CONTACT, stamp, encode_answer(stamp, "", row))]
+    return Answer(row, (*records, (KNEE_CONTACT_WRENCH, stamp, encode_answer_wrench(stamp, "", row))))
 
 
 def put(sink: SinkProcess, numbers: range) -> None:
@@ -108,9 +112,9 @@ class Started:
         drawing = drawing_of(MODEL, "knee", 737.0)
         return self._keep(viewer(path, SERVING, drawing, queue, self._tell, awaited=True), wait)
 
-    def begun(self, job: Job, row: Callable[[Answer], tuple[Any, ...]]) -> SinkProcess:
+    def begun(self, job: Job, part: Callable[[Answer], Any]) -> SinkProcess:
         """A sink that nobody waits for."""
-        handling = Handling(row, QUEUE, "output", gaps_allowed=False)
+        handling = Handling(part, QUEUE, "output", gaps_allowed=False)
         return self._keep(SinkProcess("output", "", job, handling, self._tell, awaited=False), False)
 
     def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.core.ticks import ANSWER
-from knee_contact_ros.core.types import COLUMN, NUMBERS
-from knee_contact_ros.messages.answer_layout import ADDED, PRESENT, TYPE, decode_answers, places_of
-from knee_contact_ros.messages.cdr_out import encode_numbers
+from knee_contact_ros.core.types import FLAT, MESSAGE, ROW, TOLD, blank
+from knee_contact_ros.messages.answer_layout import ADDED, PRESENT, TYPE, decode_answers, layout_of, places_of
+from knee_contact_ros.messages.answer_out import encode_answer
 from knee_contact_ros.messages.ros_types import NANOSECONDS, definition
 
 TEXT = definition(TYPE).decode()
@@ -26,7 +25,21 @@ def described(text: str) -> MessageDefinition:
 
 
 def message(stamp: int, frame: str) -> bytes:
-    return encode_numbers(stamp, frame, [float(number) for number in range(ANSWER)], 0)
+    rows = blank(1)
+    for number, name in enumerate(TOLD):
+        rows.view(FLAT)[name] = number
+    return encode_answer(stamp, frame, rows.tobytes())
+
+
+def test_the_row_is_what_the_definition_says() -> None:
+    """Name, type and place of every number, in the order of `KneeContact.msg`."""
+    layout = layout_of(*places_of(PRESENT), "<", 4).numbers  # an empty frame ends at a multiple of 8 B
+    ours = [(name, FLAT.fields[name][0], FLAT.fields[name][1]) for name in TOLD]
+    begin = layout.fields[TOLD[0]][1]
+    assert [(name, *layout.fields[name][:2]) for name in layout.names[2:]] == [
+        (name, kind, begin + place) for name, kind, place in ours
+    ]
+    assert layout.itemsize == begin + MESSAGE.stop < begin + ROW.itemsize
 
 
 def without(*names: str) -> str:
@@ -41,8 +54,8 @@ def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefiniti
     found = decode_answers(
         [message(stamp, frame) + more for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)], definition_
     )
-    assert found[0].tolist() == STAMPS
-    assert np.array_equal(found[1], [list(range(len(NUMBERS)))] * 3)
+    assert found["stamp"].tolist() == STAMPS
+    assert [found.view(FLAT)[name].tolist() for name in TOLD] == [[number] * 3 for number in range(len(TOLD))]
 
 
 @settings(max_examples=40, deadline=None)
@@ -55,26 +68,27 @@ def test_every_definition_is_read_as_rosbags_does(
         text = text.replace("float64 gap ", f"{'float32' if wide else 'bool'} unknown{number}\nfloat64 gap ")
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, TYPE))
-    values = {name: float(column) for name, column in COLUMN.items()}
+    values = {name: float(number) for number, name in enumerate(TOLD)}
     integers = {name: int(values[name]) for name in ("contact_state", "fidelity", "status", "evaluations")}
     types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
-    point = types["Point"](values["contact_point_x"], values["contact_point_y"], 0.0)
+    point = types["Point"](*(values[f"contact_point_{axis}"] for axis in "xyz"))
     fields = values | integers | {"contact_point": point} | {f"unknown{n}": True for n in range(len(more))}
     fields["header"] = types["Header"](types["Time"](-7, 5), frame)
     names = [name for name, _ in store.fielddefs[TYPE][1]]
     data = bytes(
         store.serialize_cdr(store.types[TYPE](*(fields[name] for name in names)), TYPE, little_endian=little_endian)
     )
-    stamps, numbers = decode_answers([data, data], described(text))
-    assert stamps.tolist() == [-7 * NANOSECONDS + 5] * 2
-    expected = [np.nan if name in missing else value for name, value in values.items()]
-    assert np.array_equal(numbers, [expected] * 2, equal_nan=True)
+    rows = decode_answers([data, data], described(text))
+    assert rows["stamp"].tolist() == [-7 * NANOSECONDS + 5] * 2
+    for name, value in values.items():
+        assert np.array_equal(rows.view(FLAT)[name], [np.nan if name in missing else value] * 2, equal_nan=True), name
 
 
 def test_fields_of_no_fixed_size_end_what_is_read() -> None:
     text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
     data = message(1, "tibia")
-    assert decode_answers([data + b"\0" * 50], described(text))[1][0].tolist() == list(range(len(NUMBERS)))
+    (row,) = decode_answers([data + b"\0" * 50], described(text)).view(FLAT)
+    assert [row[name] for name in TOLD] == list(range(len(TOLD)))
     with pytest.raises(ValueError, match="has no evaluations"):
         places_of(described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations ")))
 

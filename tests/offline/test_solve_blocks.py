@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.offline.summary import Summary

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.core.model import as_contact
-from knee_contact_ros.core.ticks import ANSWER
-from knee_contact_ros.core.types import COLUMN
+from knee_contact_ros.core.types import blank
 from knee_contact_ros.offline.summary import Summary, bound, read_summary
 from knee_contact_ros.offline.summary_table import show_summary
 
@@ -18,15 +16,10 @@ from knee_contact_ros.offline.summary_table import show_summary
 @pytest.mark.parametrize("errors", [[0.0, 3e-6, 1e-6], [0.0, math.nan, 1e-6], [math.inf, 0.0, math.nan]])
 @pytest.mark.parametrize("at_once", [True, False])
 def test_an_error_that_is_not_a_number_bounds_nothing(errors: list[float], at_once: bool) -> None:
-    numbers = np.zeros((3, ANSWER))
-    numbers[:, COLUMN["error_estimate"]] = errors
-    numbers[:, COLUMN["force_error_estimate"]] = errors[::-1]
-    summary, stamps = Summary(700.0), np.arange(3)
-    if at_once:
-        summary.add_all(stamps, numbers, np.zeros_like(stamps))
-    else:
-        for stamp, row in zip(stamps.tolist(), numbers.tolist(), strict=True):
-            summary.add(stamp, as_contact(row))
+    rows, summary = blank(3), Summary(700.0)
+    rows["error_estimate"], rows["force_error_estimate"] = errors, errors[::-1]
+    for part in [rows] if at_once else np.split(rows, 3):
+        summary.add(part)
     expected = max(errors) if all(map(math.isfinite, errors)) else math.inf
     assert (summary.largest_error, summary.largest_force_error) == (expected, expected)
     assert bound(np.array(errors)) == expected

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.cdr_in import WrenchStamped
+from knee_contact_ros.messages.cdr import WrenchStamped
 from knee_contact_ros.parameters.compartments import COMPARTMENTS, Split
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Load

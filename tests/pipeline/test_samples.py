@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.parameters.schema import Knee, Load
 from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample, load_sample
 

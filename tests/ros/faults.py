@@ -22,8 +22,7 @@ from sensor_msgs.msg import JointState as RosJointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.node.node import MEANINGLESS
 from tests.helpers.messages import PlainMessages, RosMessages, header

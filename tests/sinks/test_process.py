@@ -7,6 +7,7 @@ import signal
 import tracemalloc
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,9 @@ import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.kinds import recorded_row
 from knee_contact_ros.sinks.process import Queue, SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
 from knee_contact_ros.system.errors import UsageError
@@ -101,7 +100,7 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
 
 def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
     arguments = (tmp_path, {}, ABSOLUTE_NAMES, SETTINGS)
-    sink = started.begun(Job("knee_contact_ros.bags.answer_recorder", arguments), recorded_row)
+    sink = started.begun(Job("knee_contact_ros.bags.answer_recorder", arguments), attrgetter("records"))
     wait_until(sink.is_over)
     assert started.told == [f"cannot write {tmp_path}: Is a directory"]
 
@@ -116,7 +115,7 @@ def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
 
     send = SinkProcess._send_batch
     monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)
-    sink = started.begun(Job("knee_contact_ros.nowhere", ()), recorded_row)
+    sink = started.begun(Job("knee_contact_ros.nowhere", ()), attrgetter("records"))
     sink.put(answer(0))
     wait_until(sink.is_over)
     words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"

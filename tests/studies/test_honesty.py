@@ -7,8 +7,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from knee_contact_ros.core.model import SERIES_DTYPE
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import ROW, Status
 from studies.budgets import BUDGETS, scenes
 from studies.honesty.judging import judge, needed
 from studies.honesty.page import sections
@@ -24,7 +23,7 @@ EXACT, UNKNOWN = 1e-18, np.nan
 
 
 def series(depth: list[float], estimate: list[float], flagged: list[bool]) -> np.recarray:
-    rows = np.zeros(len(depth), dtype=SERIES_DTYPE).view(np.recarray)
+    rows = np.zeros(len(depth), dtype=ROW).view(np.recarray)
     rows.penetration_depth = np.maximum(depth, 0.0)
     rows.gap = np.maximum(-np.array(depth), 0.0)
     rows.error_estimate = estimate

@@ -26,7 +26,7 @@ from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.drawing import Serving, drawing_of, shown_row
+from knee_contact_ros.view.drawing import Serving, drawing_of
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
 from tests.helpers.messages import raw_inputs
@@ -42,7 +42,7 @@ def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, ri
     for topic, _, message in raw_inputs(right_bag):
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
         for answer in feed(message):
-            live.write(shown_row(answer._replace(latency=1e-3)))
+            live.write(answer.row)
     live.finish(Ending((), {}))
     assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "later.rrd")]) == 0
     seen, later = entities(tmp_path / "live.rrd"), entities(tmp_path / "later.rrd")
@@ -119,7 +119,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
         for topic, _, message in raw_inputs(right_bag):
             feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
             for answer in feed(message):
-                writer.write(answer)
+                writer.write(answer.records)
                 if pipeline.ticks == 100:
                     writer.note(PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3}))
                 if pipeline.ticks == 200:

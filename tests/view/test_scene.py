@@ -6,18 +6,21 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.drawing import Drawing, Shown, drawing_of, shown, shown_row
+from knee_contact_ros.view.drawing import Drawing, drawing_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.plots import LAYER_COLOUR, PLOTS
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
+from tests.helpers.answers import rows_of
 from tests.helpers.messages import raw_inputs
 from tests.view.rrd import column, entities, lists
 
@@ -31,7 +34,7 @@ def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
     return answers
 
 
-def written(path: Path, drawing: Drawing, batches: list[Shown], latency: bool = False) -> Path:
+def written(path: Path, drawing: Drawing, batches: list[Rows], latency: bool = False) -> Path:
     outlet = RerunFile(path, [drawing], latency=latency)
     scene = Scene(outlet.recording, drawing, latency=latency)
     for batch in batches:
@@ -49,15 +52,18 @@ def knee(config: Path, right_bag: Path) -> tuple[Drawing, list[Answer]]:
     return drawing_of(pipeline.model, "knee", WEIGHT), answers
 
 
-def rows(answers: list[Answer]) -> Shown:
-    return shown([shown_row(answer) for answer in answers])
+def at(rows: Rows, stamps: Any) -> Rows:
+    """The same answers at other stamps [ns]."""
+    rows = rows.copy()
+    rows["stamp"] = stamps
+    return rows
 
 
 def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
-    contacts = [answer.contact for answer in answers]
+    contacts = list(rows_of(answers))
     curves = {
         plot.path: column(path, f"/knee/curves/{plot.path}", "Scalars:scalars") for plot in PLOTS if not plot.live
     }
@@ -88,7 +94,8 @@ def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_pa
 
 def test_latency_is_there_where_it_is_measured(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    measured = rows([answer._replace(latency=1e-3 * number) for number, answer in enumerate(answers[:5])])
+    measured = rows_of(answers[:5]).copy()
+    measured["latency"] = 1e-3 * np.arange(5)
     path = written(tmp_path / "knee.rrd", drawing, [measured], latency=True)
     assert column(path, "/knee/curves/latency", "Scalars:scalars").ravel() == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
 
@@ -98,14 +105,14 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     pipeline = Pipeline(load_parameters(names), compiled=False)
     answers = answered(pipeline, right_bag, 240)
     model = pipeline.model
-    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows(answers)])
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows_of(answers)])
 
     def drawn(entity: str, component: str) -> np.ndarray:
         """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
         vectors = column(path, f"/knee/sagittal/{entity}", component).reshape(len(answers), -1)
         return vectors * np.where(np.arange(vectors.shape[1]) == 1, -1.0, 1.0)
 
-    contacts = [answer.contact for answer in answers]
+    contacts = list(rows_of(answers))
     angles = np.array([contact.flexion_angle for contact in contacts])
     height = [1e3 * contact.femoral_height for contact in contacts]
     x = [1e3 * model.mechanism.translation(angle)[0] for angle in angles.tolist()]
@@ -129,19 +136,19 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
 
 def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     strips = lists(path, "/knee/sagittal/overlap", "LineStrips2D:strips")
     assert len(strips) == len(answers)
-    for (_, lines), answer in zip(strips, answers, strict=True):
+    for (_, lines), contact in zip(strips, rows_of(answers), strict=True):
         ends = np.array(lines)
         deepest = np.abs(ends[:, 1, 1] - ends[:, 0, 1]).max()
         # 24 lines: the nearest is within half a spacing, 1/48 of the overlap's width, of the deepest place, and a
         # parabola is 1/24**2 lower there; the outline's corners cut some micrometres off.
-        assert deepest == pytest.approx(1e3 * answer.contact.penetration_depth, rel=0.005, abs=2e-3)
-        assert ends[0, 0, 0] < 1e3 * answer.contact.contact_point.x < ends[-1, 0, 0]
+        assert deepest == pytest.approx(1e3 * contact.penetration_depth, rel=0.005, abs=2e-3)
+        assert ends[0, 0, 0] < 1e3 * contact.contact_point.x < ends[-1, 0, 0]
     colours = [set(colours) for _, colours in lists(path, "/knee/sagittal/overlap", "LineStrips2D:colors")]
-    for shown_colours, answer in zip(colours, answers, strict=True):
-        deep = answer.contact.penetration_depth
+    for shown_colours, contact in zip(colours, rows_of(answers), strict=True):
+        deep = contact.penetration_depth
         if abs(deep - 0.5e-3) > 1e-5:  # a line is not exactly at the deepest place
             assert len(shown_colours) == (2 if deep > 0.5e-3 else 1)
 
@@ -150,9 +157,9 @@ def test_how_answers_are_cut_into_batches_makes_no_difference(
     knee: tuple[Drawing, list[Answer]], tmp_path: Path
 ) -> None:
     drawing, answers = knee
-    whole = written(tmp_path / "whole.rrd", drawing, [rows(answers)])
+    whole = written(tmp_path / "whole.rrd", drawing, [rows_of(answers)])
     cuts = [0, 1, 2, 40, 41, 200, 387]
-    parts = [rows(answers[begin:end]) for begin, end in pairwise(cuts)]
+    parts = [rows_of(answers[begin:end]) for begin, end in pairwise(cuts)]
     cut = written(tmp_path / "cut.rrd", drawing, parts)
     assert entities(whole) == entities(cut)
     for entity, components in entities(whole).items():
@@ -163,8 +170,9 @@ def test_how_answers_are_cut_into_batches_makes_no_difference(
 
 def test_no_more_pictures_than_a_screen_can_show(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    fast = [answer._replace(stamp=answers[0].stamp + 1_000_000 * number) for number, answer in enumerate(answers)]
-    path = written(tmp_path / "knee.rrd", drawing, [rows(fast[:100]), rows(fast[100:])])
+    whole = rows_of(answers)
+    fast = at(whole, whole["stamp"][0] + 1_000_000 * np.arange(len(whole)))
+    path = written(tmp_path / "knee.rrd", drawing, [fast[:100], fast[100:]])
     assert len(column(path, "/knee/curves/flexion", "Scalars:scalars")) == 387
     stamps = [stamp for stamp, _ in lists(path, "/knee/sagittal/femur", "Transform3D:translation")]
     assert len(stamps) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
@@ -172,10 +180,10 @@ def test_no_more_pictures_than_a_screen_can_show(knee: tuple[Drawing, list[Answe
 
 def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows(answers[:100]), rows(answers[100:])])
+    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers[:100]), rows_of(answers[100:])])
     told = [state[0] for _, state in lists(path, "/knee/states/contact", "StateChange:state")]
     names = ["apart", "cartilage", "bone"]
-    states = [names[answer.contact.contact_state] for answer in answers]
+    states = [names[contact.contact_state] for contact in rows_of(answers)]
     assert told == [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
     assert len(told) > 3
 
@@ -192,7 +200,7 @@ def test_states_are_repeated_where_what_is_old_gets_lost(
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
     scene = Scene(outlet.recording, drawing, forgetful=True)
     for second in seconds:
-        scene.show(rows([answers[0]._replace(stamp=1_000_000_000 * second)]))
+        scene.show(at(rows_of(answers[:1]), 1_000_000_000 * second))
     outlet.close()
     told = lists(outlet.path, "/knee/states/contact", "StateChange:state")
     assert [stamp // 1_000_000_000 for stamp, _ in told] == repeated
@@ -201,7 +209,7 @@ def test_states_are_repeated_where_what_is_old_gets_lost(
 
 def test_events_are_told_with_their_times(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows(answers)])
+    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     told = [text[0] for _, text in lists(path, "/knee/events", "TextLog:text")]
     assert "2.015 s  load peak 1.81 BW (1337.7 N)" in told
     assert "2.430 s  load peak 2.19 BW (1613.8 N)" in told
@@ -215,9 +223,9 @@ def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[Drawing, list[
     drawing, answers = knee
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
     scene = Scene(outlet.recording, drawing)
-    scene.show(rows(answers[:10]))
+    scene.show(rows_of(answers[:10]))
     scene.note("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
-    scene.show(rows(answers[10:20]))
+    scene.show(rows_of(answers[10:20]))
     scene.note("reset", {"tick": "20"})
     outlet.close()
     assert column(outlet.path, "/knee/curves/layer", "Scalars:scalars").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
@@ -232,7 +240,7 @@ def test_a_note_before_the_first_answer_waits_for_its_stamp(knee: tuple[Drawing,
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
     scene = Scene(outlet.recording, drawing)
     scene.note("reset", {"tick": "0"})
-    scene.show(rows([answers[0]._replace(stamp=DATES_FROM * 5)]))
+    scene.show(at(rows_of(answers[:1]), DATES_FROM * 5))
     outlet.close()
     told = lists(outlet.path, "/knee/events", "TextLog:text")
     assert told == [(DATES_FROM * 5, ["2019-12-20 00:00:00.000  reset"])]
@@ -240,12 +248,10 @@ def test_a_note_before_the_first_answer_waits_for_its_stamp(knee: tuple[Drawing,
 
 def test_stamps_of_today_are_dates(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    today = DATES_FROM * 5
-    path = written(
-        tmp_path / "knee.rrd", drawing, [rows([answer._replace(stamp=today + answer.stamp) for answer in answers])]
-    )
+    today, whole = DATES_FROM * 5, rows_of(answers)
+    path = written(tmp_path / "knee.rrd", drawing, [at(whole, today + whole["stamp"])])
     stamps = [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")]
-    assert stamps == [today + answer.stamp for answer in answers]
+    assert stamps == (today + whole["stamp"]).tolist()
     assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in [
         text[0] for _, text in lists(path, "/knee/events", "TextLog:text")
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.core.types import ContactState
-from knee_contact_ros.messages.cdr_in import SECOND
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEvents
 
 Floats = NDArray[np.float64]

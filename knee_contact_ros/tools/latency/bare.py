@@ -97,13 +97,11 @@ class Bytes:
 
 def prepared() -> tuple[bytes, bytes]:
     """An answer and its wrench."""
-    from knee_contact_ros.core.types import Contact, Point
-    from knee_contact_ros.messages.cdr_out import encode_contact, encode_contact_wrench
+    from knee_contact_ros.core.types import blank
+    from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 
-    contact = Contact(
-        0.2, 800.0, 800.0, 5e-4, 0.0, 0.0, 0.01, Point(0.0, 0.0, 0.0), 0.0335, 5e-4, 0.0, 1, 2, 0, 1e-9, 1e-3, 8
-    )  # fmt: skip
-    return encode_contact(0, "tibia_r", contact), encode_contact_wrench(0, "tibia_r", contact, (0.0, 1.0))
+    row = blank(1).tobytes()
+    return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)
 
 
 def main(kind: str) -> None:

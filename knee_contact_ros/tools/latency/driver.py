@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.messages.cdr_in import SECOND, stamp_in
+from knee_contact_ros.messages.cdr import SECOND, stamp_in
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.system.errors import UsageError

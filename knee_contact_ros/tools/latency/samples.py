@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.cdr_in import SECOND, JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import SECOND, JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.parameters.schema import Knee, Load
 

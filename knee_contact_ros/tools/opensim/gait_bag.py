@@ -9,8 +9,7 @@ from pathlib import Path
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr_in import JointState, WrenchStamped
-from knee_contact_ros.messages.cdr_out import encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knee_contact_ros.bags.recorded_answers import Answers
+from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
@@ -56,11 +55,11 @@ class Gathered:
         """[ns] that elapsed time lags behind the stamps"""
         self._pending: list[GaitEvent] = []
 
-    def add(self, answers: Answers) -> None:
+    def add(self, answers: Rows) -> None:
         """Take answers, at least one."""
-        cuts = np.flatnonzero((np.diff(answers.stamps) <= 0) | (np.diff(answers.stamps) > GAP)) + 1
-        for part in np.split(np.arange(len(answers.stamps)), cuts):
-            self._add(_part(answers, part))
+        cuts = np.flatnonzero((np.diff(answers["stamp"]) <= 0) | (np.diff(answers["stamp"]) > GAP)) + 1
+        for part in np.split(np.arange(len(answers)), cuts):
+            self._add(answers[part])
 
     def finish(self) -> Gathered:
         """No more will come."""
@@ -68,20 +67,20 @@ class Gathered:
         self.moments.sort(key=lambda moment: moment.elapsed)
         return self
 
-    def _add(self, part: Answers) -> None:
-        first, last = int(part.stamps[0]), self.totals.last_stamp
+    def _add(self, part: Rows) -> None:
+        first, last = int(part["stamp"][0]), self.totals.last_stamp
         goes_on = self.totals.ticks > 0 and 0 < first - last <= GAP
         if not self.totals.ticks:
             self._since = first
         elif not goes_on:
             self._take(self._finder.finish(), ended=True)
             self._since -= max(last - first, 0)  # stamps that went back: as if it went on at once
-        values = np.column_stack([getattr(part, name) for name in COLUMNS])
-        self.totals.add(part, np.diff(part.stamps, prepend=last if goes_on else first) / NANOSECONDS)
-        self.course.add(part.stamps - self._since, values)
-        self._stamps = np.append(self._stamps, part.stamps)
+        values = np.column_stack([part.view(FLAT)[name] for name in COLUMNS])
+        self.totals.add(part, np.diff(part["stamp"], prepend=last if goes_on else first) / NANOSECONDS)
+        self.course.add(part["stamp"] - self._since, values)
+        self._stamps = np.append(self._stamps, part["stamp"])
         self._values = np.concatenate((self._values, values))
-        self._take(self._finder.add(part.stamps, part.flexion_angle, part.load), ended=False)
+        self._take(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]), ended=False)
 
     def _take(self, events: list[GaitEvent], *, ended: bool) -> None:
         for event in events:
@@ -116,7 +115,3 @@ class Gathered:
     def _add_cycle(self, span: Span) -> None:
         self.mean.add(curves(self._stamps, self._values, span))
         self.cycles.append(measured(self._stamps, self._values, span))
-
-
-def _part(answers: Answers, chosen: NDArray[np.intp]) -> Answers:
-    return Answers._make(column[chosen] for column in answers)

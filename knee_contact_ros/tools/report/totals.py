@@ -8,8 +8,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.recorded_answers import Answers
-from knee_contact_ros.core.types import ContactState, Fidelity, Status
+from knee_contact_ros.core.types import ContactState, Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.offline.summary import bound
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -72,25 +71,25 @@ class Totals:
         """[s] without contact at one go"""
         self._apart_for = 0.0
 
-    def add(self, answers: Answers, steps: Floats) -> None:
+    def add(self, answers: Rows, steps: Floats) -> None:
         """Take answers, at least one; `steps` [s], shape (n,), is the time since the one before; after a gap 0."""
-        self.first_stamp = self.first_stamp if self.ticks else int(answers.stamps[0])
-        self.last_stamp = int(answers.stamps[-1])
-        self.ticks += len(answers.stamps)
-        self.evaluations += int(answers.evaluations.sum())
-        self.depth_errors.add(answers.error_estimate)
-        self.force_errors.add(answers.force_error_estimate)
-        self.largest_force = max(self.largest_force, float(answers.contact_force.max()))
-        self.largest_load = max(self.largest_load, float(answers.load.max()))
-        self.largest_depth = max(self.largest_depth, float(answers.penetration_depth.max()))
-        for level, count in zip(*np.unique(answers.fidelity, return_counts=True), strict=True):
+        self.first_stamp = self.first_stamp if self.ticks else int(answers["stamp"][0])
+        self.last_stamp = int(answers["stamp"][-1])
+        self.ticks += len(answers)
+        self.evaluations += int(answers["evaluations"].sum())
+        self.depth_errors.add(answers["error_estimate"])
+        self.force_errors.add(answers["force_error_estimate"])
+        self.largest_force = max(self.largest_force, float(answers["contact_force"].max()))
+        self.largest_load = max(self.largest_load, float(answers["load"].max()))
+        self.largest_depth = max(self.largest_depth, float(answers["penetration_depth"].max()))
+        for level, count in zip(*np.unique(answers["fidelity"], return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
-        status = answers.status.astype(np.int64)
-        self.doubts.add_all(answers.stamps, answers.load, answers.penetration_depth, status)
+        status = answers["status"].astype(np.int64)
+        self.doubts.add_all(answers["stamp"], answers["load"], answers["penetration_depth"], status)
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
-        self._times(answers.contact_state, steps)
+        self._times(answers["contact_state"], steps)
 
     def _times(self, state: Floats, steps: Floats) -> None:
         self.time += float(steps.sum())

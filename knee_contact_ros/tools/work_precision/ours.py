@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import COLUMN
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
@@ -16,8 +15,6 @@ NAME = "knee-contact"
 LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
 """Values of `fidelity.level` to measure"""
 LAW = "exact; `KneeModel.run`, or `Stream.advance` for every sample; compiled"
-DEPTH, GAP, EVALUATIONS = (COLUMN[name] for name in ("penetration_depth", "gap", "evaluations"))
-"""Where they stand in `Stream.answer`"""
 
 
 def solvers() -> list[Solver]:
@@ -52,12 +49,13 @@ def stream(level: str) -> Run:
         ticks = model_of(problem, level, setting).stream()  # compiles
         samples = list(zip(np.round(problem.time * 1e9).astype(np.int64).tolist(), problem.load.tolist(), strict=True))
         depths: list[float] = []
-        evaluations, answer = 0.0, ticks.answer
+        evaluations, answer = 0, ticks.answer
+        depth, gap, spent = (answer[name] for name in ("penetration_depth", "gap", "evaluations"))
         with stopwatch() as watch:
             for stamp, load in samples:
                 ticks.advance(stamp, 0.0, load)
-                depths.append(answer[DEPTH] - answer[GAP])
-                evaluations += answer[EVALUATIONS]
+                depths.append(depth[0] - gap[0])
+                evaluations += int(spent[0])
         return Outcome(np.array(depths), watch.seconds, float(evaluations))
 
     return run

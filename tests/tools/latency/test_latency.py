@@ -14,7 +14,7 @@ import pytest
 from rclpy.qos import QoSProfile
 
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr_in import decode_joint_state, decode_wrench_stamped
+from knee_contact_ros.messages.cdr import decode_joint_state, decode_wrench_stamped
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.node.subscription import DEPTH

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.recorded_answers import Answers
+from knee_contact_ros.core.types import FLAT, Rows, blank
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.pipeline.gait.strides import Span
 from knee_contact_ros.tools.report.cycles import COLUMNS, CURVES, PERCENT, Mean, curves, measured
@@ -20,19 +20,22 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 
 
-def answers(samples: Samples, **columns: np.ndarray) -> Answers:
+def answers(samples: Samples, **columns: np.ndarray) -> Rows:
     """Answers to angle and load: a contact force that is the load, and other fields as given, else 0."""
     stamps, angle, load = samples
-    known = {"stamps": stamps, "flexion_angle": angle, "load": load, "contact_force": load,
+    known = {"stamp": stamps, "flexion_angle": angle, "load": load, "contact_force": load,
              "penetration_depth": 1e-6 * load, "contact_state": np.ones(len(stamps)), **columns}  # fmt: skip
-    return Answers(**{name: known.get(name, np.zeros(len(stamps))) for name in Answers._fields})
+    rows = blank(len(stamps))
+    for name, column in known.items():
+        rows.view(FLAT)[name] = column
+    return rows
 
 
-def gathered(whole: Answers, size: int) -> Gathered:
+def gathered(whole: Rows, size: int) -> Gathered:
     """The same in blocks of a size."""
     found = Gathered(BODY_WEIGHT)
-    for begin in range(0, len(whole.stamps), size):
-        found.add(Answers._make(column[begin : begin + size] for column in whole))
+    for begin in range(0, len(whole), size):
+        found.add(whole[begin : begin + size])
     return found.finish()
 
 

@@ -14,6 +14,7 @@ from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.cli.main import main
+from knee_contact_ros.core.types import FLAT
 from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
@@ -69,11 +70,11 @@ def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> Non
     strikes = [float(row["stamp_s"]) for row in read(both / "events.csv")
                if row["event"] == "heel strike" and row["run"] == "right, osteoarthritis"]  # fmt: skip
     answers = read_answers(recording)
-    time = answers.stamps / 1e9
+    time = answers["stamp"] / 1e9
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
     units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "BW": 1.0 / BODY_WEIGHT}
     for name, (field, _) in CURVE_COLUMNS.items():
-        expected = np.interp(at, time, getattr(answers, field)) * units[name.rsplit("_", 1)[1]]
+        expected = np.interp(at, time, answers.view(FLAT)[field]) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
         assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
         assert {row[f"{name}_sd"] for row in rows} == {""}  # of a single cycle there is none
@@ -108,9 +109,9 @@ def test_the_strides_are_in_their_file(both: Path, recording: Path) -> None:
     (row,) = (row for row in rows if row["run"] == "right, osteoarthritis")
     answers = read_answers(recording)
     start, duration = float(row["heel_strike_s"]), float(row["duration_s"])
-    inside = (answers.stamps >= start * 1e9) & (answers.stamps <= (start + duration) * 1e9)
+    inside = (answers["stamp"] >= start * 1e9) & (answers["stamp"] <= (start + duration) * 1e9)
     assert row["cycle"] == "1"
-    speed = np.abs(answers.sliding_velocity[inside])
+    speed = np.abs(answers["sliding_velocity"][inside])
     assert float(row["largest_sliding_velocity_mm_per_s"]) == pytest.approx(1e3 * speed.max(), rel=1e-8)
     # A sum of 5 ms each; the heel strikes lie between ticks
     assert float(row["sliding_distance_mm"]) == pytest.approx(1e3 * 0.005 * speed.sum(), rel=0.02)

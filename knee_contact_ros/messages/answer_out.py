@@ -1,0 +1,60 @@
+"""Answers to bytes: a header, and the part of a row that the message consists of."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from knee_contact_ros.core.types import MESSAGE, ROW, WRENCH, Rows
+from knee_contact_ros.messages.cdr import HEADER, SECOND, STAMP_END, Bytes, Stamps, check_stamp, filled
+
+
+def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
+    """Bytes of the `KneeContact` message of an answer; stamp in [ns], the row's own is not looked at.
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    return _header(stamp, frame_id) + row[MESSAGE]
+
+
+def encode_answer_wrench(stamp: int, frame_id: str, row: bytes) -> bytes:
+    """Bytes of the `WrenchStamped` that goes with it: the contact force on the tibia; likewise."""
+    return _header(stamp, frame_id) + row[WRENCH]
+
+
+def encode_answers(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
+    """Bytes of many messages, shape (n, length): row by row those of `encode_answer`."""
+    return _headed(frame_id, stamps, rows, MESSAGE)
+
+
+def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
+    """Bytes of the wrenches, likewise."""
+    return _headed(frame_id, stamps, rows, WRENCH)
+
+
+def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
+    header = _header(0, frame_id)
+    length = len(header) + part.stop - part.start
+    times = np.dtype({"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length})
+    messages, data = filled(header + bytes(length - len(header)), times, len(stamps))
+    messages["s"], messages["ns"] = np.divmod(stamps, SECOND)
+    data[:, len(header) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
+    return data
+
+
+def _header(stamp: int, frame_id: str) -> bytes:
+    """Encapsulation, stamp and frame up to where numbers of 8 B begin."""
+    check_stamp(stamp)
+    pack, frame = _packer(frame_id)
+    return pack(HEADER, *divmod(stamp, SECOND), len(frame), frame)
+
+
+@lru_cache(maxsize=16)
+def _packer(frame_id: str) -> tuple[Callable[..., bytes], bytes]:
+    frame = frame_id.encode() + b"\x00"
+    padding = -(STAMP_END - len(HEADER) + 4 + len(frame)) % 8
+    return struct.Struct(f"<4siII{len(frame)}s{padding}x").pack, frame
