@@ -22,7 +22,8 @@ FAR = 3
 SILENT = 4
 """So many of that one, or of the longest of those kept aside, without a sample that goes on, and they are believed"""
 ENOUGH = 3
-"""So many samples of both streams make a jump of both: a pair of wrong stamps is none"""
+"""So many samples of both streams make a jump of both: a pair of wrong stamps is none. More of one stream, after a
+pause, are no burst of wrong stamps either: what then comes from within the pause is"""
 
 
 class Stamped(Protocol):
@@ -127,8 +128,9 @@ class Timeline(Generic[S]):
 
     def _is_late_aside(self, stamp: int) -> bool:
         """Whether it belongs to those kept aside, and comes after a later one; else the stream does not go on there."""
-        first, newest = self.aside[0].stamp, self.aside[-1].stamp
-        return stamp == newest or (len(self.aside) > 1 and stamp >= max(first - self.far, newest - self._max_gap))
+        first, newest, many = self.aside[0].stamp, self.aside[-1].stamp, len(self.aside) > ENOUGH
+        before = self.last if many and self.last is not None and self.last < first else first - self.far
+        return stamp == newest or (len(self.aside) > 1 and stamp >= max(before, newest - self._max_gap))
 
     def _believable(self, other: Timeline[Any]) -> int:
         """With how many of those kept aside, the oldest ones, the stream goes on."""

@@ -230,6 +230,20 @@ def test_samples_kept_aside_that_are_passed_by_are_believed() -> None:
     assert stream.take(135, other) == [125, 135]
 
 
+def test_wrong_stamps_from_within_a_pause_do_not_undo_its_end() -> None:
+    """The other stream has not come back yet, so all of these wait: three are a burst of wrong ones, four none."""
+    stream = running()
+    pause = [*range(190, 205, 5)]
+    for stamp in pause:
+        assert stream.take(stamp) == []
+    assert stream.take(205) == []
+    for wrong in (140, 145, 150):
+        assert stream.take(wrong) == []
+    assert stream.refused == {"angle_not_in_order": 3}
+    assert [stream.take(stamp) for stamp in (215, 225)] == [[], []]
+    assert stream.take(230) == [*pause, 205, 215, 225, 230]
+
+
 def test_a_slower_rate_is_believed() -> None:
     stream = running()
     assert stream.take(1000) == []
