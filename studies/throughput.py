@@ -43,7 +43,7 @@ MB = 1e6
 HEADER = ("what", "time [s]", "over reading and writing", "times real time", "us per tick", "largest memory [MB]")
 TEXT = """
 A bag of {ticks} ticks at 1 kHz (an angle and a force each, {size:.0f} MB) and healthy.yaml. "Reading and writing" reads
-all inputs with `rosbags` and writes four messages a tick with `mcap`, as `solve` does, and computes nothing: the
+all inputs and writes four messages a tick with `mcap`, as `solve` does, and computes nothing: the
 outputs' bytes are prepared. "One by one" is `solve` without its way for whole blocks. Every row is a process of its
 own; the time is that of the work, without imports, with what is compiled kept from an earlier run.
 """

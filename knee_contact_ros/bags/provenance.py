@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import knee_contact_ros.core
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.answer_recorder import PROVENANCE
-from knee_contact_ros.bags.recovery.inspection import files_of, is_there
-from knee_contact_ros.bags.recovery.metadata_records import metadata_records
+from knee_contact_ros.bags.bag_files import files_of, is_there
+from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.writer import CONTINUED
 from knee_contact_ros.parameters.curves import curve_files, read_curve, stored_texts
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters

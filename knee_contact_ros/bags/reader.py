@@ -8,9 +8,10 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import zstandard
-from rosbags.interfaces import Connection, MessageDefinition
+from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.bags.recovery.source import in_a_line, open_bag
+from knee_contact_ros.bags.bag_files import in_a_line
+from knee_contact_ros.bags.stored_bag import StoredBag
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, absolute
 from knee_contact_ros.bags.topics_in_bag import find_topic
 from knee_contact_ros.messages.ros_types import deserialize
@@ -57,11 +58,12 @@ class BagReader:
         self.path = path
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
-        self._reader, self.damage = open_bag(path)
-        """`damage` says what is wrong with the bag, in sentences; what can be read of it is read all the same"""
+        self._bag = StoredBag(path)
+        self.damage = self._bag.damage
+        """What is wrong with the bag, in sentences; what can be read of it is read all the same"""
         try:
             self._connections = {
-                topic: find_topic(path, self._reader.connections, topic, type_name, names.get(topic, topic))
+                topic: find_topic(path, self._bag.connections, topic, type_name, names.get(topic, topic))
                 for topic, type_name in types.items()
             }
         except UsageError as error:
@@ -69,19 +71,17 @@ class BagReader:
             damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
             raise UsageError(f"{error}{damage}") from None
         self._topics = {names.get(topic, topic): topic for topic in types}
-        self._packed = self._take_compressed_messages()
-        self._in_order_of_time()
         self._refuse_compressed_messages()
 
     @property
     def count(self) -> int:
         """Number of messages on the topics asked for."""
-        return sum(connection.msgcount for found in self._connections.values() for connection in found)
+        return sum(connection.messages for found in self._connections.values() for connection in found)
 
     @property
     def end(self) -> int:
         """Log time [ns] behind the last message of the bag, whatever its topic."""
-        return int(self._reader.end_time)
+        return self._bag.end_time
 
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
@@ -103,11 +103,11 @@ class BagReader:
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
         """Messages that are not decoded, each with the definition that the bag holds of its type."""
-        asked = self._stored(topics or self._connections)
+        asked = [connection for topic in topics or self._connections for connection in self._connections[topic]]
         try:
-            for connection, log_time, data in self._reader.messages(asked, start, stop):
-                message = unpacked(bytes(data)) if self._packed else bytes(data)
-                yield RawMessage(self._topics[absolute(connection.topic)], log_time, message), connection.msgdef
+            for connection, log_time, data in self._bag.messages(asked, start, stop):
+                message = unpacked(data) if self._bag.packed else data
+                yield RawMessage(self._topics[absolute(connection.topic)], log_time, message), connection.definition
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
 
@@ -129,7 +129,7 @@ class BagReader:
 
     def close(self) -> None:
         """Close the bag."""
-        self._reader.close()
+        self._bag.close()
 
     def __enter__(self) -> BagReader:
         return self
@@ -139,42 +139,12 @@ class BagReader:
     ) -> None:
         self.close()
 
-    def _stored(self, topics: Collection[str]) -> list[Connection]:
-        """Connections with the QoS of the storage files beside those of metadata.yaml.
-
-        The library matches the two by QoS as well, and finds no message where somebody has edited metadata.yaml.
-        """
-        asked = [connection for topic in topics for connection in self._connections[topic]]
-        in_files = [
-            connection._replace(ext=stored.ext)
-            for storage in self._storages()
-            for stored in storage.connections
-            for connection in asked
-            if (stored.topic, stored.msgtype) == (connection.topic, connection.msgtype) and stored.ext != connection.ext
-        ]
-        return asked + in_files
-
-    def _in_order_of_time(self) -> None:
-        """The files of a split bag; metadata.yaml may list the tenth before the second."""
-        self._storages().sort(key=lambda storage: storage.metadata.start_time)
-
-    def _take_compressed_messages(self) -> bool:
-        """Whether the messages of a folder are compressed one by one; the library then leaves them as they are."""
-        storage: Any = getattr(self._reader, "storage", None)
-        if getattr(getattr(storage, "metadata", None), "compression_mode", None) != "message":
-            return False
-        storage.metadata = storage.metadata._replace(compression_mode=None)
-        return True
-
     def _refuse_compressed_messages(self) -> None:
         """A file of a bag whose messages are compressed one by one does not tell so; its folder does."""
         first = next(self.raw_messages(), None) if self.path.is_file() else None
         if first and first.data.startswith(ZSTD):
             self.close()
             raise UsageError(f"bag {self.path} has compressed messages: give its folder, whose metadata.yaml says so")
-
-    def _storages(self) -> list[Any]:
-        return getattr(getattr(self._reader, "storage", None), "storages", [])  # a file by itself has none
 
 
 def unpacked(data: bytes) -> bytes:

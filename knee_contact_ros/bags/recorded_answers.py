@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from itertools import groupby, islice
 from operator import itemgetter
 from pathlib import Path
@@ -10,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from rosbags.interfaces import MessageDefinition
 
+from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.recovery.source import in_a_line, open_bag
+from knee_contact_ros.bags.stored_bag import StoredBag
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_layout import decode_answers
@@ -30,15 +32,12 @@ def answer_topics(path: Path) -> list[str]:
     """
     if not path.exists():
         raise UsageError(f"no recording at {path}: give an .mcap file or a rosbag2 folder")
-    reader, _ = open_bag(path)
-    try:
+    with closing(StoredBag(path)) as bag:
         return sorted({
             absolute(connection.topic)
-            for connection in reader.connections
-            if connection.msgtype == MESSAGE_TYPES[KNEE_CONTACT] and connection.msgcount
+            for connection in bag.connections
+            if connection.type == MESSAGE_TYPES[KNEE_CONTACT] and connection.messages
         })  # fmt: skip
-    finally:
-        reader.close()
 
 
 def answer_blocks(

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
-
+from knee_contact_ros.bags.stored_bag import Connection
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.messages.topics import INPUTS, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
@@ -24,23 +23,24 @@ def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_na
     found = [connection for connection in connections if absolute(connection.topic) == name]
     if not found:
         raise UsageError(f"bag {bag} has no topic {name} ({type_name}); {ways_out(connections, topic)}")
-    found = [connection for connection in found if connection.msgcount] or found
-    types = sorted({connection.msgtype for connection in found})
+    found = [connection for connection in found if connection.messages] or found
+    types = sorted({connection.type for connection in found})
     if types != [type_name]:
         there = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
         raise UsageError(f"bag {bag}: topic {name} {there}; it must be a {type_name}")
-    if not any(connection.msgcount for connection in found):
+    if not any(connection.messages for connection in found):
         raise UsageError(f"bag {bag}: topic {name} has no messages")
     for connection in found:
-        encoding = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else "ros1"
-        if encoding != "cdr":
-            raise UsageError(f"bag {bag}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+        if connection.encoding != "cdr":
+            raise UsageError(
+                f"bag {bag}: topic {name} is encoded as {connection.encoding or 'nothing'}; it must be cdr"
+            )
     return found
 
 
 def ways_out(connections: Sequence[Connection], topic: str) -> str:
     """What to type to get an input that is not there under its name, or what else the bag has."""
-    there = {absolute(connection.topic): connection.msgtype for connection in connections}
+    there = {absolute(connection.topic): connection.type for connection in connections}
     if topic.removeprefix("/") in INPUTS:
         if spaces := namespaces(there):
             return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"

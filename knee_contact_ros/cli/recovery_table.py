@@ -6,7 +6,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.bags.recovery.recover import Recovery
+from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.terminal import WIDTH, shown

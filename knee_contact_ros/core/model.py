@@ -186,6 +186,7 @@ class Stream:
 
     def __post_init__(self) -> None:
         self.answer = blank(1)
+        self._told = self.answer["stamp"]  # to name a field takes as long as to find the contact
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
         self._memory = np.zeros(1, ticks.MEMORY)
@@ -234,7 +235,7 @@ class Stream:
         else:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
         self._tick(duration, flexion_angle, load, height)
-        self._stamp = self.answer["stamp"][0] = stamp
+        self._stamp = self._told[0] = stamp
 
     def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
         """Many ticks: `advance` for each, with their answers.

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, AnswerWriter
+from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.block_recorder import write_messages
 from knee_contact_ros.bags.provenance import Provenance, provenance_record
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.recovery.inspection import refuse_input
-from knee_contact_ros.bags.recovery.source import in_a_line
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import ROW

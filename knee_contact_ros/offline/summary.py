@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.recorded_answers import answer_blocks
-from knee_contact_ros.bags.recovery.metadata_records import metadata_records
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS

@@ -12,9 +12,9 @@ from urllib.parse import quote
 
 import click
 
+from knee_contact_ros.bags.bag_files import refuse_input
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change
 from knee_contact_ros.bags.recorded_answers import answer_topics
-from knee_contact_ros.bags.recovery.inspection import refuse_input
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from mcap.reader import make_reader
 
+from knee_contact_ros.bags import mcap_records
+from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.recovery import chunks
-from knee_contact_ros.bags.recovery.mcap_file import McapFile
-from knee_contact_ros.bags.recovery.recover import recover
+from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -111,7 +111,7 @@ def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     return [
         (file.streams[entry.channel].channel.topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
         for _, entry in file.in_file_order()
-        if isinstance(entry, chunks.Message)
+        if isinstance(entry, mcap_records.Message)
     ]
 
 

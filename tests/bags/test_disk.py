@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
-from knee_contact_ros.bags.recovery.recover import recover
+from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.sinks.process import SinkProcess
 from knee_contact_ros.system.errors import UsageError

@@ -15,10 +15,10 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
+from knee_contact_ros.bags.bag_files import files_of
 from knee_contact_ros.bags.mcap_writer import BagFile
 from knee_contact_ros.bags.metadata import prepare_metadata
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.recovery.inspection import files_of
 from knee_contact_ros.bags.writer import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.topics import MESSAGE_TYPES

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from knee_contact_ros.cli.main import main
 
-for needed in ("tools.report.figures", "tools.report.page", "bags.recovery.recover", "offline.solve", "offline.view"):
+for needed in ("tools.report.figures", "tools.report.page", "bags.recover", "offline.solve", "offline.view"):
     import_module(f"knee_contact_ros.{needed}")
 
 MEMORY = 3 * 2**30

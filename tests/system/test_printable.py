@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.recovery.recover import Recovery, TopicCount
+from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.cli.recovery_table import show_recovery
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.offline.summary_table import show_summary

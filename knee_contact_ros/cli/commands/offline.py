@@ -49,8 +49,8 @@ def solve(
     again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
     the command then says what is missing, and ends with code 1.
     """
+    from knee_contact_ros.bags.bag_files import in_a_line
     from knee_contact_ros.bags.provenance import read_provenance, with_values
-    from knee_contact_ros.bags.recovery.source import in_a_line
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
@@ -90,7 +90,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     Writes all that can be read of the MCAP file IN (ours: *.mcap.partial) to OUT.mcap, and says what is missing. IN
     stays as it is.
     """
-    from knee_contact_ros.bags.recovery.recover import recover as recover_file
+    from knee_contact_ros.bags.recover import recover as recover_file
     from knee_contact_ros.cli.recovery_table import show_recovery
     from knee_contact_ros.system.terminal import progress
 

@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.recovery.source import in_a_line
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from knee_contact_ros.bags.recovery.source import in_a_line
+from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder

@@ -7,12 +7,13 @@ from io import BytesIO
 import pytest
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
+from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 
-from knee_contact_ros.bags.recovery.records import MAGIC, Hole, Record, parsed, read_records
+from knee_contact_ros.bags.mcap_records import MAGIC, Hole, Record, parsed, read_records
+from tests.hostile.bags import chunk
 
 
-def bytes_of(*records: Header | Schema | Channel | Metadata | Attachment) -> bytes:
+def bytes_of(*records: Header | Schema | Channel | Metadata | Attachment | DataEnd | Footer) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -43,8 +44,7 @@ def test_a_record_must_fill_its_length_exactly(length: int) -> None:
     assert parsed(Record(Opcode.SCHEMA, 0, bytes(schema[9:]))) is None
     assert pieces(MAGIC + bytes_of(HEADER) + schema + bytes_of(NOTE)) == [
         Opcode.HEADER,
-        Hole(len(MAGIC) + len(bytes_of(HEADER)), len(schema), cut=False),
-        Opcode.METADATA,
+        Hole(len(MAGIC) + len(bytes_of(HEADER)), len(schema) + len(bytes_of(NOTE))),
     ]
 
 
@@ -59,9 +59,17 @@ def test_a_hole_may_be_the_end() -> None:
     beginning = MAGIC + bytes_of(HEADER)
     assert pieces(beginning + bytes_of(NOTE)[:-1]) == [
         Opcode.HEADER,
-        Hole(len(beginning), len(bytes_of(NOTE)) - 1, cut=True),
+        Hole(len(beginning), len(bytes_of(NOTE)) - 1),
     ]
 
 
-def test_without_magic_the_records_are_found() -> None:
-    assert pieces(b"\xff" * 8 + bytes_of(HEADER)) == [Hole(0, 8, cut=False), Opcode.HEADER]
+def test_behind_a_hole_the_next_chunk_is_found_or_the_end_of_the_data() -> None:
+    end = bytes_of(DataEnd(0), Footer(0, 0, 0)) + MAGIC
+    assert pieces(b"\xff" * 8 + end) == [Hole(0, 8), Opcode.DATA_END, Opcode.FOOTER]
+    whole = chunk(b"", 0, "")
+    assert pieces(MAGIC + b"\xff" * 8 + whole + b"\xff" * 9 + whole + end) == [
+        Hole(8, 8 + len(whole) + 9),  # a chunk that no record follows may be anything
+        Opcode.CHUNK,
+        Opcode.DATA_END,
+        Opcode.FOOTER,
+    ]

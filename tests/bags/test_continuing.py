@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.recovery.continuing import LARGEST, goes_on_with
+from knee_contact_ros.bags.mcap_metadata import LARGEST, goes_on_with
 from knee_contact_ros.bags.writer import CONTINUED
 from tests.hostile.bags import HEADER, MAGIC, METADATA, pairs, record, text
 

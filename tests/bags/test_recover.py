@@ -17,13 +17,13 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
+from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.recorded_answers import read_answers
-from knee_contact_ros.bags.recovery.mcap_file import McapFile
-from knee_contact_ros.bags.recovery.recover import RECOVERED, recover
+from knee_contact_ros.bags.recover import RECOVERED, recover
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, mcap, messages
-from tests.bags.recovery.test_mcap_file import chunks
+from tests.bags.test_mcap_file import chunks
 from tests.helpers.answers import same
 from tests.helpers.messages import raw_inputs
 

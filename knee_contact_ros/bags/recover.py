@@ -6,21 +6,23 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
+from knee_contact_ros.bags.bag_files import in_a_line, open_file
+from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY
-from knee_contact_ros.bags.metadata import prepare_metadata
-from knee_contact_ros.bags.recovery.inspection import MOST_TOPICS, open_file
-from knee_contact_ros.bags.recovery.mcap_file import McapFile
-from knee_contact_ros.bags.recovery.recovered_metadata import ROSBAG2, information, rosbag2_record
-from knee_contact_ros.bags.recovery.source import in_a_line
-from knee_contact_ros.bags.recovery.sqlite_file import SqliteFile
+from knee_contact_ros.bags.metadata import FileFacts, prepare_metadata, to_yaml, with_topics
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import is_being_written, rename_new
+from knee_contact_ros.system.yaml_file import BadYamlError, parse_yaml
 
+ROSBAG2 = "rosbag2"
+"""Name of the metadata record in which rosbag2 keeps what its `metadata.yaml` says"""
+MOST_TOPICS = 2000
+"""That others read of a `metadata.yaml`"""
 RECOVERED = "recovered"
 """Name of the metadata record that says from what a file was recovered"""
 SUFFIX = ".recovering"
@@ -108,10 +110,10 @@ def _opened(source: Path, advance: Callable[[int, int], None]) -> McapFile:
         found = open_file(source, advance)
     except OSError as error:
         raise UsageError(f"cannot read {source}: {error.strerror}") from None
-    if isinstance(found, SqliteFile):
-        found.close()
-        raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole, and solve reads damaged sqlite3")
-    return found or McapFile(source, advance)
+    if isinstance(found, McapFile):
+        return found
+    found.close()
+    raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
 
 
 def _claim(output: Path) -> Path:
@@ -157,7 +159,7 @@ def _write(partial: Path, name: str, found: McapFile, advance: Callable[[int], N
             advance(offset)
         writer.add_metadata(RECOVERED, _origin(found))
         if _is_described(found):
-            writer.add_metadata(ROSBAG2, rosbag2_record(name, found))
+            writer.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(_information(name, found))})
         writer.finish()  # type: ignore[no-untyped-call]
         file.flush()
         os.fsync(file.fileno())
@@ -175,7 +177,7 @@ def _put(partial: Path, output: Path, overwrite: bool) -> None:
 
 def _prepared(output: Path, found: McapFile) -> Callable[[], object]:
     """What puts `metadata.yaml` beside, written while nothing is in its place yet."""
-    return prepare_metadata(output.parent, information(output.name, found)) if _is_described(found) else lambda: None
+    return prepare_metadata(output.parent, _information(output.name, found)) if _is_described(found) else lambda: None
 
 
 def _is_described(found: McapFile) -> bool:
@@ -203,3 +205,38 @@ def _origin(found: McapFile) -> dict[str, str]:
         "messages": str(found.counts.total()),
         "faults": "\n".join(found.faults[:MOST_FAULTS]),
     }
+
+
+def _information(name: str, found: McapFile) -> dict[str, Any]:
+    """Content of `metadata.yaml` of a file of which nothing is known but what its channels say; version 9."""
+    return with_topics([FileFacts(name, *(found.times or (0, 0)), _by_topic(found))], _rosbag2_topics(found))
+
+
+def _by_topic(found: McapFile) -> Counter[str]:
+    counts = Counter[str]()
+    for number, (channel, _) in found.streams.items():
+        counts[channel.topic] += found.counts[number]
+    return counts
+
+
+def _rosbag2_topics(found: McapFile) -> list[dict[str, Any]]:
+    topics: dict[str, dict[str, Any]] = {}
+    for number, (channel, schema) in sorted(found.streams.items()):
+        metadata = {
+            "name": channel.topic,
+            "type": schema.name if schema else "",
+            "serialization_format": channel.message_encoding,
+            "offered_qos_profiles": _qos(channel.metadata.get("offered_qos_profiles", "")),
+            "type_description_hash": channel.metadata.get("topic_type_hash", ""),
+        }
+        entry = topics.setdefault(channel.topic, {"topic_metadata": metadata, "message_count": 0})
+        entry["message_count"] += found.counts[number]
+    return list(topics.values())
+
+
+def _qos(text: str) -> Any:
+    """Quality of service as version 9 has it; empty if it is none."""
+    try:
+        return parse_yaml(text) or []
+    except BadYamlError:
+        return []

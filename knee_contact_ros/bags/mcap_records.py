@@ -1,0 +1,302 @@
+"""The records of an MCAP file, read without trust in their lengths or in what a chunk says of itself.
+
+A record is taken only if its content fills it exactly. Behind anything else the next chunk is searched for.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Container, Iterator
+from io import BytesIO
+from typing import IO, Any, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")
+"""Opcode and length of the content [B]"""
+CHUNK_HEAD = struct.Struct("<QQQII")
+"""First and last time, size, checksum, length of the compression's name"""
+LONGEST_NAME = 16
+"""[B] of a compression's name"""
+MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time [ns]"""
+LARGEST_RECORD = 2**30
+"""[B] that is ever read at once"""
+LARGEST_CHUNK = 2**28
+"""[B] uncompressed: recorders make chunks of a MB, or of a message that is larger"""
+BLOCK = 2**20
+"""[B] that are searched at once"""
+PARSERS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.SUMMARY_OFFSET: SummaryOffset,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.DATA_END: DataEnd,
+}
+UNPARSED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+PRIVATE = 0x80
+"""Opcodes from here on are anybody's"""
+GOES_ON = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
+"""The beginning of a chunk of less than 4 GiB, or of the end of the data"""
+
+
+class Record(NamedTuple):
+    """A whole record."""
+
+    opcode: int
+    offset: int
+    """[B] of its beginning in the file, or in its chunk"""
+    content: bytes
+
+    @property
+    def end(self) -> int:
+        """Where [B] the next record begins."""
+        return self.offset + HEAD.size + len(self.content)
+
+
+class Hole(NamedTuple):
+    """Bytes that are no records."""
+
+    offset: int
+    length: int
+
+
+class Chunk(NamedTuple):
+    """A chunk as its record tells of it."""
+
+    first: int
+    last: int
+    """Smallest and largest log time [ns]"""
+    size: int
+    """[B] uncompressed"""
+    checksum: int
+    """0: none"""
+    compression: str
+    data: bytes
+
+
+class Message(NamedTuple):
+    """A message; messages are ordered by time, and those of one time as in the file."""
+
+    log_time: int
+    """[ns]"""
+    place: tuple[int, int]
+    """[B] of its chunk in the file, and in that chunk"""
+    channel: int
+    data: bytes
+    publish_time: int
+    """[ns]"""
+    sequence: int
+
+
+class DamagedError(Exception):
+    """A chunk that cannot be used; says why as the end of a sentence that begins with it."""
+
+
+class _Exact(ReadDataStream):
+    """Gives all the bytes asked for, or none."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
+
+    def read(self, length: int) -> bytes:
+        if length > self._size - self.count:
+            raise EndOfFile
+        return bytes(super().read(length))
+
+
+def parsed(record: Record) -> Any:
+    """The record in the form that `mcap` gives it; None if its content is no such record, or one of `UNPARSED`."""
+    stream = _Exact(record.content)
+    try:
+        found = PARSERS[record.opcode].read(stream)
+    except (KeyError, EndOfFile, struct.error, UnicodeDecodeError):
+        return None
+    return found if stream.count == len(record.content) else None
+
+
+def read_records(file: IO[bytes], size: int) -> Iterator[Record | Hole]:
+    """All that a file of `size` [B] holds behind its magic, in order; no byte is read twice but for heads."""
+    position = magic_at(file, 0)
+    while position < size:
+        record = record_at(file, position, size)
+        if record is None:
+            following = _next_record(file, position + 1, size)
+            yield Hole(position, following - position)
+            position = following
+            continue
+        yield record
+        position = record.end
+        if record.opcode == Opcode.FOOTER:
+            position += magic_at(file, position)
+
+
+def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
+    """The record that begins at `offset`, if there is a whole one that holds what its kind must hold."""
+    head = head_at(file, offset)
+    if head is None or not _may_be(file, *head, offset, size):
+        return None
+    record = Record(head[0], offset, read_at(file, offset + HEAD.size, head[1]))
+    return record if record.opcode not in PARSERS or parsed(record) is not None else None
+
+
+def head_at(file: IO[bytes], offset: int) -> tuple[int, int] | None:
+    """Opcode and length [B] of the record at `offset`; None if the file ends before."""
+    data = read_at(file, offset, HEAD.size)
+    if len(data) < HEAD.size:
+        return None
+    opcode, length = HEAD.unpack(data)
+    return opcode, length
+
+
+def _may_be(file: IO[bytes], opcode: int, length: int, offset: int, size: int) -> bool:
+    """Whether there can be such a record; before a long one is read."""
+    if length > LARGEST_RECORD or offset + HEAD.size + length > size:
+        return False
+    if opcode == Opcode.CHUNK:
+        return _is_chunk(file, offset, length)
+    if opcode == Opcode.MESSAGE:
+        return length >= MESSAGE.size
+    return opcode in PARSERS or opcode in UNPARSED or opcode >= PRIVATE
+
+
+def _is_chunk(file: IO[bytes], offset: int, length: int) -> bool:
+    """Whether a chunk's beginning fits its length."""
+    beginning = read_at(file, offset + HEAD.size, CHUNK_HEAD.size + LONGEST_NAME + 8)
+    if len(beginning) < CHUNK_HEAD.size + 8:
+        return False
+    name_end: int = CHUNK_HEAD.size + CHUNK_HEAD.unpack_from(beginning)[-1]
+    if name_end + 8 > len(beginning):
+        return False
+    told = int.from_bytes(beginning[name_end : name_end + 8], "little")
+    return told == length - name_end - 8
+
+
+def _next_record(file: IO[bytes], offset: int, size: int) -> int:
+    """Where the next chunk, or the end of the data, is that a record follows, or nothing; `size` if there is none."""
+    while offset < size:
+        block = read_at(file, offset, BLOCK + HEAD.size)
+        for candidate in GOES_ON.finditer(block, 0, min(BLOCK, size - offset) + HEAD.size):
+            begin = offset + candidate.start()
+            head = head_at(file, begin)
+            if head and _may_be(file, *head, begin, size) and _is_followed(file, begin + HEAD.size + head[1], size):
+                return begin
+        offset += BLOCK
+    return size
+
+
+def _is_followed(file: IO[bytes], end: int, size: int) -> bool:
+    head = head_at(file, end)
+    return end == size or (head is not None and _may_be(file, *head, end, size))
+
+
+def magic_at(file: IO[bytes], offset: int) -> int:
+    """Length [B] of the magic at `offset`; 0 if there is none."""
+    return len(MAGIC) if read_at(file, offset, len(MAGIC)) == MAGIC else 0
+
+
+def read_at(file: IO[bytes], offset: int, length: int) -> bytes:
+    """So many bytes, or what there is of them."""
+    file.seek(offset)
+    return file.read(length)
+
+
+def read_chunk(content: bytes) -> Chunk:
+    """A chunk from its record's content, whose head is known to fit."""
+    first, last, size, checksum, name_length = CHUNK_HEAD.unpack_from(content)
+    name_end = CHUNK_HEAD.size + name_length
+    compression = content[CHUNK_HEAD.size : name_end].decode("ascii", "replace")
+    return Chunk(first, last, size, checksum, compression, content[name_end + 8 :])
+
+
+def unpack(chunk: Chunk) -> bytes:
+    """The records of a chunk, still in one piece.
+
+    Raises:
+        DamagedError: they cannot be had, or do not fit their size or checksum.
+    """
+    if chunk.size > LARGEST_CHUNK:
+        raise DamagedError(f"claims to hold {chunk.size} bytes")
+    try:
+        data = _decompressed(chunk)
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
+    if len(data) != chunk.size:
+        raise DamagedError(f"holds {len(data)} bytes and not {chunk.size}")
+    if chunk.checksum and zlib.crc32(data) != chunk.checksum:
+        raise DamagedError("does not fit its checksum")
+    return data
+
+
+def _decompressed(chunk: Chunk) -> bytes:
+    """What a chunk's data become, no more than it claims to hold: a frame by itself may claim anything."""
+    if chunk.compression == "":
+        return chunk.data
+    if chunk.compression == "zstd":
+        told = zstandard.frame_content_size(chunk.data)
+        if told > chunk.size:
+            raise DamagedError(f"holds {told} bytes and not {chunk.size}")
+        unzip = zstandard.ZstdDecompressor()
+        return unzip.decompress(chunk.data, max_output_size=chunk.size + 1, allow_extra_data=False)
+    if chunk.compression == "lz4":
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        data = bytes(decompressor.decompress(chunk.data, max_length=chunk.size + 1))
+        if not decompressor.eof or decompressor.unused_data:
+            raise DamagedError("has another end than its data")
+        return data
+    raise DamagedError(f"has the unknown compression {chunk.compression!r}")
+
+
+def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, and where the content begins and ends, of a chunk's records, up to the first that is not whole.
+
+    One more than `most` at most.
+    """
+    position, end, head, size, count = 0, len(data), HEAD.unpack_from, HEAD.size, 0  # every message of a bag comes here
+    while position + size <= end and count <= most:
+        opcode, length = head(data, position)
+        begin, position = position + size, position + size + length
+        if position > end or not opcode:
+            return
+        count += 1
+        yield opcode, begin, position
+
+
+def messages_in(data: bytes, offset: int, channels: Container[int], most: int) -> Iterator[Message]:
+    """The messages of some channels among the records of a chunk, or of a piece of the file, at `offset` [B]."""
+    unpack_message, size, kind = MESSAGE.unpack_from, MESSAGE.size, int(Opcode.MESSAGE)
+    for opcode, begin, end in records_in(data, most):
+        if opcode == kind and end - begin >= size:
+            channel, sequence, log_time, publish_time = unpack_message(data, begin)
+            if channel in channels:
+                place = (offset, begin)
+                yield Message(log_time, place, channel, data[begin + size : end], publish_time, sequence)

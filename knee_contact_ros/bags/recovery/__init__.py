@@ -1,1 +1,0 @@
-"""Reads what can be read of damaged recordings, and knows what is missing."""
