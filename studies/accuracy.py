@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import ContactPair, CurveContact, OnPlane
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, Mechanism
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.tools.work_precision import reference
 from knee_contact_ros.tools.work_precision import reference_femur as femora
@@ -157,7 +157,7 @@ def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:
     model = KneeModel(
         pair=study.knee.pair,
         mechanism=study.knee.mechanism,
-        regions=Regions(study.law, allow_tension=False),
+        modes=ContactModes(study.law, allow_tension=False),
         mass=study.mass,
         tolerance=tolerance,
         budget=0,

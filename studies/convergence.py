@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw, Layer
+from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, ContactModes
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.error_estimate import EXACT
 from knee_contact_ros.core.events import end_on_boundary
@@ -26,10 +27,9 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.levels.dynamic import accepted, begin_stretch, behind_boundary, dynamic_tick
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import NOWHERE, Region, Regions
-from knee_contact_ros.core.scene import Progress, Scene, begin_with
+from knee_contact_ros.core.scene import RunState, Scene, begin_with
 from knee_contact_ros.core.statics import NO_LIMIT, static_depth
-from knee_contact_ros.core.stepping import NO_LANDING, Going, attempt
+from knee_contact_ros.core.stepping import NO_LANDING, StepperState, attempt
 from knee_contact_ros.tools.work_precision import reference
 from knee_contact_ros.tools.work_precision import reference_laws as laws
 from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle
@@ -141,8 +141,8 @@ def intervals(case: Case) -> list[Interval]:
 
 def scene_of(case: Case, tolerance: float) -> Scene:
     """The knee of a case."""
-    regions = Regions(case.law, allow_tension=False)
-    return Scene(OnPlane(Circle(RADIUS)), Hinge(), regions, MASS, tolerance, 0.0, 0, LEVELS["dynamic"])
+    modes = ContactModes(case.law, allow_tension=False)
+    return Scene(OnPlane(Circle(RADIUS)), Hinge(), modes, MASS, tolerance, 0.0, 0, LEVELS["dynamic"])
 
 
 def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
@@ -150,18 +150,20 @@ def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
     scene, size, state, impact_speed = scene_of(case, 1e-13), PERIOD / steps, static_start(case).state, 0.0
     depths = []
     for interval in intervals(case):
-        going = Going(
+        going = StepperState(
             0.0, state, EXACT, size, 0.0, impact_speed, 0.0, 0, 0, given_up=False, most=NO_LIMIT, landing=NO_LANDING
         )  # fmt: skip
         going, region = begin_stretch(scene, interval, going, 0.0)
         while going.s < PERIOD:
-            going, region = fixed_step(scene, interval, going._replace(swiftness=METHODS[method]), region, size)
+            going, region = fixed_step(scene, interval, going._replace(spectral_radius=METHODS[method]), region, size)
         state, impact_speed = going.state, going.impact_speed
         depths.append(RADIUS - state.height)
     return depths
 
 
-def fixed_step(scene: Scene, interval: Interval, going: Going, region: Region, size: float) -> tuple[Going, Region]:
+def fixed_step(
+    scene: Scene, interval: Interval, going: StepperState, region: ContactMode, size: float
+) -> tuple[StepperState, ContactMode]:
     """Take a step of the fixed size [s], or of what is left, and end it on the first boundary that it crosses."""
     remaining = PERIOD - going.s
     h = remaining if remaining < 1.5 * size else size
@@ -181,11 +183,11 @@ def controlled(case: Case, tolerance: float) -> tuple[list[float], float]:
     progress, answers = static_start(case), []
     for interval in intervals(case):
         answers.append(dynamic_tick(scene, interval, progress, 0))
-        progress = answers[-1].progress
+        progress = answers[-1].run_state
     return [answer.depth for answer in answers], float(np.mean([answer.evaluations for answer in answers]))
 
 
-def static_start(case: Case) -> Progress:
+def static_start(case: Case) -> RunState:
     """At rest under the first load."""
     depth = static_depth(case.law, case.loads[0], 0.0, 0.0, NO_LIMIT).depth
     state = FemurState(RADIUS - depth, 0.0)
@@ -194,13 +196,13 @@ def static_start(case: Case) -> Progress:
 
 def stepped_across(case: Case, steps: int, method: str) -> list[float]:
     """The same method with the law as one function, clamped at zero force."""
-    regions, region = (
-        Regions(ContactLaw((Layer(-1.0, Across(case.law)),)), allow_tension=True),
-        Region(0, pressing=True),
+    modes, region = (
+        ContactModes(ContactLaw((Layer(-1.0, Across(case.law)),)), allow_tension=True),
+        ContactMode(0, pressing=True),
     )
     state, h, depths = static_start(case).state, PERIOD / steps, []
     for interval in intervals(case):
-        motion = Motion(interval, regions, region, 0.0, MASS, NOWHERE)
+        motion = Motion(interval, modes, region, 0.0, MASS, NOWHERE)
         for i in range(steps):
             if method == "explicit":
                 state = fehlberg_step(motion, i * h, state, h).state

@@ -28,11 +28,11 @@ class Ellipse(NamedTuple):
         """See `FemoralGeometry`."""
         return math.nan
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """See `FemoralGeometry`."""
         return math.inf
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """See `FemoralGeometry`."""
         return max(self.a, self.b)
 

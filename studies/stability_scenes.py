@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
 from knee_contact_ros.core.model import NANOSECOND, KneeModel
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import at_height, begin_with
 from knee_contact_ros.core.types import blank
 from knee_contact_ros.parameters.schema import Parameters, constants_of
@@ -149,7 +149,7 @@ def knee(
     model = KneeModel(
         pair=pair(scene.femur, scene.tibia),
         mechanism=Hinge() if scene.tibia == "plane" else parallel_mechanism(),
-        regions=Regions(law_of(scene), allow_tension=False),
+        modes=ContactModes(law_of(scene), allow_tension=False),
         mass=scene.mass,
         tolerance=tolerance,
         budget=budget,
@@ -179,7 +179,7 @@ def run(
     progress = begin_with(state, math.nan, -scene.start_gap)
     memory, answers = np.zeros(1, ticks.MEMORY), blank(len(scene.time))
     memory["begun"], memory["angle"], memory["load"] = 1, scene.angle[0], scene.load[0]
-    ticks.write_progress(memory[0]["progress"], progress)
+    ticks.write_run_state(memory[0]["run_state"], progress)
     start = at_height(model.scene, state.height, state.velocity, -scene.start_gap, scene.thrown, math.nan)
     ticks.write_answer(answers[0], model.scene, scene.angle[0], 0.0, scene.load[0], start)
     durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND

@@ -29,12 +29,12 @@ from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.process import Tell
+from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
-from knee_contact_ros.view.drawing import Drawing, drawing_of
 from knee_contact_ros.view.outlets import RerunFile
+from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import address, connect_command
 from studies.report import Section, machine, save
@@ -94,7 +94,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     pipeline, _ = pipeline_of(["healthy.yaml"])
     parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
     complaints: list[str] = []
-    outputs = Outputs(parameters, pipeline.model, {}, ABSOLUTE_NAMES, Tell(complaints.append, complaints.append))
+    outputs = Outputs(parameters, pipeline.model, {}, ABSOLUTE_NAMES, Listeners(complaints.append, complaints.append))
     outputs.wait_until_open()
     with ExitStack() as stack:
         if looked_at:
@@ -163,7 +163,7 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     """Of a Rerun file at 1 kHz, as the node writes it."""
     ticks, first = minutes * 60 * RATE, 60 * RATE
     pipeline, weight = pipeline_of(files)
-    drawing: Drawing = drawing_of(pipeline.model, "knee", weight)
+    drawing: KneeOutlines = drawing_of(pipeline.model, "knee", weight)
     outlet = RerunFile(folder / f"{'_'.join(files)}.rrd", [drawing], latency=True)
     scene = Scene(outlet.recording, drawing, latency=True)
     rows: list[bytes] = []

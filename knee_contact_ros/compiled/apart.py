@@ -1,4 +1,4 @@
-"""Compiling a function so that LLVM keeps it out of its callers: for those that are marked `aside`.
+"""Compiling a function so that LLVM keeps it out of its callers: for those that are marked `never_inlined`.
 
 Numba has an option that forces a function into its callers and none for the opposite. Its documented way to customise
 the compiler is a pipeline of passes; this one differs in the pass that makes machine code, by one attribute.

@@ -12,7 +12,7 @@ from numba.extending import overload_method, register_jitable
 
 from knee_contact_ros.compiled.apart import CompilerApart
 from knee_contact_ros.compiled.cache import kernel_cache
-from knee_contact_ros.core.kernel_source import ASIDE, FUNCTIONS, INLINED, METHODS
+from knee_contact_ros.core.kernel_source import ALWAYS_INLINED, FUNCTIONS, METHODS, NEVER_INLINED
 
 OPTIONS = {"error_model": "numpy", "forceinline": False, "_nrt": True, "no_cfunc_wrapper": True}
 """Divisions are not checked: the functions are written so that none by zero happens. Callers' options are inherited,
@@ -36,7 +36,7 @@ def compiled_function(function: Callable[..., Any]) -> Callable[..., Any]:
 def _register() -> None:
     """Tell Numba about the marked functions and methods."""
     for function in FUNCTIONS:
-        options = INLINE if function in INLINED else APART if function in ASIDE else OPTIONS
+        options = INLINE if function in ALWAYS_INLINED else APART if function in NEVER_INLINED else OPTIONS
         register_jitable(**options)(function)
     for name, signature in METHODS.items():
         _register_method(name, signature)

@@ -40,7 +40,7 @@ from knee_contact_ros.core.error_estimate import (
     reach,
     velocity_reach,
 )
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at
 from knee_contact_ros.core.statics import ANSWER
 
@@ -144,7 +144,7 @@ def exceeds(error: CarriedError, limit: float) -> bool:
     return reach(error, math.inf) > limit
 
 
-@aside
+@never_inlined
 def bounds_near(
     law: ContactLaw, depth: float, rate: float, error: CarriedError, impact: float, load: float, mass: float
 ) -> tuple[Adrift, int]:
@@ -170,7 +170,7 @@ def excess_of(adrift: Adrift) -> float:
     return max(adrift.energy + max(adrift.load, 0.0) * adrift.rest - adrift.stored, 0.0)
 
 
-@aside
+@never_inlined
 def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[Adrift, int]:
     """The bounds after some time that takes nothing from them; `near` [m] guesses the depth at rest.
 
@@ -239,7 +239,7 @@ def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float,
     return min(root * root, LARGEST_ENERGY), root, evaluations
 
 
-@aside
+@never_inlined
 def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
     """The bounds less what an overshoot takes from them, once there has been time for one; and evaluations.
 
@@ -286,7 +286,7 @@ def with_window(adrift: Adrift, energy: float) -> Adrift:
     )
 
 
-@aside
+@never_inlined
 def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
     """What the contact can be."""
     load, excess = max(adrift.load, 0.0), excess_of(adrift)

@@ -34,9 +34,9 @@ from knee_contact_ros.core.adrift import (
 )
 from knee_contact_ros.core.error_estimate import EXACT, CarriedError, holding, reach
 from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
+from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.statics import ANSWER, static_contact
 from knee_contact_ros.core.types import Fidelity
 
@@ -54,8 +54,8 @@ STANDING = int(Fidelity.QUASI_STATIC)
 """The level of such an answer"""
 
 
-@aside
-def take_on(scene: Scene, backlog: Backlog, start: Progress, last: Interval) -> tuple[Interval, Progress, int]:
+@never_inlined
+def take_on(scene: Scene, backlog: Backlog, start: RunState, last: Interval) -> tuple[Interval, RunState, int]:
     """Add an interval to the backlog; return its first one, the progress that it begins with, and the evaluations."""
     count = int(backlog["count"])
     if count == 0:
@@ -65,14 +65,14 @@ def take_on(scene: Scene, backlog: Backlog, start: Progress, last: Interval) -> 
     backlog["loads"][count] = load_at(last, last.duration)
     backlog["count"], backlog["moved"] = count + 1, 0
     interval = interval_of(scene, backlog, 0)
-    progress, evaluations = looked_after(scene, interval, start)
-    return interval, progress, evaluations
+    run_state, evaluations = looked_after(scene, interval, start)
+    return interval, run_state, evaluations
 
 
-@aside
+@never_inlined
 def work_off(
-    scene: Scene, backlog: Backlog, interval: Interval, start: Progress, advance: Advance
-) -> tuple[Advance, bool]:
+    scene: Scene, backlog: Backlog, interval: Interval, start: RunState, result: TickResult
+) -> tuple[TickResult, bool]:
     """What a level has made of the backlog's first interval; and whether another one is to be done in this tick.
 
     If there is not, the answer is that of the tick.
@@ -81,23 +81,23 @@ def work_off(
         take_on(scene, backlog, start, interval)
     count = int(backlog["count"])
     durations, angles, loads = backlog["durations"], backlog["angles"], backlog["loads"]
-    if not advance.converged:
-        moved = backlog["moved"] > 0 or advance.reached > 0.0
-        backlog["angle"] = interval.angle + interval.angle_rate * advance.reached
-        backlog["load"] = load_at(interval, advance.reached)
-        durations[0] = interval.duration - advance.reached
-        return behind(scene, backlog, advance, start.adrift, count > MOST or not moved), False
-    advance = watched(scene, interval, start, advance)
+    if not result.converged:
+        moved = backlog["moved"] > 0 or result.reached > 0.0
+        backlog["angle"] = interval.angle + interval.angle_rate * result.reached
+        backlog["load"] = load_at(interval, result.reached)
+        durations[0] = interval.duration - result.reached
+        return behind(scene, backlog, result, start.adrift, count > MOST or not moved), False
+    result = watched(scene, interval, start, result)
     backlog["angle"], backlog["load"] = angles[0], loads[0]
     for i in range(count - 1):
         durations[i], angles[i], loads[i] = durations[i + 1], angles[i + 1], loads[i + 1]
     backlog["count"], backlog["moved"] = count - 1, 1
     if count == 1:
-        return advance, False
-    if scene.budget > 0 and advance.evaluations >= scene.budget - RESERVE:
-        return behind(scene, backlog, advance, advance.progress.adrift, count - 1 > MOST), False
-    progress, evaluations = looked_after(scene, interval_of(scene, backlog, 0), advance.progress)
-    return gone_on(advance, progress, evaluations), True
+        return result, False
+    if scene.budget > 0 and result.evaluations >= scene.budget - RESERVE:
+        return behind(scene, backlog, result, result.run_state.adrift, count - 1 > MOST), False
+    run_state, evaluations = looked_after(scene, interval_of(scene, backlog, 0), result.run_state)
+    return gone_on(result, run_state, evaluations), True
 
 
 @in_kernel
@@ -114,7 +114,7 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
 
 
 @in_kernel
-def looked_after(scene: Scene, interval: Interval, start: Progress) -> tuple[Progress, int]:
+def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[RunState, int]:
     """The progress that an interval begins with: bounded where the exact solution is lost from here on, or may be soon.
 
     The second number is that of evaluations.
@@ -129,85 +129,87 @@ def looked_after(scene: Scene, interval: Interval, start: Progress) -> tuple[Pro
 
 
 @in_kernel
-def bounds_of(scene: Scene, interval: Interval, start: Progress) -> tuple[Adrift, int]:
+def bounds_of(scene: Scene, interval: Interval, start: RunState) -> tuple[Adrift, int]:
     """Bounds by the error that an interval begins with; and evaluations."""
     touch = touch_at(interval, 0.0)
     _, _, cosine = touch.touch(start.state.height)
     rate, load, mass = cosine * start.sinking, interval.start_load / cosine, scene.mass / (cosine * cosine)
-    return bounds_near(scene.regions.law, start.depth, rate, start.error, fastest_impact(start), load, mass)
+    return bounds_near(scene.modes.law, start.depth, rate, start.error, fastest_impact(start), load, mass)
 
 
-@aside
-def watched(scene: Scene, interval: Interval, start: Progress, advance: Advance) -> Advance:
+@never_inlined
+def watched(scene: Scene, interval: Interval, start: RunState, result: TickResult) -> TickResult:
     """An answer with what is left to know where the exact solution has been lost, or may be soon."""
     if start.adrift.stage == NONE:
-        return advance
-    law, progress, depth = scene.regions.law, advance.progress, max(advance.depth, 0.0)
+        return result
+    law, run_state, depth = scene.modes.law, result.run_state, max(result.depth, 0.0)
     drive = drive_of(scene, interval, start)
     adrift, looks = pushed(law, start.adrift, drive, depth)
-    evaluations = advance.evaluations + looks
+    evaluations = result.evaluations + looks
     if scene.budget == 0 or evaluations + CALMING + RESERVE <= scene.budget:
         adrift, looks = calmed(law, adrift, drive.mass)
         evaluations += looks
     if adrift.stage == WATCHED:
-        if depth > 0.0 and not counts(scene, progress):
-            return gone_on(advance, with_bounds(progress, FOUND), evaluations - advance.evaluations)
-        impact = fastest_impact(progress)
-        near, looks = bounds_near(law, advance.depth, advance.rate, progress.error, impact, drive.load, drive.mass)
+        if depth > 0.0 and not counts(scene, run_state):
+            return gone_on(result, with_bounds(run_state, FOUND), evaluations - result.evaluations)
+        impact = fastest_impact(run_state)
+        near, looks = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
         evaluations += looks
         if near.energy < adrift.energy:
             adrift = near
     limits = range_of(law, adrift, drive.mass)
-    return within(scene, advance, adrift, limits, evaluations + limits.evaluations, math.sqrt(scene.mass / drive.mass))
+    return within(scene, result, adrift, limits, evaluations + limits.evaluations, math.sqrt(scene.mass / drive.mass))
 
 
 @in_kernel
-def within(scene: Scene, advance: Advance, adrift: Adrift, limits: Range, evaluations: int, cosine: float) -> Advance:
+def within(
+    scene: Scene, result: TickResult, adrift: Adrift, limits: Range, evaluations: int, cosine: float
+) -> TickResult:
     """An answer whose exact solution lies within limits, by which it may be found again."""
-    progress = advance.progress
-    error, held = error_within(limits, advance.depth, advance.rate, cosine), math.inf
-    estimate = max(limits.most - advance.depth, advance.depth - limits.least)
-    force_error = max(limits.force - advance.force, advance.force)
-    if progress.stiffness > 0.0:
-        held = holding(progress.stiffness, progress.damping, scene.mass)
-    if adrift.stage == LOST and limits.least > 0.0 and estimate < advance.depth:
-        adrift, progress = at_stage(adrift, WATCHED), with_error(progress, error, adrift.impact)
+    run_state = result.run_state
+    error, held = error_within(limits, result.depth, result.rate, cosine), math.inf
+    estimate = max(limits.most - result.depth, result.depth - limits.least)
+    force_error = max(limits.force - result.force, result.force)
+    if run_state.stiffness > 0.0:
+        held = holding(run_state.stiffness, run_state.damping, scene.mass)
+    if adrift.stage == LOST and limits.least > 0.0 and estimate < result.depth:
+        adrift, run_state = at_stage(adrift, WATCHED), with_error(run_state, error, adrift.impact)
     elif adrift.stage == WATCHED:
-        if limits.least > 0.0 and reach(error, held) < reach(progress.error, held):
-            progress = with_error(progress, error, 0.0)
-        estimate, force_error = min(estimate, advance.error_estimate), min(force_error, advance.force_error_estimate)
-    return Advance(
-        with_bounds(progress, adrift), advance.depth, advance.rate, advance.force, estimate, force_error, evaluations,
-        advance.reached, True, advance.height, advance.fidelity,
+        if limits.least > 0.0 and reach(error, held) < reach(run_state.error, held):
+            run_state = with_error(run_state, error, 0.0)
+        estimate, force_error = min(estimate, result.error_estimate), min(force_error, result.force_error_estimate)
+    return TickResult(
+        with_bounds(run_state, adrift), result.depth, result.rate, result.force, estimate, force_error, evaluations,
+        result.reached, True, result.height, result.fidelity,
     )  # fmt: skip
 
 
 @in_kernel
-def lost(interval: Interval, start: Progress) -> bool:
+def lost(interval: Interval, start: RunState) -> bool:
     """Whether the exact solution may be anywhere from here on; see `loses`."""
     return loses(interval, start.depth, start.excess + interval.start_load, start.fidelity != DYNAMIC, start.error)
 
 
 @in_kernel
-def in_doubt(scene: Scene, interval: Interval, start: Progress) -> bool:
+def in_doubt(scene: Scene, interval: Interval, start: RunState) -> bool:
     """Whether the exact solution is lost in an interval, or may be soon: seldom."""
     return exceeds(start.error, NOTED * max(start.depth, 0.0)) and (lost(interval, start) or doubtful(scene, start))
 
 
 @in_kernel
-def counts(scene: Scene, progress: Progress) -> bool:
+def counts(scene: Scene, run_state: RunState) -> bool:
     """Whether the error is no small part of the depth."""
-    return exceeds(progress.error, max(NOTED * progress.depth, scene.tolerance))
+    return exceeds(run_state.error, max(NOTED * run_state.depth, scene.tolerance))
 
 
 @in_kernel
-def doubtful(scene: Scene, start: Progress) -> bool:
+def doubtful(scene: Scene, start: RunState) -> bool:
     """Whether the error may grow into one that is lost; that of a simpler level does not do so by itself."""
     return start.fidelity == DYNAMIC and start.depth > 0.0 and counts(scene, start)
 
 
 @in_kernel
-def drive_of(scene: Scene, interval: Interval, start: Progress) -> Drive:
+def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
     """What moves the femur in an interval."""
     _, begin, cosine = touch_at(interval, 0.0).touch(start.state.height)
     _, end, _ = touch_at(interval, interval.duration).touch(start.state.height)
@@ -220,42 +222,42 @@ def drive_of(scene: Scene, interval: Interval, start: Progress) -> Drive:
     return Drive(mass, last, rise, fall, least, max(first, last), abs(begin - carried), interval.duration)
 
 
-@aside
-def behind(scene: Scene, backlog: Backlog, advance: Advance, adrift: Adrift, give_up: bool) -> Advance:
+@never_inlined
+def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, give_up: bool) -> TickResult:
     """The static contact at the end of the backlog, in doubt by all that the femur's energy allows until then.
 
     If the motion is given up the run goes on from there, else from where `advance` has come to.
     """
-    progress, law = advance.progress, scene.regions.law
-    known, evaluations = adrift, advance.evaluations
+    run_state, law = result.run_state, scene.modes.law
+    known, evaluations = adrift, result.evaluations
     interval = interval_of(scene, backlog, 0)
     if adrift.stage == NONE:
-        adrift, looks = bounds_of(scene, interval, progress)
+        adrift, looks = bounds_of(scene, interval, run_state)
         evaluations += looks
-    drive = drive_of(scene, interval, with_bounds(progress, adrift))
-    _, _, cosine = touch_at(interval, 0.0).touch(progress.state.height)
+    drive = drive_of(scene, interval, with_bounds(run_state, adrift))
+    _, _, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
     for i in range(1, int(backlog["count"])):
         following = interval_of(scene, backlog, i)
-        turn = abs(following.angle_rate - interval.angle_rate) * scene.pair.farthest()
+        turn = abs(following.angle_rate - interval.angle_rate) * scene.pair.largest_radius()
         interval = following
         drive = driven_on(drive, load_at(interval, interval.duration) / cosine, turn, interval.duration)
     touch, load = touch_at(interval, interval.duration), load_at(interval, interval.duration)
-    near = min(max(progress.depth, 0.0), scene.plausible_depth)
-    static = static_contact(law, touch, load, progress.state.height, near, 0.0, ANSWER)
+    near = min(max(run_state.depth, 0.0), scene.plausible_depth)
+    static = static_contact(law, touch, load, run_state.state.height, near, 0.0, ANSWER)
     adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
     evaluations += looks
     if give_up:
         backlog["count"] = 0
-        progress = Progress(
-            FemurState(static.height, surface_rate / cosine), EXACT, progress.try_step, 0.0, 0.0, STANDING,
+        run_state = RunState(
+            FemurState(static.height, surface_rate / cosine), EXACT, run_state.try_step, 0.0, 0.0, STANDING,
             cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, adrift,
         )  # fmt: skip
     else:
-        progress = with_bounds(progress, known)
-    return Advance(
-        progress,
+        run_state = with_bounds(run_state, known)
+    return TickResult(
+        run_state,
         static.depth,
         0.0,
         static.force,
@@ -289,35 +291,35 @@ def at_stage(adrift: Adrift, stage: float) -> Adrift:
 
 
 @in_kernel
-def with_bounds(progress: Progress, adrift: Adrift) -> Progress:
+def with_bounds(run_state: RunState, adrift: Adrift) -> RunState:
     """A progress with other bounds of the exact solution."""
-    return Progress(
-        progress.state, progress.error, progress.try_step, progress.impact_speed, progress.impact_error,
-        progress.fidelity, progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth,
-        adrift,
+    return RunState(
+        run_state.state, run_state.error, run_state.try_step, run_state.impact_speed, run_state.impact_error,
+        run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess, run_state.sinking,
+        run_state.depth, adrift,
     )  # fmt: skip
 
 
 @in_kernel
-def with_error(progress: Progress, error: CarriedError, impact: float) -> Progress:
+def with_error(run_state: RunState, error: CarriedError, impact: float) -> RunState:
     """A progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
-    return Progress(
-        progress.state, error, progress.try_step, progress.impact_speed, max(progress.impact_error, impact),
-        progress.fidelity, progress.stiffness, progress.damping, progress.excess, progress.sinking, progress.depth,
-        progress.adrift,
+    return RunState(
+        run_state.state, error, run_state.try_step, run_state.impact_speed, max(run_state.impact_error, impact),
+        run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess, run_state.sinking,
+        run_state.depth, run_state.adrift,
     )  # fmt: skip
 
 
 @in_kernel
-def fastest_impact(progress: Progress) -> float:
+def fastest_impact(run_state: RunState) -> float:
     """Largest rate [m/s] at which the contact may have begun; 0 while apart."""
-    return 0.0 if math.isnan(progress.impact_speed) else abs(progress.impact_speed) + progress.impact_error
+    return 0.0 if math.isnan(run_state.impact_speed) else abs(run_state.impact_speed) + run_state.impact_error
 
 
 @in_kernel
-def gone_on(advance: Advance, progress: Progress, evaluations: int) -> Advance:
+def gone_on(result: TickResult, run_state: RunState, evaluations: int) -> TickResult:
     """An answer with another progress, and more evaluations."""
-    return Advance(
-        progress, advance.depth, advance.rate, advance.force, advance.error_estimate, advance.force_error_estimate,
-        advance.evaluations + evaluations, advance.reached, advance.converged, advance.height, advance.fidelity,
+    return TickResult(
+        run_state, result.depth, result.rate, result.force, result.error_estimate, result.force_error_estimate,
+        result.evaluations + evaluations, result.reached, result.converged, result.height, result.fidelity,
     )  # fmt: skip

@@ -86,7 +86,7 @@ EXACT = CarriedError(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @in_kernel
-def carry(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
+def propagated(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
     """Carry an error over `h` [s] by m ë = -stiffness e - damping ė."""
     spring = stiffness / mass
     even, odd, half_rate = response(spring, damping / mass, h)
@@ -106,7 +106,7 @@ def carry_on(
     spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
     if h * h * spring > SLOW or not 0.5 < grown < 2.0:
-        return carry(error, middle, damping, mass, h)
+        return propagated(error, middle, damping, mass, h)
     shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     even, odd, half_rate = response(spring, drag, h)
     a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
@@ -133,13 +133,13 @@ def with_step(error: CarriedError, local: StateError, unknown: float, held: floa
     """The error behind a step with an estimated error of its own, of which a part is `unknown`; `held`: see `reach`."""
     h, v = local.height, local.velocity
     swing = held * h
-    aside = TURNED * TURNED * (swing * swing + v * v)
+    never_inlined = TURNED * TURNED * (swing * swing + v * v)
     return CarriedError(
         error.height + STEPWISE * h,
         error.velocity + STEPWISE * v,
-        error.hh + unknown * unknown * h * h + aside / (held * held),
+        error.hh + unknown * unknown * h * h + never_inlined / (held * held),
         error.hv + unknown * unknown * h * v,
-        error.vv + unknown * unknown * v * v + aside,
+        error.vv + unknown * unknown * v * v + never_inlined,
     )
 
 
@@ -271,7 +271,7 @@ def decay_rate(stiffness: float, damping: float, mass: float) -> float:
 
 
 @in_kernel
-def swiftness(stiffness: float, damping: float, mass: float) -> float:
+def spectral_radius(stiffness: float, damping: float, mass: float) -> float:
     """Largest rate [1/s] of the linearised contact: the modulus of its faster eigenvalue."""
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
@@ -307,7 +307,7 @@ def swing(stage: Stage, load: float, load_rate: float, mass: float) -> float:
 
 
 @in_kernel
-def behind_jump(error: CarriedError, rate: float, jump: float, off: float, mass: float, longest: float) -> CarriedError:
+def saltation(error: CarriedError, rate: float, jump: float, off: float, mass: float, longest: float) -> CarriedError:
     """Error behind a boundary met at a `rate` [m/s] of the depth, where the force jumps [N].
 
     A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but

@@ -16,9 +16,9 @@ _Interface = TypeVar("_Interface", bound=type)
 
 FUNCTIONS: list[Callable[..., Any]] = []
 """All marked functions"""
-INLINED: list[Callable[..., Any]] = []
+ALWAYS_INLINED: list[Callable[..., Any]] = []
 """Those of them that are made a part of their callers"""
-ASIDE: list[Callable[..., Any]] = []
+NEVER_INLINED: list[Callable[..., Any]] = []
 """Those of them that are kept out of their callers"""
 METHODS: dict[str, inspect.Signature] = {}
 """All marked methods by name; none may be the name of a named tuple's field, too"""
@@ -30,22 +30,22 @@ def in_kernel(function: _Function) -> _Function:
     return function
 
 
-def inlined(function: _Function) -> _Function:
+def always_inlined(function: _Function) -> _Function:
     """Mark a function of the way that every tick goes: compiled as a part of its callers, which is quicker to run.
 
     It takes longer to compile, so it is for functions with few callers.
     """
-    INLINED.append(function)
+    ALWAYS_INLINED.append(function)
     return in_kernel(function)
 
 
-def aside(function: _Function) -> _Function:
+def never_inlined(function: _Function) -> _Function:
     """Mark a function that is large, or off the way of most ticks: compiled once, and called.
 
     A compiler that is left to itself copies the search for the contact into all places that ask for it, and takes
     minutes over the result.
     """
-    ASIDE.append(function)
+    NEVER_INLINED.append(function)
     return in_kernel(function)
 
 

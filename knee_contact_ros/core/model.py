@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import contract
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
 from knee_contact_ros.core.levels import PrescribedHeight
 from knee_contact_ros.core.levels.auto import Auto
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Level, Scene
 from knee_contact_ros.core.types import ROW, Contact, Rows, blank
 
@@ -69,7 +69,7 @@ class KneeModel:
     """The surfaces"""
     mechanism: Mechanism
     """Where the femoral reference point lies along x"""
-    regions: Regions
+    modes: ContactModes
     """The contact law, clamped or not"""
     mass: float
     """Of the femur [kg]"""
@@ -95,18 +95,18 @@ class KneeModel:
         Raises:
             ValueError: it breaks the contract of `ContactLaw`.
         """
-        contract.check(self.regions.law)
+        contract.check(self.modes.law)
         object.__setattr__(self, "femoral_radius", radius_of(self.pair.femur))
 
     @property
     def plausible_depth(self) -> float:
         """Depth [m] beyond which an answer is `IMPLAUSIBLE`."""
-        return plausible_depth(self.regions.law, self.femoral_radius)
+        return plausible_depth(self.modes.law, self.femoral_radius)
 
     @property
     def cartilage_thickness(self) -> float:
         """Depth [m] at which the second layer begins; infinite for a law with one layer."""
-        layers = self.regions.law.layers
+        layers = self.modes.law.layers
         return layers[1].begin if len(layers) > 1 else math.inf
 
     @property
@@ -114,7 +114,7 @@ class KneeModel:
         """The model as the kernel takes it: numbers and named tuples."""
         level = PrescribedHeight() if self.height_prescribed else self.level
         return Scene(
-            self.pair, self.mechanism, self.regions, self.mass, self.tolerance, self.force_tolerance, self.budget,
+            self.pair, self.mechanism, self.modes, self.mass, self.tolerance, self.force_tolerance, self.budget,
             level, self.plausible_depth,
         )  # fmt: skip
 

@@ -6,13 +6,13 @@ import math
 from typing import NamedTuple, Protocol
 
 from knee_contact_ros.core.adrift import FOUND, Adrift
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.types import Fidelity
 
 DYNAMIC = int(Fidelity.DYNAMIC)
@@ -22,7 +22,7 @@ DYNAMIC = int(Fidelity.DYNAMIC)
 class Level(Protocol):
     """The equations that a tick solves, of the table `LEVELS` (`levels/__init__.py`)."""
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
         """Carry the femur over an interval; `spent` are the evaluations that the tick has cost already."""
         ...
 
@@ -32,7 +32,7 @@ class Scene(NamedTuple):
 
     pair: ContactPair
     mechanism: Mechanism
-    regions: Regions
+    modes: ContactModes
     mass: float
     """[kg]"""
     tolerance: float
@@ -47,7 +47,7 @@ class Scene(NamedTuple):
     """[m] beyond which a depth makes no sense"""
 
 
-class Progress(NamedTuple):
+class RunState(NamedTuple):
     """Where a run stands: all that one tick hands to the next."""
 
     state: FemurState
@@ -76,10 +76,10 @@ class Progress(NamedTuple):
     """Bounds of the exact solution where its estimate has been lost"""
 
 
-class Advance(NamedTuple):
+class TickResult(NamedTuple):
     """The contact at the end of a tick."""
 
-    progress: Progress
+    run_state: RunState
     depth: float
     """[m] signed: < 0 apart"""
     rate: float
@@ -102,7 +102,7 @@ class Advance(NamedTuple):
 
 
 @in_kernel
-def impact_of(start: Progress) -> tuple[float, float]:
+def impact_of(start: RunState) -> tuple[float, float]:
     """How the contact of a level that never flies began [m/s], and its error: as the present one did, else at rest."""
     if math.isnan(start.impact_speed):
         return 0.0, velocity_reach(start.error)
@@ -110,15 +110,17 @@ def impact_of(start: Progress) -> tuple[float, float]:
 
 
 @in_kernel
-def begin_with(state: FemurState, impact_speed: float, depth: float) -> Progress:
+def begin_with(state: FemurState, impact_speed: float, depth: float) -> RunState:
     """How a run begins in a state; `impact_speed` [m/s] is not a number apart, `depth` [m] is signed."""
-    return Progress(state, EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND)
+    return RunState(state, EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND)
 
 
 @in_kernel
-def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float) -> Advance:
+def at_height(
+    scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float
+) -> TickResult:
     """The contact in a prescribed state: height [m] and velocity [m/s] with their depth [m] and its rate [m/s]."""
-    layers = scene.regions.law.layers
+    layers = scene.modes.law.layers
     index = -1
     for layer in layers:
         if layer.begin < depth:
@@ -127,6 +129,8 @@ def at_height(scene: Scene, height: float, velocity: float, depth: float, rate: 
     if index >= 0:
         touched = 0.0 if math.isnan(impact_speed) else impact_speed
         force, _, _ = layers[index].formula.force_at(depth, rate, touched)
-    progress = begin_with(FemurState(height, velocity), impact_speed, depth)
-    exerted = force if scene.regions.allow_tension else max(force, 0.0)
-    return Advance(progress, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True, height, DYNAMIC)
+    run_state = begin_with(FemurState(height, velocity), impact_speed, depth)
+    exerted = force if scene.modes.allow_tension else max(force, 0.0)
+    return TickResult(
+        run_state, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True, height, DYNAMIC
+    )

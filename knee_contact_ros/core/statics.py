@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
 from knee_contact_ros.core.contact_pairs.base import Touch
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 MAX_ITERATIONS = 200
 NO_LIMIT = 1_000_000
@@ -46,7 +46,7 @@ class StaticContact(NamedTuple):
     evaluations: int
 
 
-@aside
+@never_inlined
 def static_contact(
     law: ContactLaw, touch: Touch, load: float, near_height: float, near_depth: float, resolution: float,
     most: int,

@@ -7,6 +7,7 @@ import sys
 from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import LayerFormula
+from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode
 from knee_contact_ros.core.error_estimate import (
     HORIZON,
     TINY,
@@ -22,14 +23,13 @@ from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, STAGES
 from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, PARTS, free_flight_step
 from knee_contact_ros.core.integrators.massless import massless_step
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at
-from knee_contact_ros.core.regions import NOWHERE, Region
 from knee_contact_ros.core.scene import Scene
 
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
-MEMORY = 1.0
+FORGETTING = 1.0
 """How long [s] an error is taken to count where nothing damps it."""
 ROUNDING = 4.0 * sys.float_info.epsilon
 """Part of a height or a velocity below which an estimated error is rounding, which no smaller step can cure."""
@@ -67,7 +67,7 @@ class Landing(NamedTuple):
 NO_LANDING = Landing(0.0, 0.0)
 
 
-class Going(NamedTuple):
+class StepperState(NamedTuple):
     """A tick on its way."""
 
     s: float
@@ -76,7 +76,7 @@ class Going(NamedTuple):
     error: CarriedError
     try_step: float
     """Duration [s] that the next step should try"""
-    swiftness: float
+    spectral_radius: float
     """Largest rate [1/s] of the contact as it is now"""
     impact_speed: float
     """Rate [m/s] at which the present contact began; not a number while apart"""
@@ -93,65 +93,67 @@ class Going(NamedTuple):
 
 @in_kernel
 def controlled_step(
-    scene: Scene, interval: Interval, going: Going, region: Region, until: float
-) -> tuple[Going, Step, float]:
+    scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, until: float
+) -> tuple[StepperState, Step, float]:
     """A step towards `until` [s] whose estimated error fits the tolerance, and its duration [s]; not yet taken."""
-    remaining = until - going.s
-    h = min(going.try_step, remaining) if region.pressing else remaining
-    if going.swiftness * h > EXPLICIT and going.swiftness * remaining <= MOST_EXPLICIT * EXPLICIT:
-        h = remaining / math.ceil(going.swiftness * remaining / EXPLICIT) if region.pressing else h
+    remaining = until - stepper.s
+    h = min(stepper.try_step, remaining) if mode.pressing else remaining
+    if stepper.spectral_radius * h > EXPLICIT and stepper.spectral_radius * remaining <= MOST_EXPLICIT * EXPLICIT:
+        h = remaining / math.ceil(stepper.spectral_radius * remaining / EXPLICIT) if mode.pressing else h
     while True:
-        going, step = attempt(scene, interval, going, region, h, NOWHERE)
-        if not region.pressing or going.given_up:
-            return going, step, h
-        ratio = error_ratio(scene, interval, going, step, h)
+        stepper, step = attempt(scene, interval, stepper, mode, h, NOWHERE)
+        if not mode.pressing or stepper.given_up:
+            return stepper, step, h
+        ratio = error_ratio(scene, interval, stepper, step, h)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
         if ratio <= 1.0:
-            try_step = h * factor if h < remaining else max(going.try_step, h * factor)
-            return trying(going, try_step), step, h
+            try_step = h * factor if h < remaining else max(stepper.try_step, h * factor)
+            return trying(stepper, try_step), step, h
         h *= max(0.1, factor)
         if not until + h > until:
-            return giving_up(going), step, h
+            return giving_up(stepper), step, h
 
 
-@aside
-def attempt(scene: Scene, interval: Interval, going: Going, region: Region, h: float, known: int) -> tuple[Going, Step]:
-    """One step of `h` [s] by the region's formula, wherever it leads; `known` is the boundary it is to end on."""
-    least = WATCHED if region.layer >= 0 and not region.pressing else 3 * STAGES
-    if going.evaluations + least >= going.most or going.events >= MAX_EVENTS:
-        return giving_up(going), no_step(going.state)
-    motion = motion_in(scene, interval, going, region, known)
-    if not region.pressing:
-        step = free_flight_step(motion, going.s, going.state, h)
-    elif going.swiftness * h <= EXPLICIT:
+@never_inlined
+def attempt(
+    scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, h: float, known: int
+) -> tuple[StepperState, Step]:
+    """One step of `h` [s] by the mode's formula, wherever it leads; `known` is the boundary it is to end on."""
+    least = WATCHED if mode.layer >= 0 and not mode.pressing else 3 * STAGES
+    if stepper.evaluations + least >= stepper.most or stepper.events >= MAX_EVENTS:
+        return giving_up(stepper), no_step(stepper.state)
+    motion = motion_in(scene, interval, stepper, mode, known)
+    if not mode.pressing:
+        step = free_flight_step(motion, stepper.s, stepper.state, h)
+    elif stepper.spectral_radius * h <= EXPLICIT:
         if scene.mass > 0.0:
-            step = fehlberg_step(motion, going.s, going.state, h)
+            step = fehlberg_step(motion, stepper.s, stepper.state, h)
         else:
-            step = massless_step(motion, going.s, going.state, h)
+            step = massless_step(motion, stepper.s, stepper.state, h)
     else:
         order, reduced = orders(interval, h)
-        most = going.most - going.evaluations - 3 * STAGES
-        step = doubled_step(motion, order, reduced, going.s, going.state, h, NEWTON_SHARE * scene.tolerance, most)
-    return spending(going, step.evaluations, False), step
+        most = stepper.most - stepper.evaluations - 3 * STAGES
+        step = doubled_step(motion, order, reduced, stepper.s, stepper.state, h, NEWTON_SHARE * scene.tolerance, most)
+    return spending(stepper, step.evaluations, False), step
 
 
 @in_kernel
-def motion_in(scene: Scene, interval: Interval, going: Going, region: Region, known: int) -> Motion:
+def motion_in(scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, known: int) -> Motion:
     """What a step computes with."""
-    impact_speed = 0.0 if math.isnan(going.impact_speed) else going.impact_speed
-    return Motion(interval, scene.regions, region, impact_speed, scene.mass, known)
+    impact_speed = 0.0 if math.isnan(stepper.impact_speed) else stepper.impact_speed
+    return Motion(interval, scene.modes, mode, impact_speed, scene.mass, known)
 
 
 @in_kernel
-def error_ratio(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
+def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
     """Estimated error of a step over what it may be: all steps that still count share the tolerance."""
     if not step.solved:
         return math.inf
     ratio = local_ratio(
-        scene, load_at(interval, going.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
-        step.damping, step.leapt, h, going.impact_speed > 0.0,
+        scene, load_at(interval, stepper.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
+        step.damping, step.leapt, h, stepper.impact_speed > 0.0,
     )  # fmt: skip
-    lost = StateError(0.0, lost_in(scene, interval, going, step, h))
+    lost = StateError(0.0, lost_in(scene, interval, stepper, step, h))
     ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
         LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
     )
@@ -175,11 +177,11 @@ def local_ratio(
         max(abs(error.velocity) - ROUNDING * speed, 0.0),
     )
     # A leap is met once: its error is not one of many that add up while the contact remembers them.
-    memory = max(decay_rate(stiffness, damping, mass), 1.0 / MEMORY)
+    memory = max(decay_rate(stiffness, damping, mass), 1.0 / FORGETTING)
     forgotten = 1.0 if leapt > 0.0 else min(1.0, h * memory)
     whole = depth_error(above_rounding, stiffness, damping, mass) / forgotten + h * leapt
     lets_go = force < RELEASE * (begin_force - force) or force > REBOUND * load
-    if lets_go and not scene.regions.allow_tension:
+    if lets_go and not scene.modes.allow_tension:
         # What errs in the velocity then is carried into the flight.
         whole = max(whole, THROWN * depth_error(above_rounding, 0.0, 0.0, mass))
     allowed = wanted(scene, stiffness, damping)
@@ -188,7 +190,7 @@ def local_ratio(
         # What swings on and on can be followed only as long as its error is small beside the swing.
         swing = max(abs(begin_force), abs(force)) / stiffness
         allowed = min(allowed, FOLLOWED * math.sqrt(swing * swing + state.velocity * state.velocity * mass / stiffness))
-    if landed and (lasts or len(scene.regions.law.layers) > 1) and not scene.regions.allow_tension:
+    if landed and (lasts or len(scene.modes.law.layers) > 1) and not scene.modes.allow_tension:
         # It goes into the next flight; another layer may damp less than this one.
         allowed = allowed / THROWN
     return whole / (LOCAL_SHARE * allowed)
@@ -205,9 +207,9 @@ def wanted(scene: Scene, stiffness: float, damping: float) -> float:
 
 
 @in_kernel
-def lost_in(scene: Scene, interval: Interval, going: Going, step: Step, h: float) -> float:
+def lost_in(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
     """Speed [m/s] of the oscillation that a step has lost."""
-    return lost_swing(step, load_at(interval, going.s), interval.load_rate, scene.mass, h)
+    return lost_swing(step, load_at(interval, stepper.s), interval.load_rate, scene.mass, h)
 
 
 @in_kernel
@@ -216,18 +218,20 @@ def orders(interval: Interval, h: float) -> tuple[int, int]:
 
     A spline's third derivative jumps at its points, and its first over a dent: steps across have lost their order.
     """
-    if abs(interval.angle_rate) * h > interval.pair.grain():
+    if abs(interval.angle_rate) * h > interval.pair.knot_spacing():
         return 1, 1
-    return (STAGE_ORDER, STAGE_ORDER) if interval.pair.is_dented() else (ORDER, STAGE_ORDER)
+    return (STAGE_ORDER, STAGE_ORDER) if interval.pair.is_non_convex() else (ORDER, STAGE_ORDER)
 
 
 @in_kernel
-def impact_doubt(scene: Scene, going: Going, region: Region, depth: float, rate: float, force: float) -> float:
+def impact_doubt(
+    scene: Scene, stepper: StepperState, mode: ContactMode, depth: float, rate: float, force: float
+) -> float:
     """By how much the force [N] would differ if the contact had begun at the speed that is in error."""
-    if looks_for_doubt(scene, going) == 0:
+    if looks_for_doubt(scene, stepper) == 0:
         return 0.0
-    formula = scene.regions.law.layers[region.layer].formula
-    return doubt_of_impact(formula, depth, rate, force, going.impact_speed, going.impact_error)
+    formula = scene.modes.law.layers[mode.layer].formula
+    return doubt_of_impact(formula, depth, rate, force, stepper.impact_speed, stepper.impact_error)
 
 
 @in_kernel
@@ -241,41 +245,42 @@ def doubt_of_impact(
 
 
 @in_kernel
-def looks_for_doubt(scene: Scene, going: Going) -> int:
+def looks_for_doubt(scene: Scene, stepper: StepperState) -> int:
     """Evaluations of `impact_doubt`."""
-    known = math.isnan(going.impact_speed) or going.impact_error == 0.0
-    return 0 if known or not scene.regions.law.layers[0].formula.remembers_impact() else 2
+    known = math.isnan(stepper.impact_speed) or stepper.impact_error == 0.0
+    return 0 if known or not scene.modes.law.layers[0].formula.remembers_impact() else 2
 
 
 @in_kernel
-def doubtful_push(scene: Scene, going: Going, region: Region, step: Step, h: float) -> float:
+def doubtful_push(scene: Scene, stepper: StepperState, mode: ContactMode, step: Step, h: float) -> float:
     """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it."""
-    if h == 0.0 or not region.pressing:
+    if h == 0.0 or not mode.pressing:
         return 0.0
     end, mass = step.end, scene.mass
     answered = max(holding(step.stiffness, step.damping, mass), 1.0 / h)
-    return impact_doubt(scene, going, region, end.depth, end.rate, end.force) / max(mass * answered, TINY)
+    return impact_doubt(scene, stepper, mode, end.depth, end.rate, end.force) / max(mass * answered, TINY)
 
 
 @in_kernel
-def spending(going: Going, evaluations: int, given_up: bool) -> Going:
+def spending(stepper: StepperState, evaluations: int, given_up: bool) -> StepperState:
     """A tick with more evaluations spent."""
-    return Going(
-        going.s, going.state, going.error, going.try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.evaluations + evaluations, going.events, going.given_up or given_up, going.most, going.landing,
+    return StepperState(
+        stepper.s, stepper.state, stepper.error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed,
+        stepper.impact_error, stepper.evaluations + evaluations, stepper.events, stepper.given_up or given_up,
+        stepper.most, stepper.landing,
     )  # fmt: skip
 
 
 @in_kernel
-def giving_up(going: Going) -> Going:
+def giving_up(stepper: StepperState) -> StepperState:
     """A tick that is given up."""
-    return spending(going, 0, True)
+    return spending(stepper, 0, True)
 
 
 @in_kernel
-def trying(going: Going, try_step: float) -> Going:
+def trying(stepper: StepperState, try_step: float) -> StepperState:
     """A tick with another duration [s] to try."""
-    return Going(
-        going.s, going.state, going.error, try_step, going.swiftness, going.impact_speed, going.impact_error,
-        going.evaluations, going.events, going.given_up, going.most, going.landing,
+    return StepperState(
+        stepper.s, stepper.state, stepper.error, try_step, stepper.spectral_radius, stepper.impact_speed,
+        stepper.impact_error, stepper.evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
     )  # fmt: skip

@@ -22,9 +22,9 @@ from knee_contact_ros.core.error_estimate import (
     velocity_reach,
 )
 from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, touch_at
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene, at_height
+from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
 from knee_contact_ros.core.types import Rows, Status
 
@@ -37,9 +37,9 @@ def _fields(kind: type) -> np.dtype[Any]:
     return np.dtype([(name, kinds.get(hint) or _fields(hint)) for name, hint in get_type_hints(kind).items()])
 
 
-PROGRESS = _fields(Progress)
+RUN_STATE = _fields(RunState)
 MEMORY = np.dtype([
-    ("begun", np.int64), ("angle", np.float64), ("load", np.float64), ("progress", PROGRESS), ("backlog", BACKLOG),
+    ("begun", np.int64), ("angle", np.float64), ("load", np.float64), ("run_state", RUN_STATE), ("backlog", BACKLOG),
 ])  # fmt: skip
 """What a run keeps from tick to tick: whether it has begun, the last tick's angle [rad] and load [N], and where it
 stands; all zeros before the first tick"""
@@ -65,34 +65,34 @@ def run(
     """
     kept = memory[0]
     begun, last_angle, last_load = kept["begun"] != 0, float(kept["angle"]), float(kept["load"])
-    progress, backlog = read_progress(kept["progress"]), kept["backlog"]
+    run_state, backlog = read_run_state(kept["run_state"]), kept["backlog"]
     for i in range(len(durations)):
         angle, load, height, angle_rate = float(angles[i]), float(loads[i]), float(heights[i]), 0.0
         if not begun:
-            advance = start(scene, angle, load, height)
+            result = start(scene, angle, load, height)
         else:
             interval = interval_between(scene, float(durations[i]), last_angle, last_load, angle, load, height)
-            if math.isnan(progress.state.velocity):
-                progress = following_surface(interval, progress)
+            if math.isnan(run_state.state.velocity):
+                run_state = following_surface(interval, run_state)
             angle_rate = interval.angle_rate
-            calm = backlog["count"] == 0 and progress.adrift.stage == NONE
-            calm = calm and not in_doubt(scene, interval, progress)
+            calm = backlog["count"] == 0 and run_state.adrift.stage == NONE
+            calm = calm and not in_doubt(scene, interval, run_state)
             spent, again = 0, True
             if not calm:
-                interval, progress, spent = take_on(scene, backlog, progress, interval)
+                interval, run_state, spent = take_on(scene, backlog, run_state, interval)
             while again:
-                advance = scene.level.advance(scene, interval, progress, spent)
-                if calm and advance.converged:
+                result = scene.level.advance(scene, interval, run_state, spent)
+                if calm and result.converged:
                     break
                 calm = False
-                advance, again = work_off(scene, backlog, interval, progress, advance)
+                result, again = work_off(scene, backlog, interval, run_state, result)
                 if again:
-                    interval, progress = interval_of(scene, backlog, 0), advance.progress
-                    spent = advance.evaluations
-        begun, last_angle, last_load, progress = True, angle, load, advance.progress
-        write_answer(answers[i], scene, angle, angle_rate, load, advance)
+                    interval, run_state = interval_of(scene, backlog, 0), result.run_state
+                    spent = result.evaluations
+        begun, last_angle, last_load, run_state = True, angle, load, result.run_state
+        write_answer(answers[i], scene, angle, angle_rate, load, result)
     kept["begun"], kept["angle"], kept["load"] = begun, last_angle, last_load
-    write_progress(kept["progress"], progress)
+    write_run_state(kept["run_state"], run_state)
 
 
 @in_kernel
@@ -106,8 +106,8 @@ def interval_between(
     )  # fmt: skip
 
 
-@aside
-def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
+@never_inlined
+def start(scene: Scene, angle: float, load: float, height: float) -> TickResult:
     """Contact at rest: under the load, or at the prescribed height; the penetration rate is 0."""
     x, _ = scene.mechanism.translation(angle)
     touch = scene.pair.at(angle, 0.0, x, 0.0)
@@ -115,34 +115,34 @@ def start(scene: Scene, angle: float, load: float, height: float) -> Advance:
         depth, _, _ = touch.touch(height)
         return at_height(scene, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
     most = scene.budget - 2 if scene.budget > 0 else NO_LIMIT
-    static = static_contact(scene.regions.law, touch, load, START_HEIGHT, 0.0, 0.0, most)
+    static = static_contact(scene.modes.law, touch, load, START_HEIGHT, 0.0, 0.0, most)
     _, _, cosine = touch.touch(static.height)
-    progress = Progress(
+    run_state = RunState(
         FemurState(static.height, math.nan), EXACT, math.inf, 0.0, 0.0, DYNAMIC,
         cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, FOUND,
     )  # fmt: skip
-    return Advance(
-        progress, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, static.evaluations < most,
+    return TickResult(
+        run_state, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, static.evaluations < most,
         static.height, DYNAMIC,
     )  # fmt: skip
 
 
-@aside
-def following_surface(interval: Interval, progress: Progress) -> Progress:
+@never_inlined
+def following_surface(interval: Interval, run_state: RunState) -> RunState:
     """The progress behind the static start: the femur follows its turning surface."""
-    _, rate, cosine = touch_at(interval, 0.0).touch(progress.state.height)
-    return Progress(
-        FemurState(progress.state.height, rate / cosine), progress.error, progress.try_step, progress.impact_speed,
-        progress.impact_error, progress.fidelity, progress.stiffness, progress.damping, progress.excess,
-        progress.sinking, progress.depth, progress.adrift,
+    _, rate, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
+    return RunState(
+        FemurState(run_state.state.height, rate / cosine), run_state.error, run_state.try_step, run_state.impact_speed,
+        run_state.impact_error, run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess,
+        run_state.sinking, run_state.depth, run_state.adrift,
     )  # fmt: skip
 
 
 @in_kernel
-def read_progress(kept: Record) -> Progress:
-    """Take the progress out of a record of `PROGRESS`."""
+def read_run_state(kept: Record) -> RunState:
+    """Take the progress out of a record of `RUN_STATE`."""
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
-    return Progress(
+    return RunState(
         FemurState(float(state["height"]), float(state["velocity"])),
         CarriedError(
             float(error["height"]), float(error["velocity"]), float(error["hh"]), float(error["hv"]), float(error["vv"])
@@ -165,46 +165,48 @@ def read_progress(kept: Record) -> Progress:
 
 
 @in_kernel
-def write_progress(kept: Record, progress: Progress) -> None:
-    """Put the progress into a record of `PROGRESS`."""
+def write_run_state(kept: Record, run_state: RunState) -> None:
+    """Put the progress into a record of `RUN_STATE`."""
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
-    state["height"], state["velocity"] = progress.state.height, progress.state.velocity
-    error["height"], error["velocity"] = progress.error.height, progress.error.velocity
-    error["hh"], error["hv"], error["vv"] = progress.error.hh, progress.error.hv, progress.error.vv
-    kept["try_step"], kept["fidelity"] = progress.try_step, progress.fidelity
-    kept["impact_speed"], kept["impact_error"] = progress.impact_speed, progress.impact_error
-    kept["stiffness"], kept["damping"] = progress.stiffness, progress.damping
-    kept["excess"], kept["sinking"], kept["depth"] = progress.excess, progress.sinking, progress.depth
-    adrift["stage"], adrift["energy"] = progress.adrift.stage, progress.adrift.energy
-    adrift["height"], adrift["load"] = progress.adrift.height, progress.adrift.load
-    adrift["rest"], adrift["stored"] = progress.adrift.rest, progress.adrift.stored
-    adrift["pressed"], adrift["least"] = progress.adrift.pressed, progress.adrift.least
-    adrift["begun"], adrift["impact"] = progress.adrift.begun, progress.adrift.impact
+    state["height"], state["velocity"] = run_state.state.height, run_state.state.velocity
+    error["height"], error["velocity"] = run_state.error.height, run_state.error.velocity
+    error["hh"], error["hv"], error["vv"] = run_state.error.hh, run_state.error.hv, run_state.error.vv
+    kept["try_step"], kept["fidelity"] = run_state.try_step, run_state.fidelity
+    kept["impact_speed"], kept["impact_error"] = run_state.impact_speed, run_state.impact_error
+    kept["stiffness"], kept["damping"] = run_state.stiffness, run_state.damping
+    kept["excess"], kept["sinking"], kept["depth"] = run_state.excess, run_state.sinking, run_state.depth
+    adrift["stage"], adrift["energy"] = run_state.adrift.stage, run_state.adrift.energy
+    adrift["height"], adrift["load"] = run_state.adrift.height, run_state.adrift.load
+    adrift["rest"], adrift["stored"] = run_state.adrift.rest, run_state.adrift.stored
+    adrift["pressed"], adrift["least"] = run_state.adrift.pressed, run_state.adrift.least
+    adrift["begun"], adrift["impact"] = run_state.adrift.begun, run_state.adrift.impact
 
 
 @in_kernel
-def write_answer(answer: Record, scene: Scene, angle: float, angle_rate: float, load: float, advance: Advance) -> None:
+def write_answer(
+    answer: Record, scene: Scene, angle: float, angle_rate: float, load: float, result: TickResult
+) -> None:
     """Fill a row with the answer to a tick, but for stamp and latency, which no kernel knows."""
-    depth, height = max(0.0, advance.depth), advance.height
-    layers = scene.regions.law.layers
+    depth, height = max(0.0, result.depth), result.height
+    layers = scene.modes.law.layers
     bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
     x, x_slope = scene.mechanism.translation(angle)
     closest = scene.pair.closest(angle, x, height)
     point_x, point_y = closest.point(x, height)
-    error, force_error, evaluations = advance.error_estimate, advance.force_error_estimate, advance.evaluations
-    if error > NEARLY_STRAIGHT * abs(advance.depth) and advance.depth + error > 0.0:
-        force_error = max(force_error, bent_force_error(scene, advance))
+    error, force_error, evaluations = result.error_estimate, result.force_error_estimate, result.evaluations
+    if error > NEARLY_STRAIGHT * abs(result.depth) and result.depth + error > 0.0:
+        force_error = max(force_error, bent_force_error(scene, result))
         evaluations += 1
-    missed = not (advance.converged and is_exact_enough(scene, error, force_error))
+    missed = not (result.converged and is_exact_enough(scene, error, force_error))
     answer["flexion_angle"], answer["load"] = angle, load
-    answer["contact_force"], answer["penetration_rate"] = advance.force, advance.rate
-    answer["penetration_depth"], answer["gap"] = depth, max(0.0, -advance.depth)
-    answer["sliding_velocity"] = sliding_velocity(closest, x_slope, angle_rate, advance.progress.state.velocity)
+    answer["contact_force"], answer["penetration_rate"] = result.force, result.rate
+    answer["penetration_depth"], answer["gap"] = depth, max(0.0, -result.depth)
+    answer["sliding_velocity"] = sliding_velocity(closest, x_slope, angle_rate, result.run_state.state.velocity)
     answer["contact_point"]["x"], answer["contact_point"]["y"] = point_x, point_y
     answer["femoral_height"], answer["femoral_x"] = height, x
     answer["cartilage_depth"], answer["bone_depth"] = depth - bone, bone
     answer["contact_state"] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
-    answer["fidelity"] = advance.fidelity
+    answer["fidelity"] = result.fidelity
     answer["status"] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if depth > scene.plausible_depth else 0)
     # Not a number is no estimate: it is published as the largest error.
     answer["error_estimate"] = error if error < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
@@ -212,7 +214,7 @@ def write_answer(answer: Record, scene: Scene, angle: float, angle_rate: float, 
     answer["evaluations"] = evaluations
     answer["normal_x"], answer["normal_y"] = closest.normal_x, closest.normal_y
     force, torque = answer["contact_wrench"]["force"], answer["contact_wrench"]["torque"]
-    force_x, force_y = -advance.force * closest.normal_x, -advance.force * closest.normal_y
+    force_x, force_y = -result.force * closest.normal_x, -result.force * closest.normal_y
     force["x"], force["y"], torque["z"] = force_x, force_y, point_x * force_y - point_y * force_x
 
 
@@ -234,11 +236,11 @@ def is_exact_enough(scene: Scene, error: float, force_error: float) -> bool:
     return error <= scene.tolerance and force_kept
 
 
-@aside
-def bent_force_error(scene: Scene, advance: Advance) -> float:
+@never_inlined
+def bent_force_error(scene: Scene, result: TickResult) -> float:
     """By how much [N] the force may be wrong where that of the depth is large against it: the law itself tells."""
-    depth = advance.depth + advance.error_estimate
-    rate = advance.rate + velocity_reach(advance.progress.error)
-    speed = 0.0 if math.isnan(advance.progress.impact_speed) else advance.progress.impact_speed
-    force, _, _ = scene.regions.law.layers[layer_at(scene.regions.law, depth)].formula.force_at(depth, rate, speed)
-    return max(force - advance.force, advance.force)
+    depth = result.depth + result.error_estimate
+    rate = result.rate + velocity_reach(result.run_state.error)
+    speed = 0.0 if math.isnan(result.run_state.impact_speed) else result.run_state.impact_speed
+    force, _, _ = scene.modes.law.layers[layer_at(scene.modes.law, depth)].formula.force_at(depth, rate, speed)
+    return max(force - result.force, result.force)

@@ -15,10 +15,10 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
 from knee_contact_ros.parameters.schema import Parameters, Record
 from knee_contact_ros.sinks.kinds import recorder, viewer
-from knee_contact_ros.sinks.process import PATIENCE, Queue, SinkProcess, Tell
+from knee_contact_ros.sinks.process import PATIENCE, Listeners, Queue, SinkProcess
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names, refuse_impossible
-from knee_contact_ros.view.drawing import Serving, drawing_of
+from knee_contact_ros.view.outlines import Serving, drawing_of
 
 RECORDER, VIEWER = "recorder", "viewer"
 MOST_ENDING = 4
@@ -34,7 +34,7 @@ class Outputs:
         model: KneeModel,
         provenance: Mapping[str, str],
         names: Mapping[str, str],
-        tell: Tell,
+        tell: Listeners,
     ) -> None:
         """Begin all outputs that the parameters ask for; `wait_until_open` then says whether they are open.
 
@@ -146,7 +146,7 @@ class Outputs:
         return recorder(path, self.provenance, self._names, self._recording, self._queue, self._tell, awaited, name)
 
 
-def _viewer(parameters: Parameters, model: KneeModel, knee: str, tell: Tell) -> SinkProcess:
+def _viewer(parameters: Parameters, model: KneeModel, knee: str, tell: Listeners) -> SinkProcess:
     rerun = parameters.rerun
     knees = tuple(name.strip() for name in rerun.knees.split(",")) if rerun.knees else ()
     if knees and (knee not in knees or "" in knees):

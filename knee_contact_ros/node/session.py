@@ -35,7 +35,7 @@ from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
-from knee_contact_ros.sinks.process import Tell
+from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.window import address
 
@@ -95,7 +95,7 @@ class Session:
         self._missed_before = 0
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        tell = Tell(node.get_logger().error, node.get_logger().warning)
+        tell = Listeners(node.get_logger().error, node.get_logger().warning)
         by_user = QoSOverridingOptions.with_default_policies()
         offered = {KNEE_CONTACT: KneeContact, KNEE_CONTACT_WRENCH: WrenchStamped, "/diagnostics": DiagnosticArray}
         try:

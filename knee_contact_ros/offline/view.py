@@ -45,7 +45,7 @@ DRAWN = ".rrd"
 """How the name of a Rerun file ends"""
 
 
-class Way(NamedTuple):
+class ViewOptions(NamedTuple):
     """How to see them; on a screen of this machine if nothing else is said."""
 
     save: Path | None = None
@@ -58,7 +58,7 @@ class Way(NamedTuple):
 
 
 @interrupted_by_sigterm()
-def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
+def run_view(sources: Sequence[str], parameters: Parameters, way: ViewOptions) -> None:
     """Show recordings, gait bags, Rerun files or what nodes serve.
 
     `parameters` are those of files that do not tell theirs.
@@ -94,7 +94,7 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: Way) -> None:
             present(path, way)
 
 
-def present(path: Path, way: Way) -> None:
+def present(path: Path, way: ViewOptions) -> None:
     """Show a Rerun file."""
     if way.serve:
         serve(path, way.port)
@@ -102,7 +102,7 @@ def present(path: Path, way: Way) -> None:
         look([str(executable()), *hidden(), str(path)])
 
 
-def drawn_already(sources: Sequence[str], way: Way) -> Path:
+def drawn_already(sources: Sequence[str], way: ViewOptions) -> Path:
     """The Rerun file that is the only source."""
     path = Path(sources[0])
     if len(sources) > 1 or way.save:
@@ -112,7 +112,7 @@ def drawn_already(sources: Sequence[str], way: Way) -> Path:
     return path
 
 
-def check(way: Way) -> None:
+def check(way: ViewOptions) -> None:
     """Tell before any work that it would be in vain.
 
     Raises:

@@ -11,6 +11,7 @@ from typing import Any
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
 from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.geometries import Circle, Profile
@@ -18,7 +19,6 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.parameters.plausibility import doubts_about
 from knee_contact_ros.parameters.reading import load_parameters
@@ -61,7 +61,7 @@ def build_model(
     model = KneeModel(
         pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
         mechanism=mechanism(parameters.translation, texts),
-        regions=law,
+        modes=law,
         mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance,
         budget=parameters.fidelity.budget,
@@ -82,13 +82,13 @@ def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
     Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
     """
     return replace(
-        model, regions=contact_law(parameters.contact), mass=parameters.femur.mass,
+        model, modes=contact_law(parameters.contact), mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance, force_tolerance=parameters.fidelity.force_tolerance,
         budget=parameters.fidelity.budget,
     )  # fmt: skip
 
 
-def contact_law(contact: ContactParameters) -> Regions:
+def contact_law(contact: ContactParameters) -> ContactModes:
     """The contact law by its name, with the parameters that its signature asks for.
 
     Raises:
@@ -102,7 +102,7 @@ def contact_law(contact: ContactParameters) -> Regions:
         contract.check(law)
     except ValueError as error:
         raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
-    return Regions(law, contact.allow_tension)
+    return ContactModes(law, contact.allow_tension)
 
 
 def material_stiffness(contact: ContactParameters) -> dict[str, float]:

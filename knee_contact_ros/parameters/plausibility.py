@@ -102,7 +102,7 @@ def _per_millimetre(contact: ContactParameters, stiffness: float) -> str:
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     """What is to be said of parameters, and the watch for a run of their model."""
     limit = model.plausible_depth
-    law = model.regions.law
+    law = model.modes.law
     return Doubts(limit, _beyond(law, limit), parameter_doubts(parameters, law, limit))
 
 

@@ -7,9 +7,9 @@ from operator import attrgetter
 from pathlib import Path
 
 from knee_contact_ros.bags.writer import Settings
-from knee_contact_ros.sinks.process import Handling, Queue, SinkProcess, Tell
+from knee_contact_ros.sinks.process import Listeners, Queue, SinkOptions, SinkProcess
 from knee_contact_ros.sinks.protocol import Job
-from knee_contact_ros.view.drawing import Drawing, Serving
+from knee_contact_ros.view.outlines import KneeOutlines, Serving
 
 VIEWERS_NICENESS = 10
 """A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
@@ -21,7 +21,7 @@ def recorder(
     names: Mapping[str, str],
     settings: Settings,
     queue: Queue,
-    tell: Tell,
+    tell: Listeners,
     awaited: bool = False,
     name: Path | None = None,
 ) -> SinkProcess:
@@ -30,15 +30,15 @@ def recorder(
     See `answer_recorder.open_output` and `SinkProcess`.
     """
     job = Job("knee_contact_ros.bags.answer_recorder", (path, dict(provenance), dict(names), settings))
-    handling = Handling(attrgetter("records"), queue, "record", gaps_allowed=False)
+    handling = SinkOptions(attrgetter("records"), queue, "record", gaps_allowed=False)
     return SinkProcess("recording", str(name or path), job, handling, tell, awaited)
 
 
 def viewer(
-    path: Path | None, serving: Serving, drawing: Drawing, queue: Queue, tell: Tell, awaited: bool = False
+    path: Path | None, serving: Serving, drawing: KneeOutlines, queue: Queue, tell: Listeners, awaited: bool = False
 ) -> SinkProcess:
     """A process that writes a Rerun file or, without a `path`, serves; see `view.output.open_output`, `SinkProcess`."""
     job = Job("knee_contact_ros.view.output", (path, serving, drawing))
-    handling = Handling(attrgetter("row"), queue, "rerun", gaps_allowed=True, niceness=VIEWERS_NICENESS)
+    handling = SinkOptions(attrgetter("row"), queue, "rerun", gaps_allowed=True, niceness=VIEWERS_NICENESS)
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
     return SinkProcess(kind, str(path or ""), job, handling, tell, awaited)

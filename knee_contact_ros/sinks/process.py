@@ -57,7 +57,7 @@ class Queue(NamedTuple):
     """[B] of memory, about"""
 
 
-class Handling(NamedTuple):
+class SinkOptions(NamedTuple):
     """How a sink's answers are handled in the node."""
 
     part: Callable[[Answer], Any]
@@ -71,7 +71,7 @@ class Handling(NamedTuple):
     """Added to the node's"""
 
 
-class Tell(NamedTuple):
+class Listeners(NamedTuple):
     """Who is told, from a thread of a sink."""
 
     failure: Callable[[str], None]
@@ -90,7 +90,7 @@ class SinkProcess:
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(self, kind: str, name: str, job: Job, handling: Handling, tell: Tell, awaited: bool) -> None:
+    def __init__(self, kind: str, name: str, job: Job, handling: SinkOptions, tell: Listeners, awaited: bool) -> None:
         """Begin.
 
         `kind` and `name` stand for the output in messages; the name may turn out to be another one. That it cannot be

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.view.drawing import Drawing
+from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.plots import (
     BODY_WEIGHTS,
     CONTACT_POINT,
@@ -33,7 +33,7 @@ CELLS = 9
 DARK = (16, 17, 20)
 
 
-def blueprint(drawings: Sequence[Drawing], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
+def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
     """The layout for these knees, with or without the latency; the view may follow the newest answers."""
     plots = [plot for plot in PLOTS if latency or not plot.live]
     arranged = _one if len(drawings) == 1 else _beside
@@ -53,7 +53,7 @@ def blueprint(drawings: Sequence[Drawing], latency: bool = False, follow: bool =
     )
 
 
-def _one(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
+def _one(drawing: KneeOutlines, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
     """A knee that has the screen for itself: nine cells beside the planes, none of them empty."""
     cells: dict[str, rrb.View | rrb.Container] = {**plots, "states": states}
     if len(cells) > CELLS:
@@ -64,7 +64,7 @@ def _one(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> r
     )
 
 
-def _beside(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
+def _beside(drawing: KneeOutlines, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
     """A knee in a column of its own: what is looked at less lies behind."""
     in_front = [plots[path] for path in (FLEXION, CONTACT_POINT, BODY_WEIGHTS, DEPTHS)]
     flexion, point, force, depth = in_front
@@ -83,14 +83,14 @@ def _beside(drawing: Drawing, plots: Mapping[str, rrb.View], states: rrb.View) -
     )
 
 
-def _plane(drawing: Drawing) -> rrb.Spatial2DView:
+def _plane(drawing: KneeOutlines) -> rrb.Spatial2DView:
     extent = extent_of(drawing)
     bounds = rrb.VisualBounds2D(x_range=[-1.3 * extent, 1.3 * extent], y_range=[-2.3 * extent, 0.6 * extent])
     title = f"{drawing.knee}: sagittal [mm], arrow {NEWTONS_PER_MM:g} N/mm"
     return _spatial(drawing, title, "$origin/**", bounds)
 
 
-def _close(drawing: Drawing) -> rrb.Spatial2DView:
+def _close(drawing: KneeOutlines) -> rrb.Spatial2DView:
     low, high = drawing.contact_range
     middle, half = 0.5 * MM * (low + high), 0.5 * MM * (high - low) + CLOSE
     height = -MM * float(drawing.tibia[abs(drawing.tibia[:, 0]).argmin(), 1])
@@ -101,7 +101,9 @@ def _close(drawing: Drawing) -> rrb.Spatial2DView:
     return _spatial(drawing, f"{drawing.knee}: contact, overlap and path [mm]", contents, bounds)
 
 
-def _spatial(drawing: Drawing, name: str, contents: str | list[str], bounds: rrb.VisualBounds2D) -> rrb.Spatial2DView:
+def _spatial(
+    drawing: KneeOutlines, name: str, contents: str | list[str], bounds: rrb.VisualBounds2D
+) -> rrb.Spatial2DView:
     root = f"{drawing.knee}/{SAGITTAL}"
     recent = rrb.VisibleTimeRange(
         TIMELINE,

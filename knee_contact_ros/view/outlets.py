@@ -11,9 +11,9 @@ import rerun as rr
 
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import claim, open_claimed, take_name
-from knee_contact_ros.view.drawing import Drawing
 from knee_contact_ros.view.gate import Gate
 from knee_contact_ros.view.layout import blueprint
+from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.piped import PipedFile
 from knee_contact_ros.view.visitors import unguessable_address
 from knee_contact_ros.view.window import LOCALHOST
@@ -43,7 +43,9 @@ class Outlet(Protocol):
 class RerunFile:
     """An `.rrd` file with its blueprint; it appears under its final name when it is complete."""
 
-    def __init__(self, path: Path, drawings: Sequence[Drawing], latency: bool = False, overwrite: bool = False) -> None:
+    def __init__(
+        self, path: Path, drawings: Sequence[KneeOutlines], latency: bool = False, overwrite: bool = False
+    ) -> None:
         """Open the file for these knees; `latency` says whether there will be some.
 
         Raises:
@@ -89,7 +91,7 @@ class Served:
 
     name = ""
 
-    def __init__(self, port: int, drawings: Sequence[Drawing], recording_id: str | None = None) -> None:
+    def __init__(self, port: int, drawings: Sequence[KneeOutlines], recording_id: str | None = None) -> None:
         """Listen on the loopback interface; pages of other sites are refused (403).
 
         Rerun's own server answers everybody, so it gets an address that nobody can guess.

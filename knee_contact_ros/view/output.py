@@ -10,8 +10,8 @@ import numpy as np
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.system.output_files import all_names, refuse_impossible
-from knee_contact_ros.view.drawing import Drawing, Serving
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
+from knee_contact_ros.view.outlines import KneeOutlines, Serving
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window
 
@@ -88,7 +88,7 @@ class Viewer:
             self._batch = []
 
 
-def open_output(path: Path | None, serving: Serving, drawing: Drawing) -> Viewer:
+def open_output(path: Path | None, serving: Serving, drawing: KneeOutlines) -> Viewer:
     """Open what a sink's process shows a knee on: a file, or without a `path` a server.
 
     Raises:

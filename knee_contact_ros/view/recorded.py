@@ -14,7 +14,7 @@ from knee_contact_ros.messages.topics import KNEE, knee_name
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.view.drawing import Drawing, drawing_of
+from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.sagittal import Pictures
 
 LONGEST_NAME = 80
@@ -29,7 +29,7 @@ class RecordedKnee(NamedTuple):
     """Absolute name of that of its answers"""
     model: KneeModel
     """Its surfaces and how they move"""
-    drawing: Drawing
+    drawing: KneeOutlines
     changes: tuple[Change, ...]
     """What happened to the node meanwhile"""
     known: bool

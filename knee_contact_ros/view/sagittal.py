@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, FORCE, NAME_OF_STATE, OF_STATE, SURFACE, WAY
-from knee_contact_ros.view.drawing import Drawing
+from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.overlap import overlaps
 
 MM = 1e3
@@ -37,7 +37,7 @@ Send = Callable[[str, Any], None]
 """Takes an entity's path and what to show there"""
 
 
-def plane_still(drawing: Drawing, send: Send) -> None:
+def plane_still(drawing: KneeOutlines, send: Send) -> None:
     """Send what does not change."""
     femur, extent = drawing.femur * ON_SCREEN, extent_of(drawing)
     send(f"{FEMUR}/surface", rr.LineStrips2D([femur], colors=[SURFACE], radii=[WIDE]))
@@ -67,7 +67,7 @@ class Pictures:
         return new
 
 
-def plane_moving(drawing: Drawing, shown: Rows, layer: float, send: Send) -> None:
+def plane_moving(drawing: KneeOutlines, shown: Rows, layer: float, send: Send) -> None:
     """Send pictures, at least one; the second layer begins at the depth `layer` [m]."""
     zero = np.zeros(len(shown))
     half = -0.5 * shown["flexion_angle"]  # the screen's y points down, so a turn changes its sign
@@ -83,7 +83,7 @@ def plane_moving(drawing: Drawing, shown: Rows, layer: float, send: Send) -> Non
     send(OVERLAP, _overlap(drawing, shown, layer))
 
 
-def extent_of(drawing: Drawing) -> float:
+def extent_of(drawing: KneeOutlines) -> float:
     """How far the femur reaches from its reference point [mm]."""
     return MM * float(np.hypot(*drawing.femur.T).max())
 
@@ -96,7 +96,7 @@ def turned(femur: NDArray[np.float64], shown: Rows) -> NDArray[np.float64]:
     return np.stack([x, y], axis=2)
 
 
-def _overlap(drawing: Drawing, shown: Rows, layer: float) -> Any:
+def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
     """Upright lines where the outlines overlap, in the colour of the layer that is reached there."""
     radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
     found = overlaps(

@@ -12,7 +12,7 @@ import rerun as rr
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE
-from knee_contact_ros.view.drawing import Drawing
+from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, PLOTS
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
 from knee_contact_ros.view.sagittal import SAGITTAL, Pictures, plane_moving, plane_still
@@ -37,7 +37,7 @@ class Scene:
     def __init__(
         self,
         recording: rr.RecordingStream,
-        drawing: Drawing,
+        drawing: KneeOutlines,
         latency: bool = False,
         pause: float = 0.0,
         forgetful: bool = False,

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from knee_contact_ros.compiled import compiled
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.types import blank
 from studies.accuracy import CIRCLE, DAMPING, EXPONENT, K1, K2, LAYER, MASS, TOLERANCES, A
 from studies.report import Section, machine, save
@@ -86,9 +86,9 @@ def problems() -> list[Problem]:
 
 def model_of(problem: Problem, tolerance: float) -> KneeModel:
     """The compiled model."""
-    regions = Regions(problem.law, allow_tension=False)
+    modes = ContactModes(problem.law, allow_tension=False)
     level = LEVELS["dynamic"]
-    return compiled(KneeModel(CIRCLE.pair, CIRCLE.mechanism, regions, problem.mass, tolerance, 0, level=level))
+    return compiled(KneeModel(CIRCLE.pair, CIRCLE.mechanism, modes, problem.mass, tolerance, 0, level=level))
 
 
 def series(problem: Problem, count: int) -> tuple[Floats, Floats]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from knee_contact_ros.compiled import compiled
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import OnPlane
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.regions import Regions
 from studies.ellipse import Ellipse
 from studies.honesty.scenes import Scene
 
@@ -22,7 +22,7 @@ def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tole
     model = KneeModel(
         pair=OnPlane(Ellipse(*map(float, scene.half_axes)), scene.slope),
         mechanism=Hinge(),
-        regions=Regions(CONTACT_LAWS[scene.law](**scene.arguments), scene.allow_tension),
+        modes=ContactModes(CONTACT_LAWS[scene.law](**scene.arguments), scene.allow_tension),
         mass=scene.mass,
         tolerance=tolerance,
         budget=budget,

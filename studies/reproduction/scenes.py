@@ -86,7 +86,7 @@ def static_depth(load: float, *files: str, changes: Changes = ()) -> float:
 
 def static_force(depth: float, *files: str) -> float:
     """Force at rest [N] at a depth [m]."""
-    return model(*files).regions.law.static_force(depth)
+    return model(*files).modes.law.static_force(depth)
 
 
 def body_weights(force: float) -> float:

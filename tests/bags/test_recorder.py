@@ -26,7 +26,7 @@ from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.kinds import recorder
-from knee_contact_ros.sinks.process import MB, Queue, Tell
+from knee_contact_ros.sinks.process import MB, Listeners, Queue
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import (
     NOTHING_LEFT,
@@ -263,7 +263,7 @@ def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), QUEUE, Tell(print, print))
+    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), QUEUE, Listeners(print, print))
     sink.wait_until_open()
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))

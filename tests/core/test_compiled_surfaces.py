@@ -46,7 +46,10 @@ def contacts(pair: ContactPair, poses: np.ndarray, moves: np.ndarray, answers: n
         answers[i, 0], answers[i, 1], answers[i, 2] = found.depth, found.extent, found.turning
         answers[i, 3], answers[i, 4] = found.normal_x, found.normal_y
         answers[i, 5] = pair.next_kink(angle, angle + way)
-        answers[i, 6], answers[i, 7] = pair.grain(), pair.farthest() + (1.0 if pair.is_dented() else 0.0)
+        answers[i, 6], answers[i, 7] = (
+            pair.knot_spacing(),
+            pair.largest_radius() + (1.0 if pair.is_non_convex() else 0.0),
+        )
         at = pair.at(angle, way, x, -0.2)
         for k in range(len(moves)):
             depth, rate, cosine = at.touch(height + float(moves[k]))

@@ -102,7 +102,7 @@ def test_without_load_no_energy_is_made(name: str, depth: float, rate: float, ma
     assert after <= before + 2e-9 * contact_law.static_force(5e-3)
     assert result.force >= 0.0
     assert result.converged
-    assert result.progress.fidelity == DYNAMIC
+    assert result.run_state.fidelity == DYNAMIC
 
 
 def test_the_estimate_covers_the_error_of_an_impact() -> None:

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
@@ -20,14 +21,14 @@ from knee_contact_ros.core.error_estimate import (
     LARGEST_HEIGHT_ERROR,
     LARGEST_VELOCITY_ERROR,
     CarriedError,
-    behind_jump,
     bounded,
-    carry,
     carry_in_flight,
     carry_on,
     force_reach,
     lost_swing,
+    propagated,
     reach,
+    saltation,
     velocity_reach,
     with_bound,
     with_bound_aside,
@@ -40,8 +41,7 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.scene import Advance, Progress, Scene
+from knee_contact_ros.core.scene import RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import orders
 from tests.core.test_geometries import ellipse
 from tests.helpers.scenes import RADIUS, law, moving
@@ -60,7 +60,7 @@ def test_an_error_is_carried_by_the_linear_contact(stiffness: float, damping: fl
     motion = np.array([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]])
     through = expm(2e-3 * motion)
     spread = np.array([[4e-14, 1e-12], [1e-12, 9e-10]])
-    carried = carry(CarriedError(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, damping, MASS, 2e-3)
+    carried = propagated(CarriedError(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, damping, MASS, 2e-3)
     # rounding of the exponential's scaling, and of differences in the covariance
     assert carried[:2] == pytest.approx(tuple(through @ [3e-7, -1e-4]), rel=1e-9)
     expected = through @ spread @ through.T
@@ -90,13 +90,13 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float,
     height, velocity = 0.0, -rate  # the boundary lies at the height 0
     meeting = [-h / velocity for h in (height, height + e)]
     velocities = [velocity + jump / mass * (t - begin) for begin in meeting]
-    found = behind_jump(of(e, 0.0), rate, jump, 0.0, mass, 1.0)
+    found = saltation(of(e, 0.0), rate, jump, 0.0, mass, 1.0)
     assert found.velocity == pytest.approx(velocities[1] - velocities[0], rel=1e-12)
     assert found.height == e
 
 
 def test_a_jump_met_at_no_speed_is_not_felt_longer_than_the_interval() -> None:
-    found = behind_jump(of(1e-6, 0.0), 0.0, 50.0, 0.0, MASS, 5e-3)
+    found = saltation(of(1e-6, 0.0), 0.0, 50.0, 0.0, MASS, 5e-3)
     assert 0.0 < abs(found.velocity) <= 5e-3 * 50.0 / MASS
 
 
@@ -185,15 +185,15 @@ def test_in_flight_a_velocity_is_carried_into_the_height() -> None:
     assert carried == pytest.approx((1e-7, -1e-4, 4e-14 + 36e-16, 18e-13, 9e-10), rel=1e-9)  # rounding of differences
 
 
-def advanced(contact_law: ContactLaw, start: Progress, duration: float, load: float = 0.0) -> Advance:
+def advanced(contact_law: ContactLaw, start: RunState, duration: float, load: float = 0.0) -> TickResult:
     """One tick of a circle of 2 kg under a constant load."""
     pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
-    scene = Scene(pair, hinge, Regions(contact_law, False), MASS, 1e-10, 0.0, 0, LEVELS["dynamic"])
+    scene = Scene(pair, hinge, ContactModes(contact_law, False), MASS, 1e-10, 0.0, 0, LEVELS["dynamic"])
     return dynamic_tick(scene, interval, start, 0)
 
 
-def begun(depth: float, rate: float, speed: float, doubt: float = 0.0) -> Progress:
+def begun(depth: float, rate: float, speed: float, doubt: float = 0.0) -> RunState:
     """A contact that began at a speed, give or take a doubt."""
     start = moving(FemurState(RADIUS - depth, -rate))
     return start._replace(impact_speed=speed, impact_error=doubt)
@@ -228,7 +228,7 @@ def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() ->
     error = CarriedError(0.0, 0.0, 1e-4, 0.0, 0.0)  # 1 cm
     start = moving(FemurState(RADIUS + 1e-4, -0.02))._replace(error=error, depth=-1e-4)
     touched = advanced(law("kelvin_voigt"), start, 0.05, load=1.0)
-    assert not math.isnan(touched.progress.impact_speed)
+    assert not math.isnan(touched.run_state.impact_speed)
     assert touched.error_estimate > 1e-3
 
 

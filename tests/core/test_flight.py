@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import Closest, ContactPair, CurveContact, OnPlane
 from knee_contact_ros.core.contact_pairs.on_plane import PlaneTouch
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
@@ -24,13 +25,12 @@ from knee_contact_ros.core.levels.flight import flies_freely, flying_tick
 from knee_contact_ros.core.mechanisms import Hinge, Mechanism, ParallelMechanism, Table
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval, touch_at
-from knee_contact_ros.core.regions import Regions
 from knee_contact_ros.core.scene import Scene
 from studies.ellipse import Ellipse
 from tests.core.test_contact_pairs import PLATEAU, noisy_femur
 from tests.helpers.scenes import RADIUS, moving
 
-REGIONS = Regions(CONTACT_LAWS["kelvin_voigt"](stiffness=7.9e7, exponent=1.5, damping=5000.0), allow_tension=False)
+REGIONS = ContactModes(CONTACT_LAWS["kelvin_voigt"](stiffness=7.9e7, exponent=1.5, damping=5000.0), allow_tension=False)
 ELLIPSE = Ellipse(0.034, 0.028)
 NOISY = noisy_femur(2e-4)
 PAIRS: list[ContactPair] = [
@@ -43,7 +43,7 @@ MECHANISMS: list[Mechanism] = [Hinge(), ParallelMechanism().table, Table([0.0, 0
 @pytest.mark.parametrize("femur", [Circle(RADIUS), ELLIPSE, NOISY])
 def test_no_point_is_farther_than_the_farthest(femur: FemoralGeometry) -> None:
     reach = np.hypot(*femur.outline().T).max()
-    assert reach <= femur.farthest() * (1.0 + 1e-15) < 1.02 * reach  # 1e-15: rounding; 1.02: the bound is of use
+    assert reach <= femur.largest_radius() * (1.0 + 1e-15) < 1.02 * reach  # 1e-15: rounding; 1.02: the bound is of use
 
 
 @pytest.mark.parametrize("mechanism", MECHANISMS)
@@ -116,7 +116,7 @@ def test_a_high_flight_looks_at_the_surfaces_for_its_answer_only() -> None:
     """Once for the gap and its rate, once for the closest point, in every tick well above the plateau."""
     pair = Counted(OnPlane(Circle(RADIUS)), [])
     model = KneeModel(
-        pair=pair, mechanism=Hinge(), regions=REGIONS, mass=1.0, tolerance=1e-6, budget=0, height_prescribed=False,
+        pair=pair, mechanism=Hinge(), modes=REGIONS, mass=1.0, tolerance=1e-6, budget=0, height_prescribed=False,
         level=LEVELS["auto"],
     )  # fmt: skip
     stream, looks = model.stream(), []

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from knee_contact_ros.core.contact_laws.base import LayerFormula
-from knee_contact_ros.core.scene import Advance
+from knee_contact_ros.core.scene import TickResult
 from tests.helpers.scenes import advance, law
 
 LOSSES: dict[str, Callable[[float], float]] = {
@@ -152,7 +152,7 @@ def test_the_integrator_delivers_the_closed_forms(name: str, impact: Impact, res
     contact_law = law(name, stiffness=impact.stiffness, exponent=impact.exponent, restitution=restitution)
     touch = GAP / impact.speed
 
-    def after(contact_time: float) -> Advance:
+    def after(contact_time: float) -> TickResult:
         result = advance(contact_law, -GAP, impact.speed, touch + contact_time, mass=impact.mass, tolerance=TOLERANCE)
         assert result.converged
         return result

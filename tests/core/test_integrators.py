@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer
+from knee_contact_ros.core.contact_modes import APART, BELOW, NOWHERE, ContactMode, ContactModes
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
@@ -18,7 +19,6 @@ from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import APART, BELOW, NOWHERE, Region, Regions
 from knee_contact_ros.core.statics import NO_LIMIT
 from tests.core.test_geometries import ellipse
 from tests.helpers.scenes import RADIUS, law
@@ -138,7 +138,7 @@ def integrate(method: str, steps: int, duration: float) -> tuple[float, Step]:
     interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), duration, 0.0, 0.0, 0.0, 0.0, math.nan)
     state = FemurState(RADIUS - 1e-3, -0.5)
     h = duration / steps
-    motion = Motion(interval, Regions(SPRING_LAW, True), Region(0, True), 0.0, MASS, NOWHERE)
+    motion = Motion(interval, ContactModes(SPRING_LAW, True), ContactMode(0, True), 0.0, MASS, NOWHERE)
     for i in range(steps):
         if method == "explicit":
             step = fehlberg.fehlberg_step(motion, i * h, state, h)
@@ -163,7 +163,7 @@ def test_the_error_estimate_is_that_of_the_step(method: str) -> None:
 
 def flying(interval: Interval) -> Motion:
     """A femur without contact."""
-    return Motion(interval, Regions(law("kelvin_voigt"), False), Region(APART, False), 0.0, MASS, NOWHERE)
+    return Motion(interval, ContactModes(law("kelvin_voigt"), False), ContactMode(APART, False), 0.0, MASS, NOWHERE)
 
 
 def test_free_flight_is_exact() -> None:
@@ -208,9 +208,9 @@ def test_a_flight_sees_a_turning_profile_brush_the_plateau(monkeypatch: pytest.M
 
 
 def test_a_stiff_stage_is_solved() -> None:
-    stiff = Regions(law("kelvin_voigt", stiffness=1e13, damping=1e7), False)
+    stiff = ContactModes(law("kelvin_voigt", stiffness=1e13, damping=1e7), False)
     interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), 0.1, 0.0, 0.0, 2e4, 0.0, math.nan)
-    motion = Motion(interval, stiff, Region(0, True), 0.0, 1e-4, NOWHERE)
+    motion = Motion(interval, stiff, ContactMode(0, True), 0.0, 1e-4, NOWHERE)
     step = esdirk4.esdirk4_step(motion, 0.0, FemurState(RADIUS - 1e-3, -5.0), 0.1, 1e-12, NO_LIMIT)
     assert step.solved
     assert all(math.isfinite(value) for value in (*step.state, step.end.force))

@@ -6,6 +6,7 @@ import math
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry
@@ -16,8 +17,7 @@ from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.regions import Regions
-from knee_contact_ros.core.scene import Advance, Progress, Scene, begin_with
+from knee_contact_ros.core.scene import RunState, Scene, TickResult, begin_with
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 
 RADIUS = 0.034
@@ -55,7 +55,7 @@ def model(
     return KneeModel(
         pair=pair or OnPlane(geometry or Circle(RADIUS), slope),
         mechanism=mechanism or Hinge(),
-        regions=Regions(contact_law, allow_tension),
+        modes=ContactModes(contact_law, allow_tension),
         mass=mass,
         tolerance=tolerance,
         budget=budget,
@@ -73,14 +73,14 @@ def advance(
     mass: float = 1.0,
     tolerance: float = 1e-10,
     allow_tension: bool = False,
-) -> Advance:
+) -> TickResult:
     """One long tick of a circular femur from a given contact, under a constant load."""
     pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     interval = Interval(pair, hinge, duration, 0.0, 0.0, load, 0.0, math.nan)
-    scene = Scene(pair, hinge, Regions(contact_law, allow_tension), mass, tolerance, 0.0, 0, LEVELS["dynamic"])
+    scene = Scene(pair, hinge, ContactModes(contact_law, allow_tension), mass, tolerance, 0.0, 0, LEVELS["dynamic"])
     return dynamic_tick(scene, interval, moving(FemurState(RADIUS - depth, -rate)), 0)
 
 
-def moving(state: FemurState) -> Progress:
+def moving(state: FemurState) -> RunState:
     """A run that has come to a state without error, apart so far."""
     return begin_with(state, math.nan, 0.0)

@@ -29,9 +29,9 @@ from knee_contact_ros.messages.topics import (
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.kinds import recorder, viewer
-from knee_contact_ros.sinks.process import Handling, Queue, SinkProcess, Tell
+from knee_contact_ros.sinks.process import Listeners, Queue, SinkOptions, SinkProcess
 from knee_contact_ros.sinks.protocol import Job
-from knee_contact_ros.view.drawing import Serving, drawing_of
+from knee_contact_ros.view.outlines import Serving, drawing_of
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
@@ -99,7 +99,7 @@ class Started:
         self.sinks: list[SinkProcess] = []
         self.told: list[str] = []
         self.remarks: list[str] = []
-        self._tell = Tell(self.told.append, self.remarks.append)
+        self._tell = Listeners(self.told.append, self.remarks.append)
 
     def recorder(
         self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: Queue = QUEUE
@@ -114,7 +114,7 @@ class Started:
 
     def begun(self, job: Job, part: Callable[[Answer], Any]) -> SinkProcess:
         """A sink that nobody waits for."""
-        handling = Handling(part, QUEUE, "output", gaps_allowed=False)
+        handling = SinkOptions(part, QUEUE, "output", gaps_allowed=False)
         return self._keep(SinkProcess("output", "", job, handling, self._tell, awaited=False), False)
 
     def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:

@@ -132,7 +132,7 @@ def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     assert solve(bag, parameters, tmp_path / "out.mcap", silent).ticks == 20
     answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
     assert [answer.femoral_height for answer in answers] == heights.tolist()
-    law = knee_contact_ros.load_model(parameters).regions.law
+    law = knee_contact_ros.load_model(parameters).modes.law
     expected = [law.static_force(0.034 - height) for height in heights]
     assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
     assert {answer.load for answer in answers} == {400.0}

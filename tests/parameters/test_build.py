@@ -59,7 +59,7 @@ def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> N
         # Rounding of heights of 34 mm
         assert followed.penetration_depth == pytest.approx(series.penetration_depth, abs=1e-16)
         for contact in followed:
-            formula = [layer.formula for layer in led.regions.law.layers if layer.begin < contact.penetration_depth][-1]
+            formula = [layer.formula for layer in led.modes.law.layers if layer.begin < contact.penetration_depth][-1]
             # Pressed from the start, which counts as no impact
             force = formula.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
             # The very numbers that were published go into the very formula.
@@ -72,7 +72,7 @@ def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> N
 
 def test_stiffness_from_the_material_is_hertz() -> None:
     names = {"contact.stiffness_from": "material", "contact.law": "two_layer_elastic", "contact.layer_depth": 0.01}
-    law = knee_contact_ros.load_model(names).regions.law
+    law = knee_contact_ros.load_model(names).modes.law
     cartilage, bone = 136.08 * 10**4.5, 98_408 * 10**4.5  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
     # The numbers by hand have 5 digits.
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)

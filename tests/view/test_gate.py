@@ -13,9 +13,9 @@ import pytest
 import rerun as rr
 
 from knee_contact_ros import load_model
-from knee_contact_ros.view.drawing import drawing_of
 from knee_contact_ros.view.gate import PATIENCE, Gate
 from knee_contact_ros.view.outlets import Served, free_port
+from knee_contact_ros.view.outlines import drawing_of
 from knee_contact_ros.view.visitors import unguessable_address
 from knee_contact_ros.view.window import LOCALHOST
 

@@ -26,7 +26,7 @@ from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.drawing import Serving, drawing_of
+from knee_contact_ros.view.outlines import Serving, drawing_of
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
 from tests.helpers.messages import raw_inputs

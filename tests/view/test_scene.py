@@ -15,8 +15,8 @@ from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.drawing import Drawing, drawing_of
 from knee_contact_ros.view.outlets import RerunFile
+from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.plots import LAYER_COLOUR, PLOTS
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
@@ -34,7 +34,7 @@ def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
     return answers
 
 
-def written(path: Path, drawing: Drawing, batches: list[Rows], latency: bool = False) -> Path:
+def written(path: Path, drawing: KneeOutlines, batches: list[Rows], latency: bool = False) -> Path:
     outlet = RerunFile(path, [drawing], latency=latency)
     scene = Scene(outlet.recording, drawing, latency=latency)
     for batch in batches:
@@ -45,7 +45,7 @@ def written(path: Path, drawing: Drawing, batches: list[Rows], latency: bool = F
 
 
 @pytest.fixture(scope="module")
-def knee(config: Path, right_bag: Path) -> tuple[Drawing, list[Answer]]:
+def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, list[Answer]]:
     """The osteoarthritic knee with its MRI profile, and its gait."""
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
     answers = answered(pipeline, right_bag)
@@ -59,7 +59,7 @@ def at(rows: Rows, stamps: Any) -> Rows:
     return rows
 
 
-def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_every_curve_holds_every_tick(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
@@ -92,7 +92,7 @@ def test_every_curve_holds_every_tick(knee: tuple[Drawing, list[Answer]], tmp_pa
     assert "/knee/curves/latency" not in entities(path)
 
 
-def test_latency_is_there_where_it_is_measured(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_latency_is_there_where_it_is_measured(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     measured = rows_of(answers[:5]).copy()
     measured["latency"] = 1e-3 * np.arange(5)
@@ -134,7 +134,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
 
-def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     strips = lists(path, "/knee/sagittal/overlap", "LineStrips2D:strips")
@@ -154,7 +154,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[Drawing, list[Ans
 
 
 def test_how_answers_are_cut_into_batches_makes_no_difference(
-    knee: tuple[Drawing, list[Answer]], tmp_path: Path
+    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
 ) -> None:
     drawing, answers = knee
     whole = written(tmp_path / "whole.rrd", drawing, [rows_of(answers)])
@@ -168,7 +168,7 @@ def test_how_answers_are_cut_into_batches_makes_no_difference(
                 assert lists(whole, entity, component) == lists(cut, entity, component), (entity, component)
 
 
-def test_no_more_pictures_than_a_screen_can_show(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_no_more_pictures_than_a_screen_can_show(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     whole = rows_of(answers)
     fast = at(whole, whole["stamp"][0] + 1_000_000 * np.arange(len(whole)))
@@ -178,7 +178,7 @@ def test_no_more_pictures_than_a_screen_can_show(knee: tuple[Drawing, list[Answe
     assert len(stamps) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
 
 
-def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_states_are_written_where_they_change(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers[:100]), rows_of(answers[100:])])
     told = [state[0] for _, state in lists(path, "/knee/states/contact", "StateChange:state")]
@@ -194,7 +194,7 @@ def test_states_are_written_where_they_change(knee: tuple[Drawing, list[Answer]]
     ids=["for long", "after stamps went back"],
 )
 def test_states_are_repeated_where_what_is_old_gets_lost(
-    knee: tuple[Drawing, list[Answer]], tmp_path: Path, seconds: Sequence[int], repeated: list[int]
+    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path, seconds: Sequence[int], repeated: list[int]
 ) -> None:
     drawing, answers = knee
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
@@ -207,7 +207,7 @@ def test_states_are_repeated_where_what_is_old_gets_lost(
     assert {state[0] for _, state in told} == {"cartilage"}
 
 
-def test_events_are_told_with_their_times(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_events_are_told_with_their_times(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
     told = [text[0] for _, text in lists(path, "/knee/events", "TextLog:text")]
@@ -219,7 +219,7 @@ def test_events_are_told_with_their_times(knee: tuple[Drawing, list[Answer]], tm
     assert len([text for text in told if "toe-off" in text]) == 1
 
 
-def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
     scene = Scene(outlet.recording, drawing)
@@ -234,7 +234,9 @@ def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[Drawing, list[
     assert "0.625 s  reset" in told
 
 
-def test_a_note_before_the_first_answer_waits_for_its_stamp(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_a_note_before_the_first_answer_waits_for_its_stamp(
+    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
+) -> None:
     """A timeline has one kind of time: it is not known before."""
     drawing, answers = knee
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
@@ -246,7 +248,7 @@ def test_a_note_before_the_first_answer_waits_for_its_stamp(knee: tuple[Drawing,
     assert told == [(DATES_FROM * 5, ["2019-12-20 00:00:00.000  reset"])]
 
 
-def test_stamps_of_today_are_dates(knee: tuple[Drawing, list[Answer]], tmp_path: Path) -> None:
+def test_stamps_of_today_are_dates(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     today, whole = DATES_FROM * 5, rows_of(answers)
     path = written(tmp_path / "knee.rrd", drawing, [at(whole, today + whole["stamp"])])

@@ -41,12 +41,12 @@ def view(
     side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
     --serve tells.
     """
-    from knee_contact_ros.offline.view import Way, run_view
+    from knee_contact_ros.offline.view import ViewOptions, run_view
     from knee_contact_ros.parameters.reading import load_parameters
     from knee_contact_ros.system.ros_arguments import parameters_of
 
     parameters = load_parameters([*found(parameter_files), parameters_of(parameter_values)])
-    run_view(sources, parameters, Way(save, overwrite, serve, port))
+    run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
 
 
 @click.command()

@@ -75,7 +75,7 @@ class ContactLaw(NamedTuple):
         steps look there to find the crossing.
     affine: F(δ, δ̇) = F₀(δ) + c(δ) δ̇ at every rate: quasi-static answers weigh what they leave out by c, and a contact
         without mass is solved for its rate. So a formula does not clamp itself at 0 either, where it would pull: the
-        region does (`regions.py`), with an event.
+        mode does (`contact_modes.py`), with an event.
     rising: At rest the force does not fall with the depth, and within a layer neither does its slope (it is convex):
         there is one static depth, and Newton's method finds an implicit stage from anywhere (`esdirk4.py`).
     slopes: Both are the true ones: errors are carried by them. That over the rate, c(δ), is >= 0; that over the depth

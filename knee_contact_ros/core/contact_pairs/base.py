@@ -67,15 +67,15 @@ class Kinematics(Protocol):
         """
         ...
 
-    def is_dented(self) -> bool:
+    def is_non_convex(self) -> bool:
         """Whether the contact may leap from bump to bump where `next_kink` does not tell."""
         ...
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """Turn [rad] between two places where the femur is not smooth, see `Support`."""
         ...
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """Bound of the distance [m] of the femur's points, see `Support`."""
         ...
 

@@ -91,17 +91,17 @@ class CurveContact(_CurveContact):
         """See `Kinematics`: where they lie depends on height and translation, so none is known beforehand."""
         return math.nan
 
-    def is_dented(self) -> bool:
+    def is_non_convex(self) -> bool:
         """See `Kinematics`."""
         return self.dented
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """See `Kinematics`."""
-        return self.femur.grain()
+        return self.femur.knot_spacing()
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """See `Kinematics`."""
-        return self.femur.farthest()
+        return self.femur.largest_radius()
 
     def outline(self, reach: float) -> Floats:
         """See `ContactPair`."""

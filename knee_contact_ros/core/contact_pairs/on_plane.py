@@ -71,17 +71,17 @@ class OnPlane(_OnPlane):
         kink += self.slope
         return kink if forwards * (end - kink) > 0.0 else math.nan
 
-    def is_dented(self) -> bool:
+    def is_non_convex(self) -> bool:
         """See `Kinematics`."""
         return False
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """See `Kinematics`."""
-        return self.femur.grain()
+        return self.femur.knot_spacing()
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """See `Kinematics`."""
-        return self.femur.farthest()
+        return self.femur.largest_radius()
 
     def outline(self, reach: float) -> Floats:
         """See `ContactPair`."""

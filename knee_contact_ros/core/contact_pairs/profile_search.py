@@ -22,7 +22,7 @@ from knee_contact_ros.core.contact_pairs.femoral_curve import (
 )
 from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 CELL = 2.0**-14
 """Heights within a cell of this size [m] share one shortlist; a power of 2, so that its middle is exact"""
@@ -82,7 +82,7 @@ def cell_of(height: float) -> float:
     return raised - raised % CELL
 
 
-@aside
+@never_inlined
 def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
     """The common normal at the deepest point of the listed segments, at a height [m] within the list's cell."""
     raised = height - float(shortlist[0, 0])
@@ -107,7 +107,7 @@ def _common_normal(arc: Arc, sample: Sample) -> Closest:
     return Closest(-sample.value, -(x * normal_x + y * normal_y), turning, normal_x, normal_y)
 
 
-@aside
+@never_inlined
 def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, cell: float) -> None:
     """List the segments that can hold the deepest point at some height of a cell with this middle [m].
 

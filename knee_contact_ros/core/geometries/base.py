@@ -28,11 +28,11 @@ class Support(Protocol):
         """
         ...
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
         ...
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """Bound of the distance [m] of the surface's points from the reference point."""
         ...
 

@@ -24,11 +24,11 @@ class Circle(NamedTuple):
         """See `Support`: none."""
         return math.nan
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """See `Support`: smooth everywhere."""
         return math.inf
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """See `Support`."""
         return self.radius
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.core.geometries.kinks import Segment, find_kinks, next_kink
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 CELLS = 2048
 """Cells of the table of candidate segments over the full turn."""
@@ -78,11 +78,11 @@ class Profile(_Profile):
         """See `Support`."""
         return next_kink(self.kinks, start, end)
 
-    def grain(self) -> float:
+    def knot_spacing(self) -> float:
         """See `Support`."""
         return self.turn_between_points
 
-    def farthest(self) -> float:
+    def largest_radius(self) -> float:
         """See `Support`."""
         return self.largest_reach
 
@@ -110,7 +110,7 @@ def _reach(cubics: Floats) -> float:
     return float(np.hypot(*hull).max())
 
 
-@aside
+@never_inlined
 def lowest_point(curve: Curve, angle: float) -> tuple[float, float, float, float]:
     """Lowest point at an angle [rad]: its depth h, its x and y in the femur frame, its place on the curve [m]."""
     sine, cosine = math.sin(angle), math.cos(angle)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, ContactModes, crossed
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at
-from knee_contact_ros.core.regions import NOWHERE, Region, Regions, crossed
 
 
 class FemurState(NamedTuple):
@@ -32,8 +32,8 @@ class Motion(NamedTuple):
     """What a step computes with: all of it holds from one event to the next."""
 
     interval: Interval
-    regions: Regions
-    region: Region
+    modes: ContactModes
+    mode: ContactMode
     impact_speed: float
     """Rate [m/s] at which the present contact began"""
     mass: float
@@ -61,7 +61,7 @@ class Crossing(NamedTuple):
     """The boundary that a step crosses first, and where."""
 
     boundary: int
-    """`NOWHERE` if it stays inside its region"""
+    """`NOWHERE` if it stays inside its mode"""
     fraction: float
     """Part of the step, 0 to 1"""
 
@@ -100,14 +100,14 @@ def earlier(crossing: Crossing, motion: Motion, stage: Stage, s: float, fraction
     if crossing.boundary != NOWHERE and crossing.fraction <= fraction:
         return crossing
     load = load_at(motion.interval, s)
-    boundary = crossed(motion.regions, motion.region, stage.depth, stage.force, load, known)
+    boundary = crossed(motion.modes, motion.mode, stage.depth, stage.force, load, known)
     return Crossing(boundary, fraction) if boundary != NOWHERE else crossing
 
 
 @in_kernel
 def force_on(motion: Motion, depth: float, rate: float) -> tuple[float, float, float]:
     """Force [N] of the present layer's formula and its slopes."""
-    return motion.regions.law.layers[motion.region.layer].formula.force_at(depth, rate, motion.impact_speed)
+    return motion.modes.law.layers[motion.mode.layer].formula.force_at(depth, rate, motion.impact_speed)
 
 
 @in_kernel
@@ -119,7 +119,7 @@ def acceleration_of(motion: Motion, force: float) -> float:
 @in_kernel
 def knowing(motion: Motion, boundary: int) -> Motion:
     """A motion that ends on a boundary."""
-    return Motion(motion.interval, motion.regions, motion.region, motion.impact_speed, motion.mass, boundary)
+    return Motion(motion.interval, motion.modes, motion.mode, motion.impact_speed, motion.mass, boundary)
 
 
 @in_kernel

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.core.contact_modes import NOWHERE
 from knee_contact_ros.core.integrators.base import Crossing, FemurState, Motion, StateError, Step, knowing
 from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
-from knee_contact_ros.core.kernel_source import aside
-from knee_contact_ros.core.regions import NOWHERE
+from knee_contact_ros.core.kernel_source import never_inlined
 
 STIFF = 100.0
 """h² k/m + h c/m from which on the method's order is the reduced one"""
 
 
-@aside
+@never_inlined
 def doubled_step(
     motion: Motion, order: int, reduced: int, s: float, state: FemurState, h: float, resolution: float, most: int
 ) -> Step:

@@ -28,7 +28,7 @@ from knee_contact_ros.core.integrators.base import (
     force_on,
     leap,
 )
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
@@ -69,7 +69,7 @@ class Solved(NamedTuple):
     """Of the depth [m]: what Newton's method has left, by the curve of the contact law"""
 
 
-@aside
+@never_inlined
 def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resolution: float, most: int) -> Step:
     """Take one step of `h` [s] under one layer's formula.
 
@@ -116,7 +116,7 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     crossing = earlier(crossing, motion, four.stage, s + C5 * h, C5)
     crossing = earlier(crossing, motion, five.stage, s + h, 1.0)
     leapt = 0.0
-    if motion.interval.pair.is_dented():
+    if motion.interval.pair.is_non_convex():
         turn = motion.interval.angle_rate
         leapt = max(
             leap(begin.surface_rate, two.stage.surface_rate, turn, C3 * h),

@@ -20,7 +20,7 @@ from knee_contact_ros.core.integrators.base import (
     force_on,
     leap,
 )
-from knee_contact_ros.core.kernel_source import aside, in_kernel, inlined
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
@@ -73,7 +73,7 @@ class Stride(NamedTuple):
     """See `Step`"""
 
 
-@aside
+@never_inlined
 def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Take one step of `h` [s] under one layer's formula, with its estimated error."""
     begin = slope_at(motion, s, state.height, state.velocity)
@@ -84,7 +84,7 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     )  # fmt: skip
 
 
-@inlined
+@always_inlined
 def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: Slope) -> Stride:
     """A step with the contact at its beginning known."""
     y, v = state.height, state.velocity
@@ -120,7 +120,7 @@ def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: 
     crossing = earlier(crossing, motion, four.stage, s + C4 * h, C4)
     crossing = earlier(crossing, motion, end.stage, s + h, 1.0)
     leapt = 0.0
-    if motion.interval.pair.is_dented():
+    if motion.interval.pair.is_non_convex():
         turn = motion.interval.angle_rate
         leapt = max(
             leap(one.stage.surface_rate, two.stage.surface_rate, turn, C2 * h),
@@ -135,7 +135,7 @@ def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: 
 @in_kernel
 def begins_layer(motion: Motion, begin: float, end: float) -> bool:
     """Whether a step from one depth [m] to another covers more than its distance from the layer's beginning."""
-    return abs(end - begin) >= min(begin, end) - motion.regions.law.layers[motion.region.layer].begin
+    return abs(end - begin) >= min(begin, end) - motion.modes.law.layers[motion.mode.layer].begin
 
 
 @in_kernel

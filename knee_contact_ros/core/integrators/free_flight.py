@@ -13,7 +13,7 @@ from knee_contact_ros.core.integrators.base import (
     earlier,
     force_on,
 )
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 
 PARTS = 4
@@ -27,7 +27,7 @@ LAUNCH_ROUNDING = 2e-12
 """Part of the way flown that the rounding of the event before it may amount to."""
 
 
-@aside
+@never_inlined
 def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Fly for `h` [s]. While the surfaces overlap, the force that the contact would give is watched.
 
@@ -35,15 +35,15 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
     a maximum between them, it becomes a stage too.
     """
     begin = in_flight(motion, s, state, 0.0)
-    evaluations = 1 if motion.region.layer >= 0 else 0
+    evaluations = 1 if motion.mode.layer >= 0 else 0
     crossing, before = INSIDE, begin
     for part in range(1, PARTS + 1):
         low, high = (part - 1) / PARTS, part / PARTS
         stage = in_flight(motion, s, state, high * h)
-        evaluations += 1 if motion.region.layer >= 0 else 0
+        evaluations += 1 if motion.mode.layer >= 0 else 0
         if before.rate > 0.0 > stage.rate:
             crossing, looks = towards_peak(crossing, motion, s, state, h, low, high, before.rate, stage.rate)
-            evaluations += looks if motion.region.layer >= 0 else 0
+            evaluations += looks if motion.mode.layer >= 0 else 0
         crossing = earlier(crossing, motion, stage, s + high * h, high)
         before = stage
     end = flight(motion.interval, motion.mass, s, state, h)
@@ -51,14 +51,14 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
     return Step(end, error, begin, before, crossing, 0.0, 0.0, 1.0, 0.0, evaluations, True)
 
 
-@aside
+@never_inlined
 def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
     """The contact after flying for `t` [s] from s [s] on."""
     there = flight(motion.interval, motion.mass, s, state, t)
     depth, surface_rate, cosine = touch_at(motion.interval, s + t).touch(there.height)
     rate = surface_rate - cosine * there.velocity
     force = 0.0
-    if motion.region.layer >= 0:
+    if motion.mode.layer >= 0:
         force, _, _ = force_on(motion, depth, rate)
     return Stage(depth, rate, force, 0.0, surface_rate)
 
@@ -79,7 +79,7 @@ def launch_rounding(begin: FemurState, end: FemurState) -> float:
     return LAUNCH_ROUNDING * abs(end.height - begin.height)
 
 
-@aside
+@never_inlined
 def towards_peak(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
     low: float, high: float, rising: float, falling: float,

@@ -50,7 +50,7 @@ from knee_contact_ros.core.integrators.fehlberg import (
     SINGULAR,
     begins_layer,
 )
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 
@@ -66,7 +66,7 @@ class Flow(NamedTuple):
     """The same over the velocity [N s/m]"""
 
 
-@aside
+@never_inlined
 def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Take one step of `h` [s] under one layer's formula, with its estimated error. The velocity before is not used."""
     y = state.height

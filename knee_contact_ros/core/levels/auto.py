@@ -11,13 +11,13 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import layer_at
-from knee_contact_ros.core.error_estimate import EXPECTED, HORIZON, decay_rate, swiftness
+from knee_contact_ros.core.error_estimate import EXPECTED, HORIZON, decay_rate, spectral_radius
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.levels.dynamic import DYNAMIC, dynamic_tick
 from knee_contact_ros.core.levels.first_order import first_order_tick
 from knee_contact_ros.core.levels.quasi_static import quasi_static_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
-from knee_contact_ros.core.scene import Advance, Progress, Scene
+from knee_contact_ros.core.scene import RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
 DESCEND = 0.4
@@ -39,53 +39,53 @@ class Auto(NamedTuple):
     fidelity: int = DYNAMIC
     """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
         """See `Level`."""
         if bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0:
             return dynamic_tick(scene, interval, start, spent)
         if quasi_static_leaves_out(scene, interval, start) <= scene.tolerance:
-            advance = quasi_static_tick(scene, interval, start, spent)
-            if meets(scene, start, advance):
-                return advance
-            spent = advance.evaluations
+            result = quasi_static_tick(scene, interval, start, spent)
+            if meets(scene, start, result):
+                return result
+            spent = result.evaluations
         if dynamic_is_stiff(scene, interval, start) and first_order_leaves_out(scene, start) <= scene.tolerance:
-            advance = first_order_tick(scene, interval, start, spent)
-            if advance.converged and meets(scene, start, advance):
-                return advance
-            spent = advance.evaluations
+            result = first_order_tick(scene, interval, start, spent)
+            if result.converged and meets(scene, start, result):
+                return result
+            spent = result.evaluations
         return dynamic_tick(scene, interval, start, spent)
 
 
 @in_kernel
-def meets(scene: Scene, start: Progress, advance: Advance) -> bool:
+def meets(scene: Scene, start: RunState, result: TickResult) -> bool:
     """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's.
 
     What a simpler level leaves out of a contact that hardly forgets is there for all later ticks, too; and the next
     layer may not damp. None sees how the contact goes over from one to the other.
     """
-    law = scene.regions.law
-    if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, advance.depth):
+    law = scene.modes.law
+    if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, result.depth):
         return False
-    if advance.error_estimate > SMALL * advance.depth or abs(advance.depth - start.depth) > start.depth:
+    if result.error_estimate > SMALL * result.depth or abs(result.depth - start.depth) > start.depth:
         return False  # It is no small change of the contact, as what is left out is taken to be.
-    share = 1.0 if start.fidelity <= advance.fidelity else DESCEND
+    share = 1.0 if start.fidelity <= result.fidelity else DESCEND
     most = LAYERED if len(law.layers) > 1 else 1.0
     share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))
     share = share / THROWN if start.impact_speed > 0.0 and most < 1.0 else share
-    if scene.force_tolerance > 0.0 and not advance.force_error_estimate <= share * scene.force_tolerance:
+    if scene.force_tolerance > 0.0 and not result.force_error_estimate <= share * scene.force_tolerance:
         return False
-    return advance.error_estimate <= share * scene.tolerance
+    return result.error_estimate <= share * scene.tolerance
 
 
 @in_kernel
 def bumpy(interval: Interval) -> bool:
     """Whether the contact goes over bumps within the tick, which the simpler levels see at its ends only."""
     until, _ = stretch_from(interval, 0.0)
-    return until < interval.duration or abs(interval.angle_rate) * interval.duration > interval.pair.grain()
+    return until < interval.duration or abs(interval.angle_rate) * interval.duration > interval.pair.knot_spacing()
 
 
 @in_kernel
-def quasi_static_leaves_out(scene: Scene, interval: Interval, start: Progress) -> float:
+def quasi_static_leaves_out(scene: Scene, interval: Interval, start: RunState) -> float:
     """Depth [m] by which the quasi-static level is foreseen to be wrong: by the dashpot, and by what is going on."""
     dashpot = start.damping * abs(interval.load_rate) / (start.stiffness * start.stiffness)
     lag = abs(start.excess - start.damping * start.sinking) / start.stiffness
@@ -94,7 +94,7 @@ def quasi_static_leaves_out(scene: Scene, interval: Interval, start: Progress) -
 
 
 @in_kernel
-def first_order_leaves_out(scene: Scene, start: Progress) -> float:
+def first_order_leaves_out(scene: Scene, start: RunState) -> float:
     """Depth [m] by which the first-order level is foreseen to be wrong; infinite where inertia makes the knee swing."""
     if start.damping * start.damping <= 4.0 * start.stiffness * scene.mass:
         return math.inf
@@ -109,7 +109,7 @@ def lets_go(interval: Interval) -> bool:
 
 
 @in_kernel
-def dynamic_is_stiff(scene: Scene, interval: Interval, start: Progress) -> bool:
+def dynamic_is_stiff(scene: Scene, interval: Interval, start: RunState) -> bool:
     """Whether the dynamic level would need implicit steps, which cost more than those of the first-order level."""
-    swift = swiftness(start.stiffness, start.damping, scene.mass)
+    swift = spectral_radius(start.stiffness, start.damping, scene.mass)
     return swift * interval.duration > EXPLICIT * MOST_EXPLICIT

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from knee_contact_ros.core.error_estimate import (
     TINY,
     CarriedError,
-    carry,
     carry_in_flight,
     curved,
     holding,
+    propagated,
     with_bound,
     with_push,
 )
@@ -69,7 +69,7 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     away = CarriedError(
         error.height - behind - left_out.begin_rest + lag, error.velocity - drift, error.hh, error.hv, error.vv
     )
-    moved = carry(away, spring, left_out.damping, mass, h)
+    moved = propagated(away, spring, left_out.damping, mass, h)
     moved = CarriedError(moved.height + left_out.end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
     size = abs(moved.height) + abs(error.height)
     unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * size

@@ -10,32 +10,32 @@ import math
 
 from knee_contact_ros.core.error_estimate import bounded, carry_in_flight, reach, with_bound
 from knee_contact_ros.core.integrators.free_flight import flight, launch_rounding
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress
+from knee_contact_ros.core.scene import DYNAMIC, RunState, TickResult
 
 
 @in_kernel
-def flies_freely(interval: Interval, start: Progress, mass: float) -> bool:
+def flies_freely(interval: Interval, start: RunState, mass: float) -> bool:
     """Whether femur and tibia, apart at the beginning, cannot meet in the interval."""
     if not math.isnan(start.impact_speed):
         return False
     h, load = interval.duration, max(abs(interval.start_load), abs(load_at(interval, interval.duration)))
     fallen = h * (abs(start.state.velocity) + 0.5 * load * h / mass)
-    carried = abs(interval.angle_rate) * h * (interval.pair.farthest() + interval.mechanism.largest_slope())
+    carried = abs(interval.angle_rate) * h * (interval.pair.largest_radius() + interval.mechanism.largest_slope())
     return -start.depth > fallen + carried
 
 
-@aside
-def flying_tick(interval: Interval, start: Progress, mass: float, spent: int) -> Advance:
+@never_inlined
+def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) -> TickResult:
     """Fly over the interval. `spent` are the evaluations that the tick has cost already."""
     h = interval.duration
     state = flight(interval, mass, 0.0, start.state, h)
     error = bounded(with_bound(carry_in_flight(start.error, h), launch_rounding(start.state, state), 0.0))
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
-    return Advance(
-        Progress(
+    return TickResult(
+        RunState(
             state, error, start.try_step, start.impact_speed, start.impact_error, DYNAMIC, 0.0, 0.0,
             -load_at(interval, h), rate / cosine, depth, start.adrift,
         ),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.prescribed import Interval, touch_at
-from knee_contact_ros.core.scene import Advance, Progress, Scene, at_height
+from knee_contact_ros.core.scene import RunState, Scene, TickResult, at_height
 from knee_contact_ros.core.types import Fidelity
 
 MAX_LOCATE = 60
@@ -20,13 +20,13 @@ class PrescribedHeight(NamedTuple):
     fidelity: int = int(Fidelity.DYNAMIC)
     """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
         """See `Level`."""
         return follow(scene, interval, start)
 
 
 @in_kernel
-def follow(scene: Scene, interval: Interval, start: Progress) -> Advance:
+def follow(scene: Scene, interval: Interval, start: RunState) -> TickResult:
     """The contact at the end of an interval in which the height goes from the last one to the prescribed one.
 
     Exact: pose and velocity are prescribed. A law that remembers its impact speed gets the one at the touch inside the

@@ -18,10 +18,10 @@ from knee_contact_ros.core.error_estimate import (
     with_push,
 )
 from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.kernel_source import aside, in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
-from knee_contact_ros.core.scene import Advance, Progress, Scene, impact_of
+from knee_contact_ros.core.scene import RunState, Scene, TickResult, impact_of
 from knee_contact_ros.core.statics import NO_LIMIT, RESOLVED, static_contact
 from knee_contact_ros.core.stepping import NEWTON_SHARE, doubt_of_impact
 from knee_contact_ros.core.types import Fidelity
@@ -35,19 +35,19 @@ class QuasiStatic(NamedTuple):
     fidelity: int = QUASI_STATIC
     """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
 
-    def advance(self, scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
         """See `Level`."""
         return quasi_static_tick(scene, interval, start, spent)
 
 
-@aside
-def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+@never_inlined
+def quasi_static_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
     """The static contact at the end of an interval, in doubt by the motion that it leaves out."""
     h, load_rate = interval.duration, interval.load_rate
     begin_depth, surface_rate, cosine = touch_at(interval, 0.0).touch(start.state.height)
     begin_sinking = load_rate / start.stiffness if start.stiffness > 0.0 else 0.0
     begin_velocity = surface_rate / cosine - begin_sinking
-    law, touch, load = scene.regions.law, touch_at(interval, h), load_at(interval, h)
+    law, touch, load = scene.modes.law, touch_at(interval, h), load_at(interval, h)
     near = max(0.0, begin_depth + cosine * begin_sinking * h)
     most = scene.budget - RESERVE - spent if scene.budget > 0 else NO_LIMIT
     static = static_contact(law, touch, load, start.state.height, near, NEWTON_SHARE * scene.tolerance, most)
@@ -85,8 +85,8 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: Progress, spent: 
     unknown = way_across(law, begin_depth, static.depth) + left * left / max(static.depth, TINY)
     error = bounded(with_bound(with_push(error, doubt, stiffness, damping, scene.mass, h), unknown, 0.0))
     held = holding(stiffness, damping, scene.mass)
-    return Advance(
-        Progress(
+    return TickResult(
+        RunState(
             FemurState(static.height, velocity), error, math.inf, impact_speed, impact_error, QUASI_STATIC,
             stiffness, damping, damping * sinking, sinking, static.depth, start.adrift,
         ),
@@ -123,13 +123,13 @@ def way_across(law: ContactLaw, begin: float, end: float) -> float:
 
 
 @in_kernel
-def lag_of(start: Progress) -> float:
+def lag_of(start: RunState) -> float:
     """How far [m] above a tick's beginning the static contact is, by its elastic force: it may be another level's."""
     return (start.excess - start.damping * start.sinking) / start.stiffness if start.stiffness > 0.0 else 0.0
 
 
 @in_kernel
-def deviation_at_start(start: Progress, velocity: float) -> CarriedError:
+def deviation_at_start(start: RunState, velocity: float) -> CarriedError:
     """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s]."""
     error = start.error
     return CarriedError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from knee_contact_ros.core.adrift import RESERVE
+from knee_contact_ros.core.contact_modes import NOWHERE, enter
 from knee_contact_ros.core.error_estimate import (
     UNKNOWN,
     bounded,
@@ -17,45 +18,44 @@ from knee_contact_ros.core.error_estimate import (
     force_reach,
     holding,
     reach,
-    swiftness,
+    spectral_radius,
     with_step,
 )
 from knee_contact_ros.core.integrators.base import Motion, Stage, StateError
 from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS, Slope, fehlberg_stride
-from knee_contact_ros.core.kernel_source import in_kernel, inlined
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
 from knee_contact_ros.core.prescribed import Interval, stretch_from, touch_at
-from knee_contact_ros.core.regions import NOWHERE, enter
-from knee_contact_ros.core.scene import DYNAMIC, Advance, Progress, Scene
+from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, local_ratio
 
 FINEST = 10.0
 """Most steps of a tick that are tried here: fewer cost less than implicit ones"""
 
 
-@inlined
-def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) -> Advance:
+@always_inlined
+def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
     """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no quiet tick.
 
     `spent` are the evaluations that the tick has cost already.
     """
     h, state, error = interval.duration, start.state, start.error
     until, _ = stretch_from(interval, 0.0)
-    law = scene.regions.law
+    law = scene.modes.law
     if until < h or math.isnan(start.impact_speed) or law.layers[0].formula.remembers_impact():
         return not_quiet(start, spent)
     depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
     rate, load = surface_rate - cosine * state.velocity, interval.start_load
-    entry = enter(scene.regions, depth, rate, load, start.impact_speed)
-    spent += 1 if entry.region.layer >= 0 else 0
-    if not entry.region.pressing:
+    entry = enter(scene.modes, depth, rate, load, start.impact_speed)
+    spent += 1 if entry.mode.layer >= 0 else 0
+    if not entry.mode.pressing:
         return not_quiet(start, spent)
     stiffness, damping = cosine * cosine * entry.stiffness, cosine * cosine * entry.damping
-    swift = swiftness(stiffness, damping, scene.mass)
+    swift = spectral_radius(stiffness, damping, scene.mass)
     parts = math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step))
     if parts > FINEST or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE):
         return not_quiet(start, spent)
 
-    motion = Motion(interval, scene.regions, entry.region, start.impact_speed, scene.mass, NOWHERE)
+    motion = Motion(interval, scene.modes, entry.mode, start.impact_speed, scene.mass, NOWHERE)
     begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
     slope = Slope((cosine * entry.force - load) / scene.mass, begin, stiffness, damping, cosine)
     part, held, leapt, middle, before = h / parts, holding(stiffness, damping, scene.mass), 0.0, slope, 0.0
@@ -84,15 +84,15 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
     factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
     end = slope.stage
     error, held = bounded(error), holding(slope.stiffness, slope.damping, scene.mass)
-    return Advance(
-        Progress(
+    return TickResult(
+        RunState(
             state, error, max(start.try_step, part * factor) if parts == 1 else part * factor, start.impact_speed,
             start.impact_error, DYNAMIC, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
             end.rate / slope.cosine, end.depth, start.adrift,
         ),
         end.depth,
         end.rate,
-        end.force if scene.regions.allow_tension else max(end.force, 0.0),
+        end.force if scene.modes.allow_tension else max(end.force, 0.0),
         reach(error, held),
         force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
         spent,
@@ -104,6 +104,6 @@ def quiet_tick(scene: Scene, interval: Interval, start: Progress, spent: int) ->
 
 
 @in_kernel
-def not_quiet(start: Progress, spent: int) -> Advance:
+def not_quiet(start: RunState, spent: int) -> TickResult:
     """Word that a tick is none of this kind, with what it has cost."""
-    return Advance(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False, 0.0, DYNAMIC)
+    return TickResult(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False, 0.0, DYNAMIC)

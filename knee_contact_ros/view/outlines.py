@@ -16,7 +16,7 @@ FLEXIONS = np.radians(np.arange(0.0, 81.0, 5.0))
 Floats = NDArray[np.float64]
 
 
-class Drawing(NamedTuple):
+class KneeOutlines(NamedTuple):
     """What does not change."""
 
     knee: str
@@ -44,10 +44,10 @@ class Serving(NamedTuple):
     """Names of all knees that share the viewer, this one's among them; none: it has the viewer for itself"""
 
 
-def drawing_of(model: KneeModel, knee: str, body_weight: float) -> Drawing:
+def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     """The outlines of a model; forces will be shown in units of `body_weight` [N]."""
     femur, tibia = model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH)
-    return Drawing(knee, femur, tibia, model.cartilage_thickness, contact_range(model), body_weight)
+    return KneeOutlines(knee, femur, tibia, model.cartilage_thickness, contact_range(model), body_weight)
 
 
 def contact_range(model: KneeModel) -> tuple[float, float]:

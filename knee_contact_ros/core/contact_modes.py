@@ -1,0 +1,121 @@
+"""The smooth pieces of a contact law: apart, or in one layer and pressing, or in one layer and released.
+
+A layer is released while its formula would pull (Kelvin-Voigt shortly before separation): cartilage cannot pull, so the
+femur flies although the surfaces still overlap.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
+from knee_contact_ros.core.kernel_source import in_kernel
+
+APART = -1
+"""The layer when apart"""
+NOWHERE, ABOVE, FORCE, BELOW = -1, 0, 1, 2
+"""Boundaries of a mode: none; the layer's upper and lower end; the change between pressing and released"""
+BOUNDARIES = (ABOVE, FORCE, BELOW)
+
+DEPTH_ROUNDING = 1e-13
+"""Crossings of less than this [m] are rounding."""
+FORCE_ROUNDING = 1e-10
+"""The same for the force, as a part of the load (or of 1 N)."""
+
+
+class ContactMode(NamedTuple):
+    """A smooth piece of the contact law."""
+
+    layer: int
+    """Index into the law's layers; `APART` when apart"""
+    pressing: bool
+    """Whether the contact exerts force"""
+
+
+class ContactModes(NamedTuple):
+    """The modes of one law; clamped at zero force unless it may pull."""
+
+    law: ContactLaw
+    allow_tension: bool
+
+
+class Entry(NamedTuple):
+    """The mode that a contact is in, and what its formula gives there."""
+
+    mode: ContactMode
+    force: float
+    """[N] exerted: 0 unless pressing"""
+    stiffness: float
+    """Its slope over depth [N/m]"""
+    damping: float
+    """Its slope over rate [N s/m]"""
+
+
+@in_kernel
+def enter(modes: ContactModes, depth: float, rate: float, load: float, impact_speed: float) -> Entry:
+    """Mode of a contact; on a layer's end, the side it moves to. One evaluation, none when apart."""
+    layer = layer_at(modes.law, depth_ahead(depth, rate))
+    return enter_layer(modes, layer, depth, rate, load, impact_speed)
+
+
+@in_kernel
+def enter_layer(modes: ContactModes, layer: int, depth: float, rate: float, load: float, impact_speed: float) -> Entry:
+    """Mode of a contact in a given layer. One evaluation, none when apart."""
+    if layer < 0:
+        return Entry(ContactMode(APART, False), 0.0, 0.0, 0.0)
+    force, stiffness, damping = modes.law.layers[layer].formula.force_at(depth, rate, impact_speed)
+    if modes.allow_tension or force >= -force_rounding(load):
+        return Entry(ContactMode(layer, True), force, stiffness, damping)
+    return Entry(ContactMode(layer, False), 0.0, 0.0, 0.0)
+
+
+@in_kernel
+def switch(modes: ContactModes, mode: ContactMode, depth: float, rate: float, impact_speed: float) -> Entry:
+    """Mode behind the boundary `FORCE` of a mode: released if it was pressing. One evaluation, or none."""
+    if mode.pressing:
+        return Entry(ContactMode(mode.layer, False), 0.0, 0.0, 0.0)
+    force, stiffness, damping = modes.law.layers[mode.layer].formula.force_at(depth, rate, impact_speed)
+    return Entry(ContactMode(mode.layer, True), force, stiffness, damping)
+
+
+@in_kernel
+def event_function(modes: ContactModes, mode: ContactMode, boundary: int, depth: float, force: float) -> float:
+    """Signed distance of a contact to a boundary of a mode: >= 0 inside; [m], or [N] for `FORCE`.
+
+    Infinite for a boundary that the mode does not have. `force` [N] is that of the layer's formula, not clamped.
+    """
+    layers = modes.law.layers
+    if boundary == ABOVE and mode.layer >= 0:
+        return depth - layers[mode.layer].begin
+    if boundary == FORCE and mode.layer >= 0 and not modes.allow_tension:
+        return force if mode.pressing else -force
+    if boundary == BELOW and mode.layer + 1 < len(layers):
+        return layers[mode.layer + 1].begin - depth
+    return float("inf")
+
+
+@in_kernel
+def rounding(boundary: int, load: float) -> float:
+    """What counts as a margin of zero."""
+    return force_rounding(load) if boundary == FORCE else DEPTH_ROUNDING
+
+
+@in_kernel
+def crossed(modes: ContactModes, mode: ContactMode, depth: float, force: float, load: float, known: int) -> int:
+    """The first boundary of a mode that a contact lies beyond, except the `known` one; `NOWHERE` if it is inside."""
+    for boundary in BOUNDARIES:
+        if boundary != known and event_function(modes, mode, boundary, depth, force) < -rounding(boundary, load):
+            return boundary
+    return NOWHERE
+
+
+@in_kernel
+def depth_ahead(depth: float, rate: float) -> float:
+    """The depth [m] that a contact on a layer's end is about to have: it decides on which side of it."""
+    return depth + (DEPTH_ROUNDING if rate >= 0.0 else -DEPTH_ROUNDING)
+
+
+@in_kernel
+def force_rounding(load: float) -> float:
+    """What counts as no force [N]."""
+    return FORCE_ROUNDING * max(1.0, abs(load))
