@@ -295,8 +295,9 @@ class McapFile:
         footer = parsed(record)
         if footer.summary_start and footer.summary_crc:
             covered = record.offset + HEAD.size + len(record.content) - 4  # all but the checksum itself
-            if _checksum(self._file, footer.summary_start, covered) != footer.summary_crc:
-                self._say("the summary does not fit its checksum")
+            within = footer.summary_start <= record.offset
+            if not within or _checksum(self._file, footer.summary_start, covered) != footer.summary_crc:
+                self._say("the summary does not fit its checksum or its place")
 
     def _attachment(self, record: Record) -> None:
         checksum = int.from_bytes(record.content[-4:], "little")

@@ -183,6 +183,12 @@ def test_checksums_of_the_whole_are_checked(tmp_path: Path, where: str) -> None:
     assert any(fault.startswith(f"{where} do") and "checksum" in fault for fault in faults)
 
 
+def test_a_summary_beyond_all_files_is_damage(tmp_path: Path) -> None:
+    path = made(tmp_path, "zstd")
+    change(path, path.stat().st_size - 28, b"\xff" * 8)  # where the footer says that the summary begins
+    assert read(path) == (WRITTEN, ["the summary does not fit its checksum or its place"])
+
+
 def test_no_file_is_read_as_one(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     for content in (b"", b"text" * 1000, bytes(5000), b"\x89MCAP0\r\n", b"\x06" + b"\xff" * 100):
