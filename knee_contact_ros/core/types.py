@@ -121,7 +121,12 @@ class Contact(np.record):  # type: ignore[misc]
     """of the tibial surface at the contact point, from tibia to femur"""
     normal_y: Real
     latency: Real
-    """[s] from the load's arrival to the answer's publication; not a number where it was not measured"""
+    """[s] from the load's arrival to the answer's publication, which the node measures; 0 elsewhere"""
+
+    def __repr__(self) -> str:
+        return f"({', '.join(f'{name}={self[name].item()}' for name in self.dtype.names or ())})"
+
+    __str__ = __repr__
 
 
 def _fields(record: type[np.record]) -> np.dtype[Any]:
@@ -165,9 +170,7 @@ TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin
 
 def blank(number: int) -> Rows:
     """Rows to be filled by a kernel, shape (number,), zeros between the fields: a copy may have anything there."""
-    rows = np.zeros(number, dtype=ROW)
-    rows["latency"] = np.nan
-    return rows
+    return np.zeros(number, dtype=ROW)
 
 
 def untold(number: int) -> Rows:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 from pathlib import Path
 from typing import NamedTuple
 
@@ -286,3 +288,16 @@ def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObj
     assert np.all(series.penetration_depth * series.gap == 0.0)
     said = series.status & Status.NOT_CONVERGED != 0
     assert np.all(said[(series.error_estimate > tolerance) | (series.fidelity == Fidelity.QUASI_STATIC)])
+
+
+def test_an_answer_prints_with_the_names_of_its_fields() -> None:
+    contact = model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0)
+    assert repr(contact).startswith("(flexion_angle=0.1, load=800.0, contact_force=")
+    assert "contact_point=(" in repr(contact)
+    assert str(contact.contact_point).startswith("(x=0.0, y=")
+
+
+def test_answers_that_are_alike_are_equal() -> None:
+    first, again = (model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0) for _ in range(2))
+    assert first == again == pickle.loads(pickle.dumps(first)) == copy.copy(first)  # noqa: S301  (our own)
+    assert first != model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 801.0)
