@@ -59,7 +59,7 @@ def find_files(path: Path, opened: ExitStack) -> Found:
     names, folder = metadata.files if metadata else [], path
     if metadata and metadata.compressed == "file":
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
-        names = [_decompressed(path / name, folder) for name in names]
+        names = _decompressed([path / name for name in names], folder)
     elif not any(is_there(path / name) for name in names):
         faults += [f"{name} is missing" for name in names]
         names = guessed(path)
@@ -71,9 +71,14 @@ def find_files(path: Path, opened: ExitStack) -> Found:
         if not is_there(folder / name):
             faults.append(f"{name} is {'no file of a bag' if os.path.lexists(folder / name) else 'missing'}")
             continue
-        files.append(_bounded(open_file(folder / name)))
-        opened.callback(files[-1].close)
-        faults += [f"{name}: {fault}" for fault in files[-1].faults]
+        try:
+            file = open_file(folder / name)
+        except UsageError as error:
+            faults.append(f"{name}: {error}")
+            continue
+        files.append(_bounded(file))
+        opened.callback(file.close)
+        faults += [f"{name}: {fault}" for fault in file.faults]
     packed = metadata is not None and metadata.compressed == "message"
     return Found(files, faults, packed, metadata.counts if metadata else {})
 
@@ -111,25 +116,27 @@ def _bounded(file: File) -> File:
     return file
 
 
-def _decompressed(path: Path, folder: Path) -> str:
-    """Unpack a file that rosbag2 has compressed as a whole; its new name.
+def _decompressed(paths: Sequence[Path], folder: Path) -> list[str]:
+    """Unpack files that rosbag2 has compressed as a whole; their new names, of those that are there.
 
     Raises:
-        UsageError: it holds too much for its size, or cannot be unpacked.
+        UsageError: they hold too much for their size, or cannot be unpacked.
     """
-    name = path.name.removesuffix(".zstd")
-    try:
-        with open_regular(path) as file, (folder / name).open("wb") as unpacked:
-            most = max(MOST_GROWTH * path.stat().st_size, LITTLE)
-            reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-            while most >= 0 and (data := reader.read(BLOCK)):
-                most -= len(data)
-                unpacked.write(data)
-    except (OSError, zstandard.ZstdError) as error:
-        raise UsageError(f"cannot read bag file {path}: {error}") from None
-    if most < 0:
-        raise UsageError(f"{path} holds more than {MOST_GROWTH} times its size: no recording is compressed so well")
-    return name
+    names, there = [], [path for path in paths if is_there(path)]
+    most = max(MOST_GROWTH * sum(path.stat().st_size for path in there), LITTLE)
+    for path in there:
+        names.append(path.name.removesuffix(".zstd"))
+        try:
+            with open_regular(path) as file, (folder / names[-1]).open("wb") as unpacked:
+                reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+                while most >= 0 and (data := reader.read(BLOCK)):
+                    most -= len(data)
+                    unpacked.write(data)
+        except (OSError, zstandard.ZstdError) as error:
+            raise UsageError(f"cannot read bag file {path}: {error}") from None
+        if most < 0:
+            raise UsageError(f"{path} holds more than {MOST_GROWTH} times its size: no recording is compressed so well")
+    return names + [path.name for path in paths if path not in there]
 
 
 def _allow_many_files(path: Path) -> None:

@@ -28,7 +28,7 @@ def read_metadata(folder: Path) -> tuple[FolderMetadata | None, list[str]]:
         return _understood(content["rosbag2_bagfile_information"]), []
     except FileNotFoundError:
         return None, [f"{METADATA} is missing"]
-    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError):
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
         return None, [f"{METADATA} cannot be read"]
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import zlib
-from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from heapq import heappop, heappush
 from itertools import accumulate
 from operator import attrgetter
 from pathlib import Path
@@ -103,6 +104,7 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._header = self._ended = False
         self._last_loose: Record | None = None
+        self._before_last: Segment | None = None  # the run before that message
         self._unpacking, self._records = max(MOST_GROWTH * self.size, LITTLE), self.size + LITTLE_RECORDS
         self._file = open_regular(path)
         try:
@@ -134,13 +136,20 @@ class McapFile:
     def by_time(self, channels: Collection[int]) -> Iterator[Message]:
         """The messages of some channels in the order of log time; equal times as in the file."""
         wanted, waiting = frozenset(channels), list[Message]()
-        for segment in sorted(self._segments, key=attrgetter("first", "offset")):
-            if wanted.isdisjoint(segment.counts):
-                continue
-            ready = bisect_left(waiting, segment.first, key=attrgetter("log_time"))
-            yield from waiting[:ready]
-            waiting = sorted([*waiting[ready:], *self._messages(segment, wanted)])
-        yield from waiting
+        segments = [segment for segment in self._segments if not wanted.isdisjoint(segment.counts)]
+        segments.sort(key=attrgetter("first", "offset"))
+        firsts = (segment.first for segment in segments[1:])
+        for segment in segments:
+            while waiting and waiting[0].log_time < segment.first:
+                yield heappop(waiting)
+            coming = sorted(self._messages(segment, wanted))
+            following = next(firsts, math.inf)
+            if waiting or following <= segment.last:
+                for message in coming:
+                    heappush(waiting, message)
+            else:
+                yield from coming
+        yield from sorted(waiting)
 
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
         """Everything but schemas and channels as the file has it, each with where [B] it was."""
@@ -185,7 +194,9 @@ class McapFile:
             self._declare(piece, self._declared)
 
     def _hole(self, hole: Hole) -> None:
-        if self._last_loose and self._last_loose.end == hole.offset:  # it may be what is not as long as it says
+        if (
+            self._last_loose and self._last_loose.end == hole.offset and not hole.alone
+        ):  # it may be what is not as long as it says
             self._take_back(self._last_loose)
         self.unread += hole.length
         self.faults.append(f"{hole.length} bytes from byte {hole.offset} on are no records")
@@ -218,19 +229,21 @@ class McapFile:
         channel, _, log_time, _ = MESSAGE.unpack_from(record.content)
         if last and last.loose and last.end == record.offset and last.end - last.offset < LONGEST_RUN:
             last.counts[channel] += 1
+            self._before_last = last
             self._segments[-1] = last._replace(
                 end=record.end, size=record.end - last.offset, first=min(last.first, log_time),
                 last=max(last.last, log_time),
             )  # fmt: skip
             return
-        size = record.end - record.offset
+        size, self._before_last = record.end - record.offset, None
         self._segments.append(Segment(record.offset, record.end, size, True, log_time, log_time, Counter([channel])))
 
     def _take_back(self, record: Record) -> None:
         """Leave out the last message of a run."""
-        run, (channel, *_) = self._segments[-1], MESSAGE.unpack_from(record.content)
+        run, (channel, *_) = self._segments.pop(), MESSAGE.unpack_from(record.content)
         run.counts[channel] -= 1
-        self._segments[-1] = run._replace(end=record.offset, size=record.offset - run.offset)
+        if self._before_last:
+            self._segments.append(self._before_last)
         self.unread += record.end - record.offset
         self.faults.append(f"the message at byte {record.offset} may not be as long as it says; it is left out")
 

@@ -1,6 +1,7 @@
 """The records of an MCAP file, read without trust in their lengths or in what a chunk says of itself.
 
-A record is taken only if its content fills it exactly. Behind anything else the next chunk is searched for.
+A record is taken only if its content fills it exactly. Behind anything else the record goes on that its length leads
+to, or else the next chunk is searched for.
 """
 
 from __future__ import annotations
@@ -87,6 +88,8 @@ class Hole(NamedTuple):
 
     offset: int
     length: int
+    alone: bool = False
+    """Whether they are a record of an unknown kind or form, whose length leads to the next one"""
 
 
 class Chunk(NamedTuple):
@@ -150,8 +153,11 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Record | Hole]:
     while position < size:
         record = record_at(file, position, size)
         if record is None:
-            following = _next_record(file, position + 1, size)
-            yield Hole(position, following - position)
+            head = head_at(file, position)
+            end = position + HEAD.size + head[1] if head else size
+            alone = end < size and _is_followed(file, end, size)
+            following = end if alone else _next_record(file, position + 1, size)
+            yield Hole(position, following - position, alone)
             position = following
             continue
         yield record

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -11,6 +12,7 @@ from urllib.parse import quote
 
 from knee_contact_ros.system.errors import UsageError
 
+TABLES = ("topics", "messages", "message_definitions")
 KINDS = "typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Of what a row of a message has"""
 COUNTS = f"SELECT topic_id, count(*) FROM messages WHERE {KINDS} GROUP BY topic_id"  # noqa: S608
@@ -46,13 +48,19 @@ class SqliteFile:
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
-        self._database = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
+        address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
+        self._database = sqlite3.connect(
+            address, uri=True, check_same_thread=False
+        )  # a replay reads ahead in another one
         try:
             found = self._database.execute("PRAGMA integrity_check(1)").fetchone()[0]
             if found != "ok" or _is_cut_off(path):  # which sqlite takes for zeros
                 raise sqlite3.DatabaseError("it is cut off" if found == "ok" else found)
+            kinds = dict(self._database.execute("SELECT name, type FROM sqlite_master").fetchall())
+            if any(kinds.get(name, "table") != "table" for name in TABLES):  # a view may take for ever
+                raise sqlite3.DatabaseError("its messages or topics are no table")
             self._read()
-        except (sqlite3.Error, UnicodeDecodeError, ValueError, TypeError) as error:
+        except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
             self._database.close()
             said = " ".join(str(error).split())[:120]
             words = "try to get its messages into another one with sqlite3's own `.recover`"

@@ -25,6 +25,8 @@ NANOSECOND = 1e-9
 AUTO = Auto()
 Floats = NDArray[np.float64]
 INPUTS = "flexion_angle, load and femoral_height"
+LARGEST_TIME = 9e9
+"""Time [s] beyond which integer nanoseconds do not reach: 285 years."""
 LARGEST_LOAD = 1e6
 """Load [N] beyond which a sample is a fault of its source and no knee's."""
 LARGEST_ANGLE = 10.0
@@ -136,8 +138,8 @@ class KneeModel:
                 shape (n,).
 
         Returns:
-            Record array of shape (n,) of `Contact`s: `series.contact_force`, `series.contact_point.x` and so on. Bit
-            for bit the records that `stream().tick` gives.
+            Record array of shape (n,) with the fields of `Contact`: `series.contact_force`, `series.contact_point.x`
+            and so on. Bit for bit the records that `stream().tick` gives.
 
         Raises:
             ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
@@ -151,8 +153,8 @@ class KneeModel:
         time_, angles, loads, *heights = columns
         _check_limits(columns[1:])
         stamps = np.rint(time_ / NANOSECOND)
-        if not np.isfinite(stamps).all() or (np.diff(stamps) <= 0.0).any():
-            raise ValueError("time must be finite and increase")
+        if not (np.abs(time_) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
+            raise ValueError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
         self.check_drive(bool(heights))
         durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
         answers = blank(len(time_))
@@ -210,8 +212,8 @@ class Stream:
             ValueError: a value is not finite or too large, time is not later than at the previous tick, or the drive
                 and `femoral_height` do not go together.
         """
-        if not math.isfinite(time):
-            raise ValueError(f"time must be finite, got {time}")
+        if not abs(time) < LARGEST_TIME:
+            raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
@@ -234,8 +236,9 @@ class Stream:
             duration = (stamp - last) * NANOSECOND
         else:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
+        self._told[0] = stamp
         self._tick(duration, flexion_angle, load, height)
-        self._stamp = self._told[0] = stamp
+        self._stamp = stamp
 
     def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
         """Many ticks: `advance` for each, with their answers.

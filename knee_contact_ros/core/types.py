@@ -56,7 +56,22 @@ class Status(IntFlag):
     """The depth makes no sense: see `plausible_depth.py`."""
 
 
-class Point(np.record):  # type: ignore[misc]  # final to the stubs alone
+class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
+    """A record whose attributes are numbers of Python's own, and records of the declared classes."""
+
+    def __getattribute__(self, name: str) -> Any:
+        value = super().__getattribute__(name)
+        if isinstance(value, np.void):
+            return value.view((PARTS[name], value.dtype))
+        return value.item() if isinstance(value, np.generic) else value
+
+    def __repr__(self) -> str:
+        return f"({', '.join(f'{name}={getattr(self, name)!r}' for name in self.dtype.names or ())})"
+
+    __str__ = __repr__
+
+
+class Point(Row):  # type: ignore[misc]
     """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right."""
 
     x: Real
@@ -65,7 +80,7 @@ class Point(np.record):  # type: ignore[misc]  # final to the stubs alone
     """0, or about the axis of flexion: all is planar"""
 
 
-class Wrench(np.record):  # type: ignore[misc]
+class Wrench(Row):  # type: ignore[misc]
     """What acts on a body, at the origin of the tibia frame; as `geometry_msgs/msg/Wrench` has it."""
 
     force: Point
@@ -74,7 +89,7 @@ class Wrench(np.record):  # type: ignore[misc]
     """[N m]"""
 
 
-class Contact(np.record):  # type: ignore[misc]
+class Contact(Row):  # type: ignore[misc]
     """The answer to one tick: first what `KneeContact.msg` tells, under its names, in its order and with its types."""
 
     flexion_angle: Real
@@ -123,13 +138,12 @@ class Contact(np.record):  # type: ignore[misc]
     latency: Real
     """[s] from the load's arrival to the answer's publication, which the node measures; 0 elsewhere"""
 
-    def __repr__(self) -> str:
-        return f"({', '.join(f'{name}={self[name].item()}' for name in self.dtype.names or ())})"
 
-    __str__ = __repr__
+PARTS: dict[str, type[Row]] = {"contact_point": Point, "contact_wrench": Wrench, "force": Point, "torque": Point}
+"""The classes of fields that have fields of their own"""
 
 
-def _fields(record: type[np.record]) -> np.dtype[Any]:
+def _fields(record: type[Row]) -> np.dtype[Any]:
     """The fields that a class declares, aligned as in C, and as CDR aligns them."""
     fields = []
     for name, hint in get_type_hints(record, include_extras=True).items():

@@ -139,6 +139,15 @@ def test_a_truncated_sqlite3_bag_is_refused(tmp_path: Path) -> None:
         BagReader(tmp_path / "bag")
 
 
+def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
+    sqlite(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_1.db3").write_bytes(b"")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("- bag.db3", "- bag.db3\n  - bag_1.db3", 1))
+    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert any(fault.startswith("bag_1.db3: ") for fault in damage_of(tmp_path / "bag"))
+
+
 def test_only_the_first_faults_are_told_in_a_line() -> None:
     assert in_a_line(["a", "b"]) == "a; b"
     assert in_a_line([str(n) for n in range(MOST_SAID + 2)]) == "0; 1; 2; and 2 more"

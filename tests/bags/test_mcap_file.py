@@ -5,15 +5,17 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.mcap_records import CHUNK_HEAD, HEAD
+from knee_contact_ros.bags.mcap_records import CHUNK_HEAD, HEAD, MAGIC
 from knee_contact_ros.messages.ros_types import typestore
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
+from tests.hostile.bags import channel, chunk, message, record, schema, whole
 
 FORMS = {
     "plain": lambda path: mcap(path, CompressionType.NONE),
@@ -187,6 +189,46 @@ def test_a_summary_beyond_all_files_is_damage(tmp_path: Path) -> None:
     path = made(tmp_path, "zstd")
     change(path, path.stat().st_size - 28, b"\xff" * 8)  # where the footer says that the summary begins
     assert read(path) == (WRITTEN, ["the summary does not fit its checksum or its place"])
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_records_of_later_versions_are_passed_by(tmp_path: Path, chunked: bool) -> None:
+    """One of a kind that is not known, and a header that is longer."""
+    topics = schema(1, "a/msg/B", b"") + channel(1, "/a")
+    messages = message(1, b"x", 1) + message(1, b"y", 2)
+    data = topics + messages
+    path, body = tmp_path / "bag.mcap", chunk(data, len(data), "") if chunked else data
+    content = whole(body)
+    begin = len(MAGIC) + HEAD.size + int.from_bytes(content[9:17], "little")
+    longer = bytearray(content[len(MAGIC) : begin] + b"\x00\x00\x00")
+    longer[1:9] = (len(longer) - HEAD.size).to_bytes(8, "little")
+    for header in (content[len(MAGIC) : begin] + record(0x20, b"new"), bytes(longer)):
+        path.write_bytes(MAGIC + header + content[begin:])
+        found, faults = read(path)
+        assert [time for _, time, _ in found] == [1, 2]
+        assert any("are no records" in fault for fault in faults)
+
+
+def test_a_message_that_is_left_out_leaves_no_time_behind(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    messages = message(1, b"x", 1) + message(1, b"y", 2) + message(1, b"z", 10**15)
+    path.write_bytes(whole(schema(1, "a/msg/B", b""), channel(1, "/a"), messages)[: -2 * len(MAGIC)] + bytes(50))
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"z") + 1] + bytes(50))
+    with closing(McapFile(path)) as file:
+        assert (file.times, file.counts.total()) == ((1, 2), 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int) -> None:
+    dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
+    times = [sorted(dice.integers(0, 200, dice.integers(1, 9)).tolist()) for _ in range(100)]
+    times[seed] = list(range(300))
+    for part in times:
+        data = b"".join(message(1, b"", time) for time in part)
+        chunks.append(chunk(data, len(data), "", part[0], part[-1]))
+    path.write_bytes(whole(schema(1, "a/msg/B", b""), channel(1, "/a"), *chunks))
+    assert [time for _, time, _ in read(path)[0]] == sorted(time for part in times for time in part)
 
 
 def test_no_file_is_read_as_one(tmp_path: Path) -> None:

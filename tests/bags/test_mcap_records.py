@@ -44,7 +44,8 @@ def test_a_record_must_fill_its_length_exactly(length: int) -> None:
     assert parsed(Record(Opcode.SCHEMA, 0, bytes(schema[9:]))) is None
     assert pieces(MAGIC + bytes_of(HEADER) + schema + bytes_of(NOTE)) == [
         Opcode.HEADER,
-        Hole(len(MAGIC) + len(bytes_of(HEADER)), len(schema) + len(bytes_of(NOTE))),
+        Hole(len(MAGIC) + len(bytes_of(HEADER)), len(schema), alone=True),
+        Opcode.METADATA,
     ]
 
 

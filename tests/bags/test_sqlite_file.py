@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -53,6 +54,32 @@ def test_a_file_cut_off_anywhere_is_refused(database: Path) -> None:
         database.write_bytes(content[:size])
         with pytest.raises(UsageError, match="is no sqlite3 bag, or a damaged one"):
             read(database)
+
+
+def test_messages_that_are_no_table_are_not_computed(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as connection, connection:
+        connection.execute("ALTER TABLE messages RENAME TO others")
+        endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, 1, i, x'00' FROM n"
+        connection.execute(f"CREATE VIEW messages (id, topic_id, timestamp, data) AS {endless}")
+    with pytest.raises(UsageError, match="are no table"):
+        read(database)
+
+
+def test_a_thread_may_read(database: Path) -> None:
+    """As replay does."""
+    with ThreadPoolExecutor(1) as threads, closing(SqliteFile(database)) as file:
+        assert threads.submit(lambda: sum(1 for _ in file.by_time(file.topics))).result() == len(WRITTEN)
+
+
+def test_a_numbers_beyond_all_integers_is_damage(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("CREATE TABLE t2 AS SELECT * FROM topics")
+        connection.execute("DROP TABLE topics")
+        connection.execute("ALTER TABLE t2 RENAME TO topics")
+        connection.execute("UPDATE topics SET id = 9e999")
+        connection.commit()
+    with pytest.raises(UsageError, match="is no sqlite3 bag"):
+        read(database)
 
 
 def test_messages_in_a_log_beside_are_not_forgotten(database: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerFormula
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Status
+from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Point, Status
 from tests.core.test_geometries import ellipse
 from tests.helpers.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
 
@@ -295,6 +295,24 @@ def test_an_answer_prints_with_the_names_of_its_fields() -> None:
     assert repr(contact).startswith("(flexion_angle=0.1, load=800.0, contact_force=")
     assert "contact_point=(" in repr(contact)
     assert str(contact.contact_point).startswith("(x=0.0, y=")
+
+
+def test_an_answer_consists_of_numbers_as_declared() -> None:
+    contact = model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0)
+    assert (type(contact.status), type(contact.evaluations), type(contact.load)) == (int, int, float)
+    assert contact.evaluations - 1000 < 0  # which an unsigned number would not be
+    assert (type(contact.contact_point), type(contact.contact_wrench.torque)) == (Point, Point)
+
+
+def test_times_beyond_integer_nanoseconds_are_refused() -> None:
+    knee = model(law("kelvin_voigt"))
+    stream = knee.stream()
+    for time in (1e10, -1e10, math.nan):
+        with pytest.raises(ValueError, match="time must be finite"):
+            stream.tick(time, 0.1, 800.0)
+        with pytest.raises(ValueError, match="time must be finite"):
+            knee.run([time], [0.1], [800.0])
+    assert stream.tick(0.0, 0.1, 800.0).stamp == 0
 
 
 def test_answers_that_are_alike_are_equal() -> None:
