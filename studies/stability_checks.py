@@ -88,25 +88,30 @@ def trusted(finer: np.recarray[Any, Any], tolerance: float) -> NDArray[np.bool_]
     return np.asarray(dynamic & (finer.error_estimate <= TRUSTED * tolerance))
 
 
+_nodes, _weights = np.polynomial.legendre.leggauss(24)
+NODES, WEIGHTS = (0.5 * (_nodes + 1.0)).tolist(), (0.5 * _weights).tolist()
+"""Of Gauss's rule between 0 and 1"""
+
+
 class Energy:
     """Energy of a circular femur under a constant load; turning it does no work."""
 
     def __init__(self, scene: Scene) -> None:
         self.law: ContactLaw = law_of(scene)
         self.mass = scene.mass
-        self.exponent = scene.arguments.get("exponent", 2.0)
-        self.damping = scene.arguments.get("damping", 0.0)
 
     def elastic(self, depth: float) -> float:
-        """Integral [J] of the static force K δⁿ of every layer up to a depth [m], in closed form."""
+        """Integral [J] of the static force of every layer up to a depth [m], by Gauss's rule.
+
+        Over u with δ = u², in which a force that begins with δⁿ is smooth at its beginning: 24 nodes leave 1e-11 of it.
+        """
         total = 0.0
         ends = [*(layer.begin for layer in self.law.layers[1:]), math.inf]
         for layer, end in zip(self.law.layers, ends, strict=True):
             inside = min(depth, end) - layer.begin
             if inside > 0.0:
-                base = layer.formula.force_at(layer.begin, 0.0, 0.0)[0]
-                top = layer.formula.force_at(layer.begin + inside, 0.0, 0.0)[0]
-                total += inside * (base + (top - base) / (self.exponent + 1.0))
+                force = [layer.formula.force_at(layer.begin + inside * u * u, 0.0, 0.0)[0] for u in NODES]
+                total += 2.0 * inside * sum(w * u * f for w, u, f in zip(WEIGHTS, NODES, force, strict=True))
         return total
 
     def reach(self, start: float, load: float) -> float:
