@@ -139,15 +139,19 @@ class Contact(Row):  # type: ignore[misc]
     """[s] from the load's arrival to the answer's publication, which the node measures; 0 elsewhere"""
 
 
-PARTS: dict[str, type[Row]] = {"contact_point": Point, "contact_wrench": Wrench, "force": Point, "torque": Point}
-"""The classes of fields that have fields of their own"""
+PARTS: dict[str, type[Row]] = {}
+"""The classes of fields that have fields of their own, by name"""
 
 
 def _fields(record: type[Row]) -> np.dtype[Any]:
     """The fields that a class declares, aligned as in C, and as CDR aligns them."""
-    fields = []
+    fields: list[tuple[str, Any]] = []
     for name, hint in get_type_hints(record, include_extras=True).items():
-        fields.append((name, hint.__metadata__[0] if get_origin(hint) is Annotated else _fields(hint)))
+        if get_origin(hint) is Annotated:
+            fields.append((name, hint.__metadata__[0]))
+        else:
+            PARTS[name] = hint
+            fields.append((name, _fields(hint)))
     return np.dtype(fields, align=True)
 
 
