@@ -20,10 +20,12 @@ from knee_contact_ros.bags.mcap_records import (
     HEAD,
     MESSAGE,
     Chunk,
+    CutChunk,
     DamagedError,
     Hole,
     Message,
     Record,
+    beginning_of,
     magic_at,
     messages_in,
     parsed,
@@ -37,6 +39,7 @@ from knee_contact_ros.bags.mcap_records import (
 from knee_contact_ros.system.regular_file import open_regular
 
 DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
+CHUNK, CUT_CHUNK, LOOSE = "chunk", "cut chunk", "loose"
 MOST_GROWTH = 200
 """Times the file's size that its chunks may hold altogether; recordings of motion take a tenth at best"""
 LITTLE = 2**26
@@ -66,8 +69,8 @@ class Segment(NamedTuple):
     """[B]"""
     size: int
     """[B] of its records"""
-    loose: bool
-    """Outside chunks"""
+    kind: str
+    """`CHUNK`, `CUT_CHUNK`, or `LOOSE`: outside chunks"""
     first: int
     """Smallest log time [ns]"""
     last: int
@@ -175,14 +178,17 @@ class McapFile:
         return parsed(record) if record else None
 
     def _messages(self, segment: Segment, channels: Collection[int]) -> Iterator[Message]:
-        begin = segment.offset if segment.loose else segment.offset + HEAD.size
-        content = read_at(self._file, begin, segment.end - begin)
-        data = content if segment.loose else unpack(read_chunk(content))
+        begin = segment.offset if segment.kind == LOOSE else segment.offset + HEAD.size
+        data = read_at(self._file, begin, segment.end - begin)
+        if segment.kind != LOOSE:
+            data = (unpack if segment.kind == CHUNK else beginning_of)(read_chunk(data))
         return messages_in(data, segment.offset, channels, len(data))
 
-    def _take(self, piece: Record | Hole) -> None:
+    def _take(self, piece: Record | CutChunk | Hole) -> None:
         if isinstance(piece, Hole):
             self._hole(piece)
+        elif isinstance(piece, CutChunk):
+            self._cut_chunk(piece)
         elif piece.opcode == Opcode.CHUNK:
             self._chunk(piece)
         elif piece.opcode == Opcode.MESSAGE:
@@ -209,12 +215,28 @@ class McapFile:
                 raise DamagedError(f"is one too many: they hold more than {MOST_GROWTH} times the file")
             self._unpacking -= chunk.size
             data = unpack(chunk)
-            self._keep(record, chunk, data)
+            self._keep(record, chunk, data, CHUNK)
         except DamagedError as fault:
             self.unread += len(record.content)
             where = f"the chunk at byte {record.offset}"
             self.faults.append(f"{where} {fault}; its {len(record.content)} bytes are left out")
             self._declare_doubtful(chunk)
+
+    def _cut_chunk(self, piece: CutChunk) -> None:
+        chunk, before = read_chunk(piece.content), self.messages
+        self.compression = chunk.compression if self.compression is None else self.compression
+        data = beginning_of(chunk) if chunk.size <= self._unpacking else b""
+        try:
+            self._keep(Record(Opcode.CHUNK, piece.offset, piece.content), chunk, data, CUT_CHUNK)
+        except DamagedError:
+            self.unread += len(piece.content)
+        told = f"{self.messages - before} messages could be read"
+        self.faults.append(f"the chunk at byte {piece.offset} is cut off; {told}")
+
+    @property
+    def messages(self) -> int:
+        """How many were found."""
+        return sum(segment.counts.total() for segment in self._segments)
 
     def _declare_doubtful(self, chunk: Chunk) -> None:
         """Take what a damaged chunk declares, for channels that nothing else declares."""
@@ -227,7 +249,7 @@ class McapFile:
         """Take a message outside chunks: as a part of the run that it goes on with, if there is one."""
         last, self._last_loose = self._segments[-1] if self._segments else None, record
         channel, _, log_time, _ = MESSAGE.unpack_from(record.content)
-        if last and last.loose and last.end == record.offset and last.end - last.offset < LONGEST_RUN:
+        if last and last.kind == LOOSE and last.end == record.offset and last.end - last.offset < LONGEST_RUN:
             last.counts[channel] += 1
             self._before_last = last
             self._segments[-1] = last._replace(
@@ -236,7 +258,7 @@ class McapFile:
             )  # fmt: skip
             return
         size, self._before_last = record.end - record.offset, None
-        self._segments.append(Segment(record.offset, record.end, size, True, log_time, log_time, Counter([channel])))
+        self._segments.append(Segment(record.offset, record.end, size, LOOSE, log_time, log_time, Counter([channel])))
 
     def _take_back(self, record: Record) -> None:
         """Leave out the last message of a run."""
@@ -247,7 +269,7 @@ class McapFile:
         self.unread += record.end - record.offset
         self.faults.append(f"the message at byte {record.offset} may not be as long as it says; it is left out")
 
-    def _keep(self, record: Record, chunk: Chunk, data: bytes) -> None:
+    def _keep(self, record: Record, chunk: Chunk, data: bytes, kind_of_segment: str) -> None:
         """Take the records of a chunk.
 
         Raises:
@@ -275,8 +297,8 @@ class McapFile:
             self._declare(each, self._declared)
         if times:
             first, last = min(times), max(times)
-            self._segments.append(Segment(record.offset, record.end, len(data), False, first, last, counts))
-            if not chunk.checksum and (first, last) != (chunk.first, chunk.last):
+            self._segments.append(Segment(record.offset, record.end, len(data), kind_of_segment, first, last, counts))
+            if kind_of_segment == CHUNK and not chunk.checksum and (first, last) != (chunk.first, chunk.last):
                 self._say(
                     f"the chunk at byte {record.offset}, which has no checksum, tells other times than its messages"
                 )

@@ -46,6 +46,8 @@ LARGEST_RECORD = 2**30
 """[B] that is ever read at once"""
 LARGEST_CHUNK = 2**28
 """[B] uncompressed: recorders make chunks of a MB, or of a message that is larger"""
+STEP = 4096
+"""[B] of a chunk that is cut off that are decompressed at once"""
 BLOCK = 2**20
 """[B] that are searched at once"""
 PARSERS: dict[int, Any] = {
@@ -90,6 +92,13 @@ class Hole(NamedTuple):
     length: int
     alone: bool = False
     """Whether they are a record of an unknown kind or form, whose length leads to the next one"""
+
+
+class CutChunk(NamedTuple):
+    """A chunk whose end the file does not hold."""
+
+    offset: int
+    content: bytes
 
 
 class Chunk(NamedTuple):
@@ -147,7 +156,7 @@ def parsed(record: Record) -> Any:
     return found if stream.count == len(record.content) else None
 
 
-def read_records(file: IO[bytes], size: int) -> Iterator[Record | Hole]:
+def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hole]:
     """All that a file of `size` [B] holds behind its magic, in order; no byte is read twice but for heads."""
     position = magic_at(file, 0)
     while position < size:
@@ -155,6 +164,9 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Record | Hole]:
         if record is None:
             head = head_at(file, position)
             end = position + HEAD.size + head[1] if head else size
+            if head and _is_cut_chunk(file, position, head, size):
+                yield CutChunk(position, read_at(file, position + HEAD.size, size))
+                return
             alone = end < size and _is_followed(file, end, size)
             following = end if alone else _next_record(file, position + 1, size)
             yield Hole(position, following - position, alone)
@@ -225,6 +237,18 @@ def _is_followed(file: IO[bytes], end: int, size: int) -> bool:
     return end == size or (head is not None and _may_be(file, *head, end, size))
 
 
+def _is_cut_chunk(file: IO[bytes], offset: int, head: tuple[int, int], size: int) -> bool:
+    """Whether a chunk begins whose end the file does not hold, in a file that does not end as a whole one does."""
+    opcode, length = head
+    too_long = opcode == Opcode.CHUNK and 0 < offset + HEAD.size + length - size <= LARGEST_RECORD
+    return too_long and not _is_ended(file, size) and _is_chunk(file, offset, length)
+
+
+def _is_ended(file: IO[bytes], size: int) -> bool:
+    """Whether a file ends as a whole one does."""
+    return size >= len(MAGIC) and bool(magic_at(file, size - len(MAGIC)))
+
+
 def magic_at(file: IO[bytes], offset: int) -> int:
     """Length [B] of the magic at `offset`; 0 if there is none."""
     return len(MAGIC) if read_at(file, offset, len(MAGIC)) == MAGIC else 0
@@ -280,6 +304,27 @@ def _decompressed(chunk: Chunk) -> bytes:
             raise DamagedError("has another end than its data")
         return data
     raise DamagedError(f"has the unknown compression {chunk.compression!r}")
+
+
+def beginning_of(chunk: Chunk) -> bytes:
+    """The whole records at the beginning of a chunk that is cut off; nothing checks them."""
+    makers: dict[str, Any] = {
+        "zstd": lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
+        "lz4": lambda: lz4.frame.LZ4FrameDecompressor().decompress,
+        "": lambda: bytes,
+    }
+    data, decompress = bytearray(), makers.get(chunk.compression, lambda: lambda _: b"")()
+    try:
+        for begin in range(0, len(chunk.data), STEP):
+            data += decompress(chunk.data[begin : begin + STEP])
+            if len(data) > min(chunk.size, LARGEST_CHUNK):
+                return b""
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+        pass
+    end = 0
+    for _, _, end in records_in(bytes(data), len(data)):  # noqa: B007  (the last one counts)
+        pass
+    return bytes(data[:end])
 
 
 def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:

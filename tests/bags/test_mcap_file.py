@@ -95,6 +95,25 @@ def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: 
     assert most == 2 * TICKS  # cut off in the summary
 
 
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(tmp_path: Path, compression: CompressionType) -> None:
+    path, random = tmp_path / "bag.mcap", np.random.default_rng(0)
+    payloads = [random.bytes(1000) for _ in range(1000)]
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=10**7, compression=compression)
+        writer.start()
+        channel = writer.register_channel("/noise", "", 0)
+        for time, payload in enumerate(payloads):
+            writer.add_message(channel, time, payload, time)
+        writer.finish()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    found, faults = read(path)
+    assert 300 < len(found) < 510  # the file has an index, too; zstd gives blocks of 128 KiB
+    assert [data for _, _, data in found] == payloads[: len(found)]
+    assert f"is cut off; {len(found)} messages could be read" in faults[1]
+
+
 @pytest.mark.parametrize("form", ["plain", "zstd", "lz4"])
 def test_a_chunk_that_does_not_fit_its_checksum_is_left_out_and_nothing_else(tmp_path: Path, form: str) -> None:
     path = made(tmp_path, form)
