@@ -25,10 +25,10 @@ def open_regular(path: Path) -> BufferedReader:
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not stat.S_ISREG(mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
-        return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
         raise
+    return os.fdopen(descriptor, "rb")  # which closes it if that fails, or is broken off
 
 
 def read_regular(path: Path, most: int) -> bytes:

@@ -155,7 +155,7 @@ class Disk:
         elif call.what == "rename":
             self.names[call.other] = self.former[call.path] = self.names.pop(call.path)
         elif call.what == "unlink":
-            self.names.pop(call.path)
+            self.former[call.path] = self.names.pop(call.path)
         elif call.what in ("fsync", "fdatasync") and call.path.name != FOLDER:
             writes = self.names[call.path] if call.path in self.names else self.former[call.path]
             self.kept[id(writes)] = len(writes)
