@@ -200,10 +200,9 @@ class McapFile:
             self._declare(piece, self._declared)
 
     def _hole(self, hole: Hole) -> None:
-        if (
-            self._last_loose and self._last_loose.end == hole.offset and not hole.alone
-        ):  # it may be what is not as long as it says
-            self._take_back(self._last_loose)
+        last = self._last_loose
+        if last and last.end == hole.offset and not hole.alone:  # it may be what is not as long as it says
+            self._take_back(last)
         self.unread += hole.length
         self.faults.append(f"{hole.length} bytes from byte {hole.offset} on are no records")
 

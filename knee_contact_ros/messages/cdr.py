@@ -84,7 +84,8 @@ class Layout:
 
     def __init__(self, kind: type, shape: Shape, order: Order = "<", trailing: int = 0) -> None:
         """Lay a message out; `trailing` [B] follow it."""
-        self.shape = shape
+        self.written = self
+        """The layout in which such messages are written"""
         self.known: dict[int, bytes] = {}
         """By the number of the part"""
         self._form, self._end, self._parts = [f"{order}2s2xiI"], STAMP_END, 3
@@ -247,10 +248,11 @@ class Coder(Generic[Content]):
         if len(self._layouts) >= MOST_LAYOUTS:
             self._layouts.clear()
         self._layouts[len(data)] = layout = Layout(self._kind, shape, order, len(data) - end)
+        layout.written = _written_layout(self._kind, shape)
         return layout
 
     def _written(self, content: Content, layout: Layout, parts: tuple[Any, ...]) -> bytes:
-        written = _written_layout(self._kind, layout.shape)
+        written = layout.written
         if parts[0] == HEADER[:2] and parts[2] < SECOND:
             return written.pack(*parts)
         return written.pack(*written.parts(content))
