@@ -19,7 +19,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.output_files import refuse_existing
-from knee_contact_ros.system.processes import end, interrupted_by_sigterm, signals_later
+from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile, refuse_taken
@@ -33,7 +33,7 @@ from knee_contact_ros.view.window import (
     executable,
     hidden,
     refuse_blind,
-    start,
+    uncoloured,
 )
 
 SERVED = ("rerun+", "http://")
@@ -189,11 +189,7 @@ def look(command: Sequence[str]) -> None:
         IncompleteError: it failed.
     """
     with TemporaryFile() as log:
-        with signals_later():
-            process = start(command, log)
-        try:
+        with kept(command, log, PATIENCE, env=uncoloured()) as process:
             code = process.wait()
-        finally:
-            end(process, PATIENCE)
         if code:
             raise IncompleteError(f"the Rerun viewer {ending(code, log)}")

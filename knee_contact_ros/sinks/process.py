@@ -11,7 +11,6 @@ from __future__ import annotations
 import pickle
 import select
 import signal
-import subprocess
 import threading
 import time
 from collections import deque
@@ -22,10 +21,11 @@ from typing import Any, NamedTuple
 
 from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.sinks.protocol import DONE, ENDED, OPEN, REFUSED, Discard, Job, Note, Report
-from knee_contact_ros.sinks.spawn import is_stopped, reap, start_child
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import Process, connected, is_stopped, reap
 
 MB = 10**6
+WORKER = "knee_contact_ros.sinks.worker"
 
 PERIOD = 0.01
 """How long [s] answers are gathered while more come"""
@@ -96,7 +96,7 @@ class SinkProcess:
         `kind` and `name` stand for the output in messages; the name may turn out to be another one. That it cannot be
         opened is not told if that is `awaited`: then `wait_until_open` says so.
         """
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: Process | None = None
         """None: not started yet, or it could not be"""
         self.name = name
         """Of the file"""
@@ -281,7 +281,7 @@ class SinkProcess:
         """The thread: start the process, send and listen until it is gone."""
         trouble = ""
         try:
-            connection, self.process = start_child(self._handling.niceness)
+            connection, self.process = connected(WORKER, str(self._handling.niceness))
         except OSError as error:
             self._conclude(f"no process can be started: {error.strerror}")
             return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import Process, start
 from knee_contact_ros.view.visitors import unguessable_address
 
 LOCALHOST = "127.0.0.1"
@@ -28,7 +28,7 @@ ANY_PORT = ("--port", "0")
 class Window:
     """A viewer that was started."""
 
-    def __init__(self, process: subprocess.Popen[bytes], log: IO[bytes], still: str) -> None:
+    def __init__(self, process: Process, log: IO[bytes], still: str) -> None:
         """`log` is what it says; `still` how to see the scene without it."""
         self.process = process
         self._log, self._still = log, still
@@ -92,17 +92,14 @@ def ending(code: int, log: IO[bytes]) -> str:
     return f"has ended with code {code} ({told[-1].strip()})"
 
 
+def uncoloured() -> dict[str, str]:
+    """The environment of a viewer that says what it says without colours."""
+    return os.environ | {"NO_COLOR": "1"}
+
+
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """What opens a viewer that shows what is served at some addresses."""
     return [*BEHIND, str(executable()), *hidden(), "--memory-limit", MEMORY, *addresses]
-
-
-def start(command: Sequence[str], log: IO[bytes], start_new_session: bool = False) -> subprocess.Popen[bytes]:
-    """Start a viewer that says what it says to `log`."""
-    return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=start_new_session,
-        env=os.environ | {"NO_COLOR": "1"},
-    )  # fmt: skip
 
 
 def open_window(address: str) -> Window:
@@ -114,5 +111,5 @@ def open_window(address: str) -> Window:
     refuse_blind("parameter rerun.mode can be serve or file")
     log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
     command = connect_command([address])
-    process = start(command, log, start_new_session=True)
+    process = start(command, log, env=uncoloured(), start_new_session=True)
     return Window(process, log, f"the scene is still served: knee-contact view {address}")

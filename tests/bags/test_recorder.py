@@ -224,7 +224,7 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
 
 @pytest.mark.parametrize(("queue", "fits"), [(Queue(1000, 1e9), 1000), (Queue(10**6, 2_200_000.0), 1100)])
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
-    monkeypatch.setattr("knee_contact_ros.sinks.spawn.LAST_WORDS", 0.2)
+    monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))

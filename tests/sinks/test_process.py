@@ -150,9 +150,7 @@ def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path,
         patch.setattr("sys.executable", "/no/where")
         assert words() == "no process can be started: No such file or directory"
     with monkeypatch.context() as patch:
-        patch.setattr(
-            "knee_contact_ros.sinks.spawn.CHILD", "only_here"
-        )  # found where this process looks for its modules
+        patch.setattr("knee_contact_ros.sinks.process.WORKER", "only_here")  # found where we look for modules
         patch.syspath_prepend(tmp_path)
         (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
         assert words() == "its process ended with code 7"

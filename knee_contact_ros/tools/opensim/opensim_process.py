@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import end, signals_later
+from knee_contact_ros.system.processes import kept
 from knee_contact_ros.system.terminal import Bar
 from knee_contact_ros.tools.opensim import opensim_step
 from knee_contact_ros.tools.opensim.opensim_setups import TOOLS, Setup
@@ -33,20 +33,12 @@ def run_step(setup: Setup, work: Path, bar: Bar) -> None:
     """
     log = work / "logs" / f"{setup.step}.log"
     command = [sys.executable, "-P", opensim_step.__file__, TOOLS[setup.step], setup.path.name]
-    process = None
     window = times_of(setup)
-    try:
-        with log.open("wb") as output, signals_later():
-            process = subprocess.Popen(
-                command, cwd=setup.folder, stdin=subprocess.DEVNULL, stdout=output, stderr=output
-            )
+    with log.open("wb") as output, kept(command, output, PATIENCE, cwd=setup.folder) as process:
         while process.poll() is None:
             bar(*progress_of(log, window))
             with suppress(subprocess.TimeoutExpired):
                 process.wait(PERIOD)
-    finally:
-        if process:
-            end(process, PATIENCE)
     if process.returncode:
         raise UsageError(
             f"OpenSim's {setup.step} ({setup.path.name}) failed with code {process.returncode}: {last_words(log)}; "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import os
+import sys
+from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
+from knee_contact_ros.system.processes import Process, connected, reap
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver
 from knee_contact_ros.tools.work_precision.timing import runs_for
@@ -47,8 +49,7 @@ class Worker:
     """Runs tasks in a process that is started anew if it was lost."""
 
     def __init__(self) -> None:
-        self._context = multiprocessing.get_context("spawn")
-        self._process: multiprocessing.process.BaseProcess | None = None
+        self._process: Process | None = None
         self._connection: Connection | None = None
 
     def run(self, task: Task, limit: float) -> Outcome:
@@ -66,7 +67,7 @@ class Worker:
             raise GivenUpError(f"given up after {limit:g} s")
         try:
             answer = connection.recv()
-        except EOFError:
+        except (EOFError, ConnectionError):
             self.stop()
             raise LostProcessError("ended the process") from None
         if isinstance(answer, str):
@@ -79,20 +80,15 @@ class Worker:
         if self._process and self._connection:
             self._connection.close()
             self._process.kill()
-            self._process.join()
+            reap(self._process)
         self._process = self._connection = None
 
     def _start(self) -> Connection:
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=serve, args=(theirs,), daemon=True)
-        process.start()
-        theirs.close()
-        self._process, self._connection = process, ours
-        try:
+        ours, self._process = connected(__name__)
+        self._connection = ours
+        with suppress(EOFError, ConnectionError):
             if ours.poll(START) and ours.recv() == READY:
                 return ours
-        except EOFError:
-            pass
         self.stop()
         raise RuntimeError("a process for the study did not start")
 
@@ -106,7 +102,7 @@ def serve(connection: Connection) -> None:
     while True:
         try:
             task = connection.recv()
-        except (EOFError, KeyboardInterrupt):
+        except (EOFError, ConnectionError, KeyboardInterrupt):
             return
         try:
             connection.send(best(task))
@@ -136,3 +132,8 @@ def pin() -> None:
     """Stay on one processor, where the system lets a process choose."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as ours:
+        serve(ours)
