@@ -1,0 +1,94 @@
+"""How the functions inside a kernel are compiled, which only compiled code calls.
+
+Numba would make each of them callable by Python, with machine code of it and of all beneath it. Nobody runs that, and
+it took a fifth of the time; another tenth went into looks for what the source of a kernel does not have. Its documented
+way to customise the compiler is a pipeline of passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba.core import typed_passes, untyped_passes
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.lowering import Lower
+from numba.core.typed_passes import NativeLowering
+
+NOT_NEEDED = {
+    untyped_passes.WithLifting, untyped_passes.InlineClosureLikes, untyped_passes.RewriteDynamicRaises,
+    untyped_passes.MakeFunctionToJitFunction, untyped_passes.InlineInlinables, untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll, untyped_passes.LiteralPropagationSubPipelinePass, typed_passes.InlineOverloads,
+    typed_passes.DumpParforDiagnostics,
+}  # fmt: skip
+"""Passes for contexts, closures, exceptions, and functions that are written into others"""
+
+
+class _Linked(JITCodeLibrary):
+    """Code that is there to be linked into that of its callers."""
+
+    @property
+    def codegen(self) -> Any:
+        """Where Numba would register what Python code needs."""
+        return self
+
+    def set_env(self, _name: str, _env: Any) -> None:
+        """Python code would need its globals."""
+
+    def get_pointer_to_function(self, _name: str) -> int:
+        """There is no machine code."""
+        return 0
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(NativeLowering):
+    _name = "lowering_inner"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+        done: bool = super().run_pass(state)
+        return done
+
+
+class _LowerApart(Lower):
+    def setup_function(self, fndesc: Any) -> None:
+        super().setup_function(fndesc)
+        self.function.attributes.add("noinline")
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _LoweringApart(_Lowering):
+    _name = "lowering_apart"
+
+    @property
+    def lowering_class(self) -> type[Lower]:
+        return _LowerApart
+
+
+class InnerCompiler(CompilerBase):
+    """Numba's compiler for functions inside a kernel; a `pipeline_class`."""
+
+    lowering: type[_Lowering] = _Lowering
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's passes with one exchanged, and without those that are not needed."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [
+            (self.lowering if step is NativeLowering else step, why)
+            for step, why in passes.passes
+            if step not in NOT_NEEDED
+        ]
+        passes._finalized = False
+        passes.finalize()
+        return [passes]
+
+
+class ApartCompiler(InnerCompiler):
+    """The same for functions that LLVM keeps out of their callers, those that are marked `never_inlined`."""
+
+    lowering = _LoweringApart
