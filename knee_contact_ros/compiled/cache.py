@@ -31,6 +31,8 @@ from knee_contact_ros.core.kernel_source import FUNCTIONS
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
 """Modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
+PATIENCE = 60.0
+"""How long [s] to wait for another process that compiles the same"""
 KEEPING = ("cache.py", "kernel_folder.py")
 """Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
 
@@ -120,15 +122,21 @@ class _Kernels:
     def __init__(self, function: Callable[..., Any], folder: KernelFolder) -> None:
         self._function = function
         self._folder = folder
+        self._unclaim: Callable[[], None] = lambda: None
 
     def load(self, key: Any) -> Any:
-        """What was kept under a key; None if nothing was."""
+        """What was kept under a key; None if nothing was, and then we are the one process that compiles it."""
+        self._unclaim()
         names = self._names(key)
         if names is None:
             return None
         name, start = names
         content = self._folder.read(name)
+        if content is None:
+            self._unclaim = self._folder.claim(name, PATIENCE)
+            content = self._folder.read(name)
         if content is not None:
+            self._unclaim()
             return pickle.loads(content)  # noqa: S301  it is whole, and written by this user
         if any(other.startswith(start) for other in self._folder.names()):
             raise DoubtError(self._folder.path, "is from another processor")
@@ -138,7 +146,10 @@ class _Kernels:
         """Keep something under a key; what nobody uses any more goes."""
         names = self._names(key)
         if names is not None:
-            self._folder.write(names[0], dumps(data))
+            try:
+                self._folder.write(names[0], dumps(data))
+            finally:
+                self._unclaim()
             with suppress(OSError):
                 self._folder.remove_unused()
 

@@ -6,14 +6,15 @@ that processes that read and write at once never see half of one. Nothing here k
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import secrets
 import shutil
 import stat
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 HEAD = b"knee_contact_ros kernel 1\n"
@@ -24,6 +25,8 @@ LARGEST = 100_000_000
 PREFIX = "kernel-"
 KEPT = 8
 """Folders that stay however old they are"""
+LOOK = 0.05
+"""How often [s] to look whether another process has ended"""
 UNUSED = 3 * 86400.0
 """How long [s] any other folder stays after its last use"""
 
@@ -69,14 +72,30 @@ class KernelFolder:
             DoubtError: it cannot be written, or others can write the folder.
         """
         try:
-            self.path.parent.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            for made in (self.path.parent, self.path):
-                with suppress(FileExistsError):
-                    made.mkdir(mode=0o700)
+            self._make()
             with self._opened() as folder:
                 self._put(folder, name, self._file(name, content))
         except OSError as error:
             raise DoubtError(self.path / name, f"cannot be written: {error.strerror}") from None
+
+    def claim(self, name: str, patience: float) -> Callable[[], None]:
+        """Be the one process that makes a file; gives what ends that. Waits for another one that makes it, so long [s].
+
+        It ends with this process, too. Where nothing can be claimed, nothing is, and the file may be made twice.
+        """
+        claimed = ExitStack()
+        with suppress(OSError, DoubtError):
+            self._make()
+            path, deadline = self.path / f".{name}.claim", time.monotonic() + patience
+            with self._opened() as folder:
+                file = os.open(path.name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600, dir_fd=folder)
+            claimed.callback(os.close, file)
+            while not _locked(file):
+                if time.monotonic() > deadline:
+                    return claimed.close
+                time.sleep(LOOK)
+            claimed.callback(path.unlink, missing_ok=True)
+        return claimed.close
 
     def names(self) -> list[str]:
         """What there is, whole or not."""
@@ -100,6 +119,12 @@ class KernelFolder:
         for last_use, path in by_use[KEPT - 1 :]:
             if last_use < before:
                 shutil.rmtree(path, ignore_errors=True)
+
+    def _make(self) -> None:
+        self.path.parent.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for made in (self.path.parent, self.path):
+            with suppress(FileExistsError):
+                made.mkdir(mode=0o700)
 
     def _file(self, name: str, content: bytes) -> bytes:
         """All bytes of a file. Its name is in the digest: one kernel under the name of another is damage as well."""
@@ -156,6 +181,15 @@ class KernelFolder:
             raise
         with suppress(OSError):  # some file systems do not take that for a folder
             os.fsync(folder)
+
+
+def _locked(file: int) -> bool:
+    """Whether a file is locked by us now."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _refuse_others(path: Path, status: os.stat_result, bits: int = stat.S_IWGRP | stat.S_IWOTH) -> None:

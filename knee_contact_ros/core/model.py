@@ -14,15 +14,12 @@ from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import contract
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
-from knee_contact_ros.core.levels import PrescribedHeight
-from knee_contact_ros.core.levels.auto import Auto
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
-from knee_contact_ros.core.scene import Level, Scene
+from knee_contact_ros.core.scene import AUTO, PRESCRIBED_HEIGHT, Scene
 from knee_contact_ros.core.types import ROW, Contact, Rows, blank
 
 NANOSECOND = 1e-9
-AUTO = Auto()
 Floats = NDArray[np.float64]
 INPUTS = "flexion_angle, load and femoral_height"
 LARGEST_TIME = 9e9
@@ -83,8 +80,8 @@ class KneeModel:
     """Wanted error of the contact force [N]; 0: none in particular"""
     height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
-    level: Level = AUTO
-    """The equations that a tick solves; of no effect where the height is prescribed"""
+    level: int = AUTO
+    """The equations that a tick solves, of `LEVELS`; of no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
     """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
 
@@ -114,7 +111,7 @@ class KneeModel:
     @property
     def scene(self) -> Scene:
         """The model as the kernel takes it: numbers and named tuples."""
-        level = PrescribedHeight() if self.height_prescribed else self.level
+        level = PRESCRIBED_HEIGHT if self.height_prescribed else self.level
         return Scene(
             self.pair, self.mechanism, self.modes, self.mass, self.tolerance, self.force_tolerance, self.budget,
             level, self.plausible_depth,

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import FOUND, Adrift
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
 from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
+from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.mechanisms.base import Mechanism
-from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.types import Fidelity
 
-DYNAMIC = int(Fidelity.DYNAMIC)
-
-
-@kernel_interface
-class Level(Protocol):
-    """The equations that a tick solves, of the table `LEVELS` (`levels/__init__.py`)."""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """Carry the femur over an interval; `spent` are the evaluations that the tick has cost already."""
-        ...
+QUASI_STATIC, FIRST_ORDER, DYNAMIC = int(Fidelity.QUASI_STATIC), int(Fidelity.FIRST_ORDER), int(Fidelity.DYNAMIC)
+AUTO = 3
+"""The cheapest level that meets the tolerance, picked for each tick"""
+PRESCRIBED_HEIGHT = 4
+"""The displacement drive"""
 
 
 class Scene(NamedTuple):
@@ -41,8 +35,8 @@ class Scene(NamedTuple):
     """Wanted error of the contact force [N]; 0: any"""
     budget: int
     """Contact law evaluations a tick may cost; 0: no limit"""
-    level: Level
-    """The equations that a tick solves"""
+    level: int
+    """The equations that a tick solves: a `Fidelity`, or one of those below"""
     plausible_depth: float = math.inf
     """[m] beyond which a depth makes no sense"""
 

@@ -23,6 +23,7 @@ from knee_contact_ros.core.error_estimate import (
 )
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
+from knee_contact_ros.core.levels.advance import advance
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
@@ -81,7 +82,7 @@ def run(
             if not calm:
                 interval, run_state, spent = take_on(scene, backlog, run_state, interval)
             while again:
-                result = scene.level.advance(scene, interval, run_state, spent)
+                result = advance(scene, interval, run_state, spent)
                 if calm and result.converged:
                     break
                 calm = False

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from numba import typeof as type_of
 
 import knee_contact_ros
 from knee_contact_ros.compiled import compiled
@@ -24,39 +25,53 @@ TIME = np.arange(0.0, 0.4, 0.004)
 ANGLE = 0.4 + 0.3 * np.sin(7.0 * TIME)
 WALKING = 900.0 + 600.0 * np.sin(13.0 * TIME)
 HOPPING = np.where((TIME > 0.1) & (TIME < 0.12), -150.0, WALKING)
+WALK, HOP = (TIME, ANGLE, WALKING), (TIME, ANGLE, HOPPING)
+DYNAMIC = {"fidelity.level": "dynamic"}
 DAMPED = ("hunt_crossley", "lankarani_nikravesh", "flores", "gonthier")
 
 
 class Combination(NamedTuple):
-    """What decides the types that a kernel is compiled for; laws of one formula share it.
+    """What decides the types that a kernel is compiled for, and what is tried with it; laws of one formula share it.
 
-    Compiling all of them takes minutes where nothing is kept from before, so a measured femur steps on a plane only.
+    Compiling takes half a minute each: every kind of part is in one of them, and all pairs of surfaces are compiled by
+    themselves in `tests/core/test_compiled_surfaces.py`.
     """
 
     laws: tuple[str, ...]
     femur: str
     tibia: str
     mechanism: str
-    level: str = "auto"
-    drive: str = "force"
+    levels: tuple[str, ...]
 
 
 COMBINATIONS = (
-    Combination(("kelvin_voigt",), "circle", "plane", "hinge", "dynamic"),
-    Combination(("kelvin_voigt",), "circle", "plane", "hinge", "auto"),
-    Combination(("hertz", "elastic_foundation"), "profile", "profile", "hinge", "quasi_static"),
-    Combination(("two_layer_elastic", "two_layer_viscoelastic"), "circle", "plane", "table", "first_order"),
-    Combination(("two_layer_elastic", "two_layer_viscoelastic"), "profile", "plane", "hinge", "auto"),
-    Combination(DAMPED, "circle", "circle", "parallel_mechanism", "dynamic"),
-    Combination(("kelvin_voigt",), "profile", "circle", "ball_and_socket", drive="displacement"),
-    Combination(DAMPED, "circle", "profile", "hinge", drive="displacement"),
+    Combination(("kelvin_voigt",), "circle", "plane", "hinge", ("dynamic", "auto", "first_order", "quasi_static")),
+    Combination(("two_layer_elastic", "two_layer_viscoelastic"), "profile", "plane", "table", ("auto", "first_order")),
+    Combination(DAMPED, "circle", "circle", "parallel_mechanism", ("dynamic",)),
+    Combination(("hertz", "elastic_foundation"), "circle", "profile", "ball_and_socket", ("quasi_static",)),
 )
 NAMED = {law for combination in COMBINATIONS for law in combination.laws}
-COMBINATIONS += tuple(Combination((law,), "circle", "plane", "hinge") for law in CONTACT_LAWS if law not in NAMED)
-CASES = [
-    pytest.param(combination, law, id="-".join((law, *combination[1:])))
+COMBINATIONS += tuple(
+    Combination((law,), "circle", "plane", "hinge", ("auto",)) for law in CONTACT_LAWS if law not in NAMED
+)
+
+
+def group(combination: Combination) -> pytest.MarkDecorator:
+    """One process runs all tests of a kernel, so that it is compiled once."""
+    return pytest.mark.xdist_group(f"kernel for {' '.join(combination.laws)}")
+
+
+LAWS = [
+    pytest.param(combination, law, id=law, marks=group(combination))
     for combination in COMBINATIONS
     for law in combination.laws
+]
+FIRST = COMBINATIONS[0]
+CASES = [
+    pytest.param(combination, law, level, id=f"{law}-{level}", marks=group(combination))
+    for combination in COMBINATIONS
+    for law in combination.laws
+    for level in combination.levels
 ]
 
 
@@ -71,8 +86,6 @@ def knee(config: Path, combination: Combination, law: str, **changes: Any) -> Kn
             "tibia.profile": str(config / "tibia_medial.csv"),
             "translation.mechanism": combination.mechanism,
             "translation.table": str(config / "translation_medial.csv"),
-            "fidelity.level": combination.level,
-            "drive": combination.drive,
         }
         | changes
     )
@@ -94,60 +107,77 @@ def test_everything_is_in_the_table() -> None:
     assert {combination.femur for combination in COMBINATIONS} == set(GEOMETRIES)
     assert {combination.tibia for combination in COMBINATIONS} == set(TIBIAL_GEOMETRIES)
     assert {combination.mechanism for combination in COMBINATIONS} == set(MECHANISMS)
-    assert {combination.level for combination in COMBINATIONS} == set(LEVELS)
-    assert {combination.drive for combination in COMBINATIONS} == {"force", "displacement"}
+    assert {level for combination in COMBINATIONS for level in combination.levels} == set(LEVELS)
 
 
-@pytest.mark.parametrize(("combination", "law"), CASES)
-def test_the_compiled_kernel_gives_the_bits_of_the_plain_one(config: Path, combination: Combination, law: str) -> None:
-    if combination.drive == "displacement":
-        forced = knee(config, combination._replace(drive="force", level="quasi_static"), law)
-        height = forced.run(TIME, ANGLE, WALKING).femoral_height + 6e-4 * np.sin(40.0 * TIME)
-        series = assert_same_bits(knee(config, combination, law), TIME, ANGLE, WALKING, height)
-        assert series.gap.max() > 0.0
-        return
+@pytest.mark.parametrize(("combination", "law", "level"), CASES)
+def test_the_compiled_kernel_gives_the_bits_of_the_plain_one(
+    config: Path, combination: Combination, law: str, level: str
+) -> None:
     # Exponents other than 1.5 take another way through the power law.
     for changes in ({}, {"fidelity.tolerance": 1e-9}, {"contact.exponent": 1.7, "contact.stiffness": 3e8}):
-        assert_same_bits(knee(config, combination, law, **changes), TIME, ANGLE, WALKING)
-    assert_same_bits(knee(config, combination, law), TIME, ANGLE, HOPPING)
+        assert_same_bits(knee(config, combination, law, **{"fidelity.level": level} | changes), *WALK)
+    assert_same_bits(knee(config, combination, law, **{"fidelity.level": level}), *HOP)
 
 
-def test_lift_off_landing_and_layers_are_events_in_both(config: Path) -> None:
-    series = assert_same_bits(knee(config, COMBINATIONS[0], "kelvin_voigt"), TIME, ANGLE, HOPPING)
+@pytest.mark.parametrize(("combination", "law"), LAWS)
+def test_a_prescribed_height_gives_the_same_bits(config: Path, combination: Combination, law: str) -> None:
+    forced = knee(config, combination, law, **{"fidelity.level": "quasi_static"})
+    height = forced.run(*WALK).femoral_height + 6e-4 * np.sin(40.0 * TIME)
+    series = assert_same_bits(knee(config, combination, law, drive="displacement"), *WALK, height)
+    assert series.gap.max() > 0.0
+
+
+@group(FIRST)
+def test_lift_off_and_landing_are_events_in_both(config: Path) -> None:
+    series = assert_same_bits(knee(config, FIRST, "kelvin_voigt", **DYNAMIC), *HOP)
     assert series.contact_state.min() == ContactState.SEPARATED
     assert series.contact_state[-1] == ContactState.CARTILAGE
-    series = assert_same_bits(knee(config, COMBINATIONS[4], "two_layer_viscoelastic"), TIME, ANGLE, HOPPING)
+
+
+@group(COMBINATIONS[1])
+def test_layers_are_events_in_both(config: Path) -> None:
+    series = assert_same_bits(knee(config, COMBINATIONS[1], "two_layer_viscoelastic"), *HOP)
     assert set(series.contact_state) == set(ContactState)
 
 
-@pytest.mark.parametrize("index", [0, 1])
-def test_a_budget_runs_out_at_the_same_evaluation(config: Path, index: int) -> None:
-    plain = knee(config, COMBINATIONS[index], "kelvin_voigt", **{"fidelity.budget": 100, "fidelity.tolerance": 1e-12})
-    series = assert_same_bits(plain, TIME, ANGLE, HOPPING)
+@group(FIRST)
+@pytest.mark.parametrize("level", ["dynamic", "auto"])
+def test_a_budget_runs_out_at_the_same_evaluation(config: Path, level: str) -> None:
+    changes = {"fidelity.level": level, "fidelity.budget": 100, "fidelity.tolerance": 1e-12}
+    series = assert_same_bits(knee(config, FIRST, "kelvin_voigt", **changes), *HOP)
     assert (series.status & Status.NOT_CONVERGED != 0).any()
     assert 0.5 * 100 < series.evaluations.max() <= 100
 
 
+@group(FIRST)
 def test_a_law_that_may_pull_pulls_in_both(config: Path) -> None:
-    series = assert_same_bits(
-        knee(config, COMBINATIONS[0], "kelvin_voigt", **{"contact.allow_tension": True}), TIME, ANGLE, HOPPING
-    )
+    series = assert_same_bits(knee(config, FIRST, "kelvin_voigt", **DYNAMIC, **{"contact.allow_tension": True}), *HOP)
     assert series.contact_force.min() < 0.0
 
 
+@group(FIRST)
 def test_extremes_overflow_alike(config: Path) -> None:
     changes = {"contact.stiffness": 1e15, "contact.damping": 1e9, "femur.mass": 1e-4, "fidelity.budget": 1000}
     load = np.where(np.arange(len(TIME)) % 2, 1e6, -1e6)
-    assert_same_bits(knee(config, COMBINATIONS[0], "kelvin_voigt", **changes), 1e3 * TIME, ANGLE, load)
+    assert_same_bits(knee(config, FIRST, "kelvin_voigt", **DYNAMIC, **changes), 1e3 * TIME, ANGLE, load)
 
 
+@group(FIRST)
 def test_a_stream_goes_on_with_its_own_memory(config: Path) -> None:
-    quick = compiled(knee(config, COMBINATIONS[0], "kelvin_voigt"))
-    expected = quick.run(TIME, ANGLE, WALKING)
+    quick = compiled(knee(config, FIRST, "kelvin_voigt", **DYNAMIC))
+    expected = quick.run(*WALK)
     streams = [quick.stream() for _ in range(3)]
-    for i, row in enumerate(zip(TIME.tolist(), ANGLE.tolist(), WALKING.tolist(), strict=True)):
+    for i, row in enumerate(zip(*(column.tolist() for column in WALK), strict=True)):
         for stream in streams:
             assert stream.tick(*row).penetration_depth == expected.penetration_depth[i]
+
+
+@group(FIRST)
+def test_a_level_asks_for_no_kernel_of_its_own(config: Path) -> None:
+    models = [knee(config, FIRST, "kelvin_voigt", **{"fidelity.level": level}) for level in LEVELS]
+    models.append(knee(config, FIRST, "kelvin_voigt", drive="displacement"))
+    assert len({type_of(model.scene) for model in models}) == 1
 
 
 @pytest.mark.parametrize("command", ["--help", "solve --help"])

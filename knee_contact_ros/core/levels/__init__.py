@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.core.levels.auto import Auto
-from knee_contact_ros.core.levels.dynamic import Dynamic
-from knee_contact_ros.core.levels.first_order import FirstOrder
-from knee_contact_ros.core.levels.prescribed_height import PrescribedHeight
-from knee_contact_ros.core.levels.quasi_static import QuasiStatic
-from knee_contact_ros.core.scene import Level
+from knee_contact_ros.core.scene import AUTO, DYNAMIC, FIRST_ORDER, QUASI_STATIC
 
-LEVELS: dict[str, Level] = {
-    "quasi_static": QuasiStatic(),
-    "first_order": FirstOrder(),
-    "dynamic": Dynamic(),
-    "auto": Auto(),
-}
+LEVELS = {"quasi_static": QUASI_STATIC, "first_order": FIRST_ORDER, "dynamic": DYNAMIC, "auto": AUTO}
 
-__all__ = ["LEVELS", "Level", "PrescribedHeight"]
+__all__ = ["LEVELS"]

@@ -7,7 +7,6 @@ shortened until it ends on the boundary, and the next mode goes on from there: n
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import RESERVE, Adrift
 from knee_contact_ros.core.contact_modes import (
@@ -49,7 +48,7 @@ from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never
 from knee_contact_ros.core.levels.flight import flies_freely, flying_tick
 from knee_contact_ros.core.levels.smooth import smooth_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
-from knee_contact_ros.core.scene import RunState, Scene, TickResult
+from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import (
     EXPLICIT,
     MAX_EVALUATIONS,
@@ -64,22 +63,9 @@ from knee_contact_ros.core.stepping import (
     motion_in,
     spending,
 )
-from knee_contact_ros.core.types import Fidelity
 
-DYNAMIC = int(Fidelity.DYNAMIC)
 RELEASED = 0.05
 """Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
-
-
-class Dynamic(NamedTuple):
-    """The level as a part of a scene."""
-
-    fidelity: int = DYNAMIC
-    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """See `Level`."""
-        return dynamic_tick(scene, interval, start, spent)
 
 
 @always_inlined

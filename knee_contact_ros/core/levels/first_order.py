@@ -7,7 +7,6 @@ they end on a layer's ends and where the load changes its sign.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.contact_modes import ABOVE, BELOW, NOWHERE, ContactMode, ContactModes
@@ -28,7 +27,7 @@ from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.levels.dynamic import most_evaluations, unresolved
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
-from knee_contact_ros.core.scene import RunState, Scene, TickResult, impact_of
+from knee_contact_ros.core.scene import FIRST_ORDER, RunState, Scene, TickResult, impact_of
 from knee_contact_ros.core.statics import height_at, static_contact
 from knee_contact_ros.core.stepping import (
     EXPLICIT,
@@ -43,9 +42,7 @@ from knee_contact_ros.core.stepping import (
     looks_for_doubt,
     motion_in,
 )
-from knee_contact_ros.core.types import Fidelity
 
-FIRST_ORDER = int(Fidelity.FIRST_ORDER)
 UNKNOWN_INERTIA = 0.6
 """Part of the inertia that is left out that is not known: it is a tick's mean"""
 FADING, FASTER = 0.5, 10.0
@@ -54,17 +51,6 @@ UNKNOWN_STEPS = 5.0
 """How much larger than its estimate a step's error may be"""
 SUDDEN = 3.0
 """Ticks that are longer than this many times C/K see the level's velocity jump"""
-
-
-class FirstOrder(NamedTuple):
-    """The level as a part of a scene."""
-
-    fidelity: int = FIRST_ORDER
-    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """See `Level`."""
-        return first_order_tick(scene, interval, start, spent)
 
 
 @never_inlined

@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import RunState, Scene, TickResult, at_height
-from knee_contact_ros.core.types import Fidelity
 
 MAX_LOCATE = 60
 """Tries to find the moment of touch."""
-
-
-class PrescribedHeight(NamedTuple):
-    """The level as a part of a scene."""
-
-    fidelity: int = int(Fidelity.DYNAMIC)
-    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """See `Level`."""
-        return follow(scene, interval, start)
 
 
 @in_kernel

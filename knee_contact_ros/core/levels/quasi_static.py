@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
@@ -21,23 +20,9 @@ from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.levels.deviation import LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
-from knee_contact_ros.core.scene import RunState, Scene, TickResult, impact_of
+from knee_contact_ros.core.scene import QUASI_STATIC, RunState, Scene, TickResult, impact_of
 from knee_contact_ros.core.statics import NO_LIMIT, RESOLVED, static_contact
 from knee_contact_ros.core.stepping import NEWTON_SHARE, doubt_of_impact
-from knee_contact_ros.core.types import Fidelity
-
-QUASI_STATIC = int(Fidelity.QUASI_STATIC)
-
-
-class QuasiStatic(NamedTuple):
-    """The level as a part of a scene."""
-
-    fidelity: int = QUASI_STATIC
-    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """See `Level`."""
-        return quasi_static_tick(scene, interval, start, spent)
 
 
 @never_inlined

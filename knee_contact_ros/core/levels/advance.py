@@ -1,23 +1,24 @@
-"""The level that each tick picks by itself: the cheapest one that meets the tolerance, by estimates alone.
+"""A tick at its level: the one that is asked for or, with `AUTO`, the cheapest one that meets the tolerance.
 
-What a simpler level would leave out is foreseen from the slopes of the contact at the end of the last tick, at no
-evaluation; only a level that promises enough is computed, and only if its own estimate then agrees is it the answer.
-What a simpler level has left out is the error that the next tick begins with, whichever level that is.
+It is picked by estimates alone. What a simpler level would leave out is foreseen from the slopes of the contact at the
+end of the last tick, at no evaluation; only a level that promises enough is computed, and only if its own estimate then
+agrees is it the answer. What a simpler level has left out is the error that the next tick begins with, whichever level
+that is.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.error_estimate import EXPECTED, HORIZON, decay_rate, spectral_radius
-from knee_contact_ros.core.kernel_source import in_kernel
-from knee_contact_ros.core.levels.dynamic import DYNAMIC, dynamic_tick
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
+from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.levels.first_order import first_order_tick
+from knee_contact_ros.core.levels.prescribed_height import follow
 from knee_contact_ros.core.levels.quasi_static import quasi_static_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
-from knee_contact_ros.core.scene import RunState, Scene, TickResult
+from knee_contact_ros.core.scene import AUTO, FIRST_ORDER, PRESCRIBED_HEIGHT, QUASI_STATIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
 DESCEND = 0.4
@@ -33,27 +34,25 @@ ABOUT_TO_END = 0.5
 """Part of its load that a tick must keep: how fast a contact lets go decides on its flight"""
 
 
-class Auto(NamedTuple):
-    """The level as a part of a scene."""
-
-    fidelity: int = DYNAMIC
-    """Of its answers; read by nobody, but Numba cannot pass a tuple without fields"""
-
-    def advance(self, scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-        """See `Level`."""
-        if bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0:
-            return dynamic_tick(scene, interval, start, spent)
-        if quasi_static_leaves_out(scene, interval, start) <= scene.tolerance:
-            result = quasi_static_tick(scene, interval, start, spent)
-            if meets(scene, start, result):
-                return result
-            spent = result.evaluations
-        if dynamic_is_stiff(scene, interval, start) and first_order_leaves_out(scene, start) <= scene.tolerance:
-            result = first_order_tick(scene, interval, start, spent)
-            if result.converged and meets(scene, start, result):
-                return result
-            spent = result.evaluations
-        return dynamic_tick(scene, interval, start, spent)
+@always_inlined
+def advance(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
+    """Carry the femur over an interval; `spent` are the evaluations that the tick has cost already."""
+    level = scene.level
+    if level == PRESCRIBED_HEIGHT:
+        return follow(scene, interval, start)
+    simpler = level == AUTO and not (bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0)
+    if level == QUASI_STATIC or (simpler and quasi_static_leaves_out(scene, interval, start) <= scene.tolerance):
+        result = quasi_static_tick(scene, interval, start, spent)
+        if level == QUASI_STATIC or meets(scene, start, result):
+            return result
+        spent = result.evaluations
+    simpler = simpler and dynamic_is_stiff(scene, interval, start)
+    if level == FIRST_ORDER or (simpler and first_order_leaves_out(scene, start) <= scene.tolerance):
+        result = first_order_tick(scene, interval, start, spent)
+        if level == FIRST_ORDER or (result.converged and meets(scene, start, result)):
+            return result
+        spent = result.evaluations
+    return dynamic_tick(scene, interval, start, spent)
 
 
 @in_kernel
