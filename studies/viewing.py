@@ -30,6 +30,7 @@ from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Listeners
+from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
@@ -94,7 +95,9 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     pipeline, _ = pipeline_of(["healthy.yaml"])
     parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
     complaints: list[str] = []
-    outputs = Outputs(parameters, pipeline.model, {}, ABSOLUTE_NAMES, Listeners(complaints.append, complaints.append))
+    outputs = Outputs(
+        Knee(parameters, pipeline.model, ABSOLUTE_NAMES, {}), Listeners(complaints.append, complaints.append)
+    )
     outputs.wait_until_open()
     with ExitStack() as stack:
         if looked_at:

@@ -5,14 +5,17 @@ That order depends on stamps only, so a live recording and an offline one hold t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from shutil import disk_usage
 from threading import Event, Thread
 
-from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Settings
+from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Limits, Settings
 from knee_contact_ros.messages.answer import Ending, Record
+from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
 
@@ -59,7 +62,7 @@ class AnswerWriter:
 
 
 class Recorder:
-    """A recording as a sink's process writes it (`worker.Output`)."""
+    """A recording as a sink's process writes it (`protocol.Output`)."""
 
     def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
         """`remarks` are what the user shall know of the beginning."""
@@ -93,7 +96,7 @@ class Recorder:
         self._writer.bag.flush()
 
     def must_end(self) -> str:
-        """Tell that the disk is nearly full; see `worker.Output`.
+        """Tell that the disk is nearly full; see `protocol.Output`.
 
         Raises:
             OSError: the file is not there any more.
@@ -106,7 +109,7 @@ class Recorder:
         return shortage
 
     def news(self) -> tuple[str, ...]:
-        """The remarks, once; see `worker.Output`."""
+        """The remarks, once; see `protocol.Output`."""
         bag = self._writer.bag
         news, self._news, bag.remarks = (*self._news, *bag.remarks), (), []
         return news
@@ -152,6 +155,22 @@ def refuse(path: Path, settings: Settings) -> None:
     folder = next(folder for folder in path.absolute().parents if folder.exists())
     if shortage := too_little(disk_usage(folder).free, settings.min_free):
         raise UsageError(f"cannot write {path}: {shortage}")
+
+
+def sink_for(knee: Knee) -> Sink | None:
+    """A process that records to MCAP.
+
+    Raises:
+        UsageError: see `refuse`.
+    """
+    record = knee.parameters.record
+    if not record.path:
+        return None
+    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
+    settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
+    refuse(Path(record.path), settings)
+    job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings))
+    return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False)
 
 
 def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:

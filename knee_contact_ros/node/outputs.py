@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
-from knee_contact_ros.bags.answer_recorder import refuse
-from knee_contact_ros.bags.writer import MB, Limits, Settings
-from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
-from knee_contact_ros.parameters.schema import Parameters, Record
-from knee_contact_ros.sinks.kinds import recorder, viewer
-from knee_contact_ros.sinks.process import PATIENCE, Listeners, Queue, SinkProcess
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
+from knee_contact_ros.sinks.protocol import Knee, Sink
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import all_names, refuse_impossible
-from knee_contact_ros.view.outlines import Serving, drawing_of
+from knee_contact_ros.system.output_files import all_names
 
-RECORDER, VIEWER = "recorder", "viewer"
+RECORDER = "recorder"
 MOST_ENDING = 4
 """Recordings that may be in the course of being completed: each is a process"""
 
@@ -28,37 +22,22 @@ MOST_ENDING = 4
 class Outputs:
     """Takes answers off the tick path: every output is a process of its own, and nothing here waits but `close`."""
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        model: KneeModel,
-        provenance: Mapping[str, str],
-        names: Mapping[str, str],
-        tell: Listeners,
-    ) -> None:
+    def __init__(self, knee: Knee, tell: Listeners) -> None:
         """Begin all outputs that the parameters ask for; `wait_until_open` then says whether they are open.
 
-        `names` gives the absolute name under which each topic is recorded; `tell` says who is told, from another
-        thread, of an output that stops.
+        `tell` says who is told, from another thread, of an output that stops.
 
         Raises:
             UsageError: one cannot be opened.
         """
-        self._names = names
-        self.provenance = provenance
-        """What recordings that begin from now on say of themselves"""
-        self._recording = recording_settings(parameters.record)
-        self._queue = Queue(parameters.record.queue, parameters.record.queue_size * MB)
         self._tell = tell
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
-        if parameters.record.path:
-            refuse(Path(parameters.record.path), self._recording)
-        if parameters.rerun.mode != "off":
-            self._sinks[VIEWER] = _viewer(parameters, model, knee_name(names[KNEE_CONTACT]), tell)
-        if parameters.record.path:
-            self._sinks[RECORDER] = self._recorder(Path(parameters.record.path), awaited=True)
+        described = [(sink_of(section, knee), queue_of(section, knee.parameters)) for section in sections_of_outputs()]
+        for sink, queue in described:  # begun when all can be
+            if sink:
+                self._sinks[sink.title] = SinkProcess(sink, queue, tell, awaited=True)
 
     def wait_until_open(self) -> None:
         """Wait until all outputs are open; if one cannot be, or the waiting is broken off, none is left behind.
@@ -88,7 +67,7 @@ class Outputs:
         for sink in self._sinks.values():
             sink.note(name, values)
 
-    def start_recording(self, path: str) -> Path:
+    def start_recording(self, knee: Knee) -> Path:
         """Record from the next answer on, under the name that is returned.
 
         That the file cannot be opened after all is told later.
@@ -99,6 +78,7 @@ class Outputs:
         recording = self._sinks.get(RECORDER)
         if recording and not recording.failure:
             raise UsageError("a recording is being written already")
+        path = knee.parameters.record.path
         if not path:
             raise UsageError("parameter record.path names no file")
         self._ending = [sink for sink in self._ending if not sink.is_over()]
@@ -106,9 +86,10 @@ class Outputs:
             raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
         if len(self._ending) >= MOST_ENDING:
             raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
-        refuse(Path(path), self._recording)
-        name = next(all_names(Path(path)))
-        self._sinks[RECORDER] = self._recorder(Path(path), name=name)
+        sink, name = sink_of("record", knee), next(all_names(Path(path)))
+        assert sink  # noqa: S101  (there is a path)
+        queue = queue_of("record", knee.parameters)
+        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._tell, awaited=False)
         return name
 
     def stop_recording(self, ending: Ending) -> str:
@@ -142,26 +123,23 @@ class Outputs:
             sink.wait(deadline)
         return not any(sink.given_up for sink in sinks)
 
-    def _recorder(self, path: Path, awaited: bool = False, name: Path | None = None) -> SinkProcess:
-        return recorder(path, self.provenance, self._names, self._recording, self._queue, self._tell, awaited, name)
+
+def sections_of_outputs() -> list[str]:
+    """The sections of the parameters that name an output's module."""
+    return [name for name, field in Parameters.model_fields.items() if hasattr(field.annotation, "output")]
 
 
-def _viewer(parameters: Parameters, model: KneeModel, knee: str, tell: Listeners) -> SinkProcess:
-    rerun = parameters.rerun
-    knees = tuple(name.strip() for name in rerun.knees.split(",")) if rerun.knees else ()
-    if knees and (knee not in knees or "" in knees):
-        raise UsageError(
-            f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {knee}, must be one of them"
-        )
-    path = Path(rerun.path) if rerun.mode == "file" else None
-    if path:
-        refuse_impossible(path)
-    serving = Serving(rerun.port, rerun.mode == "spawn", knees)
-    queue = Queue(rerun.queue, rerun.queue_size * MB)
-    return viewer(path, serving, drawing_of(model, knee, parameters.body_weight), queue, tell, awaited=True)
+def sink_of(section: str, knee: Knee) -> Sink | None:
+    """The output of a section, as its module describes it; None if parameters ask for none.
+
+    Raises:
+        UsageError: it cannot be opened.
+    """
+    sink: Sink | None = import_module(getattr(knee.parameters, section).output).sink_for(knee)
+    return sink
 
 
-def recording_settings(record: Record) -> Settings:
-    """How to record, from the parameters `record.*`."""
-    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
-    return Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
+def queue_of(section: str, parameters: Parameters) -> Queue:
+    """What may wait for the output of a section."""
+    asked = getattr(parameters, section)
+    return Queue(asked.queue, asked.queue_size * MB, section)

@@ -36,6 +36,7 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
+from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.window import address
 
@@ -112,7 +113,8 @@ class Session:
         try:  # a file is opened when all else is well
             for name, act in acts.items():
                 self._services.append(self._service(name, act))
-            self.outputs = Outputs(parameters, self.pipeline.model, self._provenance(), names, tell)
+            self._names = names
+            self.outputs = Outputs(self._knee(), tell)
         except BaseException:
             self.destroy_endpoints()
             raise
@@ -208,11 +210,12 @@ class Session:
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:
-        self.outputs.provenance = self._provenance()
-        return f"recording to {self.outputs.start_recording(self.parameters.record.path)}"
+        return f"recording to {self.outputs.start_recording(self._knee())}"
 
-    def _provenance(self) -> dict[str, str]:
-        return provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
+    def _knee(self) -> Knee:
+        """What outputs that begin now are described from."""
+        provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
+        return Knee(self.parameters, self.pipeline.model, self._names, provenance)
 
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))

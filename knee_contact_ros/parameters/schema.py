@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
@@ -204,8 +204,13 @@ def _queue_size(size: float) -> Any:
     return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
 
 
+# A section of an output names the module that describes it: see `sinks/protocol.py`.
+
+
 class Record(Section):
     """Recording to MCAP."""
+
+    output: ClassVar = "knee_contact_ros.bags.answer_recorder"
 
     path: str = Field("", description="MCAP file to write; empty: none")
     flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
@@ -227,6 +232,8 @@ class Record(Section):
 
 class Rerun(Section):
     """The Rerun scene."""
+
+    output: ClassVar = "knee_contact_ros.view.outlines"
 
     mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = Field(
         "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"

@@ -17,10 +17,11 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.sinks.protocol import DONE, ENDED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.sinks.protocol import DONE, ENDED, OPEN, REFUSED, Discard, Note, Report, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import Process, connected, is_stopped, reap
 
@@ -55,20 +56,8 @@ class Queue(NamedTuple):
     answers: int
     size: float
     """[B] of memory, about"""
-
-
-class SinkOptions(NamedTuple):
-    """How a sink's answers are handled in the node."""
-
-    part: Callable[[Answer], Any]
-    """What is sent of an answer; tuples, numbers, texts and bytes are quick to send"""
-    queue: Queue
     section: str
     """Of the parameters `….queue` and `….queue_size`"""
-    gaps_allowed: bool
-    """Whether the answers beyond are dropped and counted; otherwise the sink has failed then"""
-    niceness: int = 0
-    """Added to the node's"""
 
 
 class Listeners(NamedTuple):
@@ -90,15 +79,14 @@ class SinkProcess:
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(self, kind: str, name: str, job: Job, handling: SinkOptions, tell: Listeners, awaited: bool) -> None:
+    def __init__(self, sink: Sink, queue: Queue, tell: Listeners, awaited: bool) -> None:
         """Begin.
 
-        `kind` and `name` stand for the output in messages; the name may turn out to be another one. That it cannot be
-        opened is not told if that is `awaited`: then `wait_until_open` says so.
+        That it cannot be opened is not told if that is `awaited`: then `wait_until_open` says so.
         """
         self.process: Process | None = None
         """None: not started yet, or it could not be"""
-        self.name = name
+        self.name = sink.name
         """Of the file"""
         self.failure = ""
         """What is wrong; empty while all is well"""
@@ -106,10 +94,10 @@ class SinkProcess:
         """Answers that the output does not get"""
         self.given_up = False
         """Whether the output is not, and will not be, complete because that took too long"""
-        self._kind, self._job, self._handling = kind, job, handling
+        self._sink, self._queue, self._part = sink, queue, attrgetter(sink.part)
         self._to_tell, self._awaited = tell, awaited
         self._waiting: deque[Item] = deque()
-        self._room, self._room_size = handling.queue
+        self._room, self._room_size, _ = queue
         self._put_size = self._sent_size = 0  # [B] by one thread each
         self._due = 0.0  # when to send next
         self._wake = threading.Event()
@@ -169,7 +157,7 @@ class SinkProcess:
     @property
     def label(self) -> str:
         """The output in messages."""
-        return f"{self._kind} {self.name}".rstrip()
+        return f"{self._sink.kind} {self.name}".rstrip()
 
     def is_known(self) -> bool:
         """Whether it is known if the output could be opened."""
@@ -252,15 +240,14 @@ class SinkProcess:
 
     def _fill(self) -> float:
         """How full the queue is, from 0 to 1."""
-        queue = self._handling.queue
+        queue = self._queue
         return max(len(self._waiting) / queue.answers, self._waiting_size() / queue.size)
 
     def _too_many(self) -> str:
         """What is wrong if the queue was full."""
-        queue, section = self._handling.queue, self._handling.section
+        answers, size, section = self._queue
         return (
-            f"more waited than {queue.answers} answers (parameter {section}.queue) or "
-            f"{queue.size / MB:g} MB ({section}.queue_size)"
+            f"more waited than {answers} answers (parameter {section}.queue) or {size / MB:g} MB ({section}.queue_size)"
         )
 
     def _send_last(self, item: Ending | Discard) -> None:
@@ -281,7 +268,7 @@ class SinkProcess:
         """The thread: start the process, send and listen until it is gone."""
         trouble = ""
         try:
-            connection, self.process = connected(WORKER, str(self._handling.niceness))
+            connection, self.process = connected(WORKER, str(self._sink.niceness))
         except OSError as error:
             self._conclude(f"no process can be started: {error.strerror}")
             return
@@ -309,7 +296,7 @@ class SinkProcess:
         readable, writable = select.poll(), select.poll()
         readable.register(connection.fileno(), select.POLLIN)
         writable.register(connection.fileno(), select.POLLOUT)
-        connection.send(self._job)
+        connection.send(self._sink.job)
         while True:
             self._wake.wait(LATEST)
             self._wake.clear()
@@ -324,12 +311,12 @@ class SinkProcess:
 
     def _on_gap(self) -> None:
         words = f"{self._too_many()}, as its process is slow or stands still"
-        if not self._handling.gaps_allowed:
+        if not self._sink.gaps_allowed:
             raise UsageError(words)
         self._tell(f"{self.label} has gaps: {words}")
 
     def _send_batch(self, connection: Connection) -> None:
-        part, waiting, size = self._handling.part, self._waiting, 0
+        part, waiting, size = self._part, self._waiting, 0
         batch: list[Any] = []
         while waiting and len(batch) < BATCH and size < BATCH_SIZE:
             item = waiting.popleft()

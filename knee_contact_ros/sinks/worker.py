@@ -12,10 +12,10 @@ import time
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Report
+from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
 from knee_contact_ros.system.errors import UsageError
 
 REPORT_PERIOD = 1.0
@@ -24,36 +24,6 @@ SWITCH_PERIOD = 1e-4
 """How long [s] a thread that computes may hold up the one that takes what is sent: it asks for the interpreter often"""
 LOOK_PERIOD = 1.0
 """How often [s] to look whether the output can go on"""
-
-
-class Output(Protocol):
-    """What a sink writes to."""
-
-    name: str
-    """Of the file; empty if there is none"""
-    period: float
-    """How often [s] to flush"""
-
-    def write(self, row: Any) -> None:
-        """Take what was sent of an answer."""
-
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Take a note."""
-
-    def flush(self) -> None:
-        """Leave nothing for later."""
-
-    def must_end(self) -> str:
-        """Why the output has to be completed though more may come; empty if it has not. Asked once a second."""
-
-    def news(self) -> tuple[str, ...]:
-        """What the user shall know and was not told yet. Asked once a second."""
-
-    def finish(self, ending: Ending | None) -> None:
-        """Complete the output; without an ending, because the node is gone or it has to end."""
-
-    def discard(self) -> None:
-        """Leave nothing behind."""
 
 
 class Child:

@@ -1,14 +1,23 @@
-"""What a viewer is given of the knee: plain numbers, so that it needs no model."""
+"""What a viewer is given of the knee: plain numbers, so that its process needs no model."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
+from knee_contact_ros.sinks.protocol import Job, Knee, Sink
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import refuse_impossible
 
+VIEWER = "knee_contact_ros.view.output"
+"""Imported by its process alone: Rerun is large"""
+NICENESS = 10
+"""A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
 PLATEAU_REACH = 0.04
 """How far [m] the tibial surface is drawn to both sides."""
 FLEXIONS = np.radians(np.arange(0.0, 81.0, 5.0))
@@ -42,6 +51,29 @@ class Serving(NamedTuple):
     """Whether a viewer is opened on this machine"""
     knees: tuple[str, ...] = ()
     """Names of all knees that share the viewer, this one's among them; none: it has the viewer for itself"""
+
+
+def sink_for(knee: Knee) -> Sink | None:
+    """A process that writes a Rerun file or serves a scene; see `output.py`.
+
+    Raises:
+        UsageError: the knee's name is none of those that share the viewer, or the file cannot be written.
+    """
+    rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
+    if rerun.mode == "off":
+        return None
+    knees = tuple(one.strip() for one in rerun.knees.split(",")) if rerun.knees else ()
+    if knees and (name not in knees or "" in knees):
+        raise UsageError(
+            f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
+        )
+    path = Path(rerun.path) if rerun.mode == "file" else None
+    if path:
+        refuse_impossible(path)
+    serving = Serving(rerun.port, rerun.mode == "spawn", knees)
+    job = Job(VIEWER, (path, serving, drawing_of(knee.model, name, knee.parameters.body_weight)))
+    kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
+    return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS)
 
 
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:

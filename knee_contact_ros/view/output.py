@@ -1,4 +1,4 @@
-"""The scene as a sink's process writes it (`worker.Output`)."""
+"""The scene as a sink's process writes it (`protocol.Output`)."""
 
 from __future__ import annotations
 

@@ -18,15 +18,14 @@ import pytest
 from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, INTERRUPTED, PROVENANCE
+from knee_contact_ros.bags.answer_recorder import INTERRUPTED, PROVENANCE
 from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.kinds import recorder
-from knee_contact_ros.sinks.process import MB, Listeners, Queue
+from knee_contact_ros.sinks.process import MB, Listeners, Queue, SinkProcess
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import (
     NOTHING_LEFT,
@@ -39,9 +38,12 @@ from tests.helpers.sinks import (
     put,
     readable,
     recorded_ticks,
+    recording,
     settled_backlog,
     wait_until,
 )
+
+QUEUES = [QUEUE._replace(answers=1000), Queue(10**6, 2_200_000.0, "record")]
 
 
 def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, config: Path, tmp_path: Path) -> None:
@@ -222,7 +224,7 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
 
 
-@pytest.mark.parametrize(("queue", "fits"), [(Queue(1000, 1e9), 1000), (Queue(10**6, 2_200_000.0), 1100)])
+@pytest.mark.parametrize(("queue", "fits"), zip(QUEUES, (1000, 1100), strict=True))
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
     monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
@@ -239,7 +241,7 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     assert started.told == [sink.failure]
 
 
-@pytest.mark.parametrize("queue", [Queue(1000, 1e9), Queue(10**6, 2_200_000.0)])
+@pytest.mark.parametrize("queue", QUEUES)
 def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
     started: Started, tmp_path: Path, queue: Queue
 ) -> None:
@@ -263,7 +265,7 @@ def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = recorder(Path(path), {}, ABSOLUTE_NAMES, Settings(60.0), QUEUE, Listeners(print, print))
+    sink = SinkProcess(recording(Path(path), Settings(60.0)), QUEUE, Listeners(print, print), awaited=False)
     sink.wait_until_open()
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))

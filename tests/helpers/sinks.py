@@ -13,6 +13,7 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 from rerun.chunk import RrdReader
 
+from knee_contact_ros.bags import answer_recorder
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import Settings
@@ -28,10 +29,9 @@ from knee_contact_ros.messages.topics import (
 )
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.kinds import recorder, viewer
-from knee_contact_ros.sinks.process import Listeners, Queue, SinkOptions, SinkProcess
-from knee_contact_ros.sinks.protocol import Job
-from knee_contact_ros.view.outlines import Serving, drawing_of
+from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
+from knee_contact_ros.sinks.protocol import Job, Sink
+from knee_contact_ros.view.outlines import NICENESS, VIEWER, Serving, drawing_of
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
@@ -39,7 +39,7 @@ MODEL = Pipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
 SERVING = Serving(port=0, window=False)
-QUEUE = Queue(20_000, 1e9)
+QUEUE = Queue(20_000, 1e9, "record")
 PATIENCE = 30.0
 """How long [s] to wait for what must come"""
 
@@ -105,23 +105,32 @@ class Started:
         self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: Queue = QUEUE
     ) -> SinkProcess:
         """A recorder."""
-        return self._keep(recorder(path, {}, ABSOLUTE_NAMES, settings, queue, self._tell, awaited=True), wait)
+        return self.begun(recording(path, settings), wait, queue)
 
     def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
         """A viewer."""
-        drawing = drawing_of(MODEL, "knee", 737.0)
-        return self._keep(viewer(path, SERVING, drawing, queue, self._tell, awaited=True), wait)
+        job = Job(VIEWER, (path, SERVING, drawing_of(MODEL, "knee", 737.0)))
+        sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
+        return self.begun(sink, wait, queue._replace(section="rerun"))
 
-    def begun(self, job: Job, part: Callable[[Answer], Any]) -> SinkProcess:
+    def unawaited(self, job: Job) -> SinkProcess:
         """A sink that nobody waits for."""
-        handling = SinkOptions(part, QUEUE, "output", gaps_allowed=False)
-        return self._keep(SinkProcess("output", "", job, handling, self._tell, awaited=False), False)
+        sink = Sink("output", "output", "", job, "records", gaps_allowed=False)
+        return self.begun(sink, wait=False, awaited=False)
 
-    def _keep(self, sink: SinkProcess, wait: bool) -> SinkProcess:
-        self.sinks.append(sink)
+    def begun(self, sink: Sink, wait: bool, queue: Queue = QUEUE, awaited: bool = True) -> SinkProcess:
+        """A sink; nobody waits for it, everybody, or at least the test."""
+        process = SinkProcess(sink, queue, self._tell, awaited)
+        self.sinks.append(process)
         if wait:
-            sink.wait_until_open()
-        return sink
+            process.wait_until_open()
+        return process
+
+
+def recording(path: Path, settings: Settings = SETTINGS) -> Sink:
+    """A recorder, as it describes itself, but for the settings."""
+    job = Job(answer_recorder.__name__, (path, {}, ABSOLUTE_NAMES, settings))
+    return Sink("recorder", "recording", str(path), job, "records", gaps_allowed=False)
 
 
 def pid(sink: SinkProcess) -> int:

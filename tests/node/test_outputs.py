@@ -1,19 +1,75 @@
-"""What parameters ask of a recording, in SI units and bytes."""
+"""What parameters ask of the outputs, in SI units and bytes."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
+import pytest
+
+from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.writer import Limits, Settings
-from knee_contact_ros.node.outputs import recording_settings
-from knee_contact_ros.parameters.schema import Record
+from knee_contact_ros.node.outputs import queue_of, sections_of_outputs, sink_of
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.sinks.process import Queue
+from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.system.errors import UsageError
 
 
-def test_megabytes_and_seconds_become_bytes_and_nanoseconds() -> None:
-    record = Record(flush_period=0.5, sync_period=2.0, max_size=1.5, max_duration=3.0, min_free=7.0)
-    assert recording_settings(record) == Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)
+def described(**parameters: Any) -> Knee:
+    """A knee that outputs are described from."""
+    read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
+    return Knee(read, Pipeline(read, compiled=False).model, ABSOLUTE_NAMES, {"version": "1"})
 
 
-def test_what_is_off_has_no_limit() -> None:
-    record = Record(sync_period=0.0, max_size=0.0, max_duration=0.0, min_free=0.0)
-    assert recording_settings(record) == Settings(record.flush_period, Limits(math.inf, math.inf), 0.0, 0.0)
+def settings(path: Path, **record: float) -> Settings:
+    """How it would be recorded."""
+    sink = sink_of(
+        "record", described(record__path=str(path), **{f"record__{key}": value for key, value in record.items()})
+    )
+    assert sink
+    assert sink.name == str(path)
+    _, provenance, names, found = sink.job.arguments
+    assert (provenance, names) == ({"version": "1"}, ABSOLUTE_NAMES)
+    assert isinstance(found, Settings)
+    return found
+
+
+def test_every_output_is_described_by_the_module_that_its_section_names() -> None:
+    assert sections_of_outputs() == ["record", "rerun"]
+    assert [sink_of(section, described()) for section in sections_of_outputs()] == [None, None]
+
+
+def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path: Path) -> None:
+    asked = {"flush_period": 0.5, "sync_period": 2.0, "max_size": 1.5, "max_duration": 3.0, "min_free": 7.0}
+    found = settings(tmp_path / "out.mcap", **asked)
+    assert found == Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)
+    queue = {"record.queue": 500, "record.queue_size": 2.0}
+    assert queue_of("record", load_parameters(queue)) == Queue(500, 2_000_000.0, "record")
+
+
+def test_what_is_off_has_no_limit(tmp_path: Path) -> None:
+    asked = {"sync_period": 0.0, "max_size": 0.0, "max_duration": 0.0, "min_free": 0.0}
+    found = settings(tmp_path / "out.mcap", **asked)
+    assert found == Settings(found.flush_period, Limits(math.inf, math.inf), 0.0, 0.0)
+
+
+def test_a_scene_is_a_file_or_served(tmp_path: Path) -> None:
+    to_file = sink_of("rerun", described(rerun__mode="file", rerun__path=str(tmp_path / "knee.rrd")))
+    served = sink_of("rerun", described(rerun__mode="serve", rerun__port=9999))
+    assert to_file
+    assert served
+    assert (to_file.kind, to_file.name) == ("Rerun recording", str(tmp_path / "knee.rrd"))
+    assert (served.kind, served.name) == ("Rerun scene on port 9999", "")
+    assert to_file.niceness > 0
+
+
+def test_what_cannot_be_opened_is_told_before_anything_is_begun(tmp_path: Path) -> None:
+    for section, knee in (
+        ("record", described(record__path=str(tmp_path / "none" / "out.mcap"), record__min_free=1e9)),
+        ("rerun", described(rerun__mode="serve", rerun__knees="left,right")),
+    ):
+        with pytest.raises(UsageError):
+            sink_of(section, knee)

@@ -7,7 +7,6 @@ import signal
 import tracemalloc
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,13 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.process import Queue, SinkProcess, size_of
+from knee_contact_ros.sinks.process import SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import (
     NOTHING_LEFT,
     PATIENCE,
+    QUEUE,
     SETTINGS,
     Started,
     answer,
@@ -100,7 +100,7 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
 
 def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
     arguments = (tmp_path, {}, ABSOLUTE_NAMES, SETTINGS)
-    sink = started.begun(Job("knee_contact_ros.bags.answer_recorder", arguments), attrgetter("records"))
+    sink = started.unawaited(Job("knee_contact_ros.bags.answer_recorder", arguments))
     wait_until(sink.is_over)
     assert started.told == [f"cannot write {tmp_path}: Is a directory"]
 
@@ -115,7 +115,7 @@ def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
 
     send = SinkProcess._send_batch
     monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)
-    sink = started.begun(Job("knee_contact_ros.nowhere", ()), attrgetter("records"))
+    sink = started.unawaited(Job("knee_contact_ros.nowhere", ()))
     sink.put(answer(0))
     wait_until(sink.is_over)
     words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"
@@ -176,7 +176,7 @@ def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: P
 def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
     started: Started, tmp_path: Path
 ) -> None:
-    sink = started.viewer(tmp_path / "knee.rrd", queue=Queue(500, 1e9))
+    sink = started.viewer(tmp_path / "knee.rrd", queue=QUEUE._replace(answers=500))
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(480))
     last = 480 + 500 - settled_backlog(sink)
