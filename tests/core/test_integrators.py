@@ -17,6 +17,7 @@ from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
 from knee_contact_ros.core.integrators.base import FemurState, Motion, Stage, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
+from knee_contact_ros.core.integrators.tableaus import ESDIRK4, FEHLBERG
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.statics import NO_LIMIT
@@ -28,25 +29,18 @@ MASS, SPRING, DASHPOT = 2.0, 4e6, 2e3
 
 def implicit_tableau() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, b and c in full."""
-    m = esdirk4
-    rows = (
-        (), (m.A21,), (m.A31, m.A32), (m.A41, m.A42, m.A43), (m.A51, m.A52, m.A53, m.A54),
-        (m.A61, 0.0, m.A63, m.A64, m.A65),
-    )  # fmt: skip
-    a = filled(rows)
-    a[np.arange(1, 6), np.arange(1, 6)] = m.GAMMA
-    return a, a[5], np.array([0.0, m.C2, m.C3, m.C4, m.C5, 1.0])
+    m = ESDIRK4
+    first, third, fourth, fifth = m.last
+    a = filled(((), m.second, m.third, m.fourth, m.fifth, (first, 0.0, third, fourth, fifth)))
+    a[np.arange(1, 6), np.arange(1, 6)] = m.diagonal
+    return a, a[5], np.array(m.nodes)
 
 
 def explicit_tableau() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A, b of the 4th order, the same less that of the 5th, and c."""
-    m = fehlberg
-    rows = (
-        (), (m.A21,), (m.A31, m.A32), (m.A41, m.A42, m.A43), (m.A51, m.A52, m.A53, m.A54),
-        (m.A61, m.A62, m.A63, m.A64, m.A65),
-    )  # fmt: skip
-    b, e = np.array([m.B1, 0.0, m.B3, m.B4, m.B5, 0.0]), np.array([m.E1, 0.0, m.E3, m.E4, m.E5, m.E6])
-    return filled(rows), b, e, np.array([0.0, m.C2, m.C3, m.C4, 1.0, m.C6])
+    m = FEHLBERG
+    b, e = np.insert([*m.weights, 0.0], 1, 0.0), np.insert(m.error, 1, 0.0)
+    return filled(((), m.second, m.third, m.fourth, m.fifth, m.sixth)), b, e, np.array(m.nodes)
 
 
 def filled(rows: tuple[tuple[float, ...], ...]) -> np.ndarray:

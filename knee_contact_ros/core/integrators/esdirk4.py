@@ -1,8 +1,7 @@
 """The ESDIRK method of 4th order: L-stable, stiffly accurate, 5 implicit stages, stage order 2.
 
-Source: Kennedy & Carpenter 2003, doi:10.1016/S0168-9274(02)00138-1, the implicit half of ARK4(3)6L[2]SA. Its embedded
-3rd-order solution is not used: on gait its estimate was a fifth of the true error at the usual steps, so it bounds
-nothing. `doubling.py` estimates the error instead.
+See `tableaus.py` for its source. Its embedded 3rd-order solution is not used: on gait its estimate was a fifth of the
+true error at the usual steps, so it bounds nothing. `doubling.py` estimates the error instead.
 
 With one free coordinate every stage is one scalar equation in the stage's velocity. Its left side grows with a slope of
 at least 1, because a contact law's slopes are >= 0: there is one solution at any stiffness, damping, mass and step. The
@@ -28,20 +27,14 @@ from knee_contact_ros.core.integrators.base import (
     force_on,
     leap,
 )
+from knee_contact_ros.core.integrators.tableaus import ESDIRK4, ahead
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
 STAGE_ORDER = 2
 STAGES = 6
-GAMMA = 1 / 4
-C2, C3, C4, C5 = 1 / 2, 83 / 250, 31 / 50, 17 / 20
-A21 = 1 / 4
-A31, A32 = 8611 / 62500, -1743 / 31250
-A41, A42, A43 = 5012029 / 34652500, -654441 / 2922500, 174375 / 388108
-A51, A52, A53, A54 = 15267082809 / 155376265600, -71443401 / 120774400, 730878875 / 902184768, 2285395 / 8070912
-A61, A63, A64, A65 = 82889 / 524892, 15625 / 83664, 69875 / 102672, -2260 / 8211
-"""Below the diagonal, which is `GAMMA`; the last row is the weights, and A62 is 0."""
+_, C2, C3, C4, C5, _ = ESDIRK4.nodes
 MAX_NEWTON = 30
 DEPTH_SHARE = 1e-4
 """Share of the depth at which Newton's method has arrived at most: the force, too, must be met"""
@@ -76,39 +69,32 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     `resolution` [m] is the change of depth below which Newton's method has arrived (its next correction would be
     smaller by orders of magnitude). Once the step has taken `most` evaluations its stages are not solved any more.
     """
-    y, v = state.height, state.velocity
-    d = h * GAMMA
+    y, v, m = state.height, state.velocity, ESDIRK4
+    d = h * m.diagonal
     depth, surface_rate, cosine = touch_at(motion.interval, s).touch(y)
     rate = surface_rate - cosine * v
     force, stiffness, _ = force_on(motion, depth, rate)
     begin = Stage(depth, rate, force, stiffness, surface_rate)
     a = acceleration_of(motion, cosine * force - load_at(motion.interval, s))
 
-    one = solve_stage(motion, s + C2 * h, y + h * (A21 * v), v + h * (A21 * a), d, a, resolution, most)
+    high, fast = ahead(y, h, m.second, (v,)), ahead(v, h, m.second, (a,))
+    one = solve_stage(motion, s + C2 * h, high, fast, d, a, resolution, most)
     most -= one.evaluations
     v2, a2 = one.velocity, one.acceleration
-    two = solve_stage(
-        motion, s + C3 * h, y + h * (A31 * v + A32 * v2), v + h * (A31 * a + A32 * a2), d, a2, resolution, most
-    )
+    high, fast = ahead(y, h, m.third, (v, v2)), ahead(v, h, m.third, (a, a2))
+    two = solve_stage(motion, s + C3 * h, high, fast, d, a2, resolution, most)
     most -= two.evaluations
     v3, a3 = two.velocity, two.acceleration
-    three = solve_stage(
-        motion, s + C4 * h,
-        y + h * (A41 * v + A42 * v2 + A43 * v3), v + h * (A41 * a + A42 * a2 + A43 * a3), d, a3, resolution,
-        most,
-    )  # fmt: skip
+    high, fast = ahead(y, h, m.fourth, (v, v2, v3)), ahead(v, h, m.fourth, (a, a2, a3))
+    three = solve_stage(motion, s + C4 * h, high, fast, d, a3, resolution, most)
     most -= three.evaluations
     v4, a4 = three.velocity, three.acceleration
-    four = solve_stage(
-        motion, s + C5 * h,
-        y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4), v + h * (A51 * a + A52 * a2 + A53 * a3 + A54 * a4),
-        d, a4, resolution, most,
-    )  # fmt: skip
+    high, fast = ahead(y, h, m.fifth, (v, v2, v3, v4)), ahead(v, h, m.fifth, (a, a2, a3, a4))
+    four = solve_stage(motion, s + C5 * h, high, fast, d, a4, resolution, most)
     most -= four.evaluations
     v5, a5 = four.velocity, four.acceleration
-    known_height = y + h * (A61 * v + A63 * v3 + A64 * v4 + A65 * v5)
-    known_velocity = v + h * (A61 * a + A63 * a3 + A64 * a4 + A65 * a5)
-    five = solve_stage(motion, s + h, known_height, known_velocity, d, a5, resolution, most)
+    high, fast = ahead(y, h, m.last, (v, v3, v4, v5)), ahead(v, h, m.last, (a, a3, a4, a5))
+    five = solve_stage(motion, s + h, high, fast, d, a5, resolution, most)
 
     crossing = earlier(INSIDE, motion, two.stage, s + C3 * h, C3)
     crossing = earlier(crossing, motion, one.stage, s + C2 * h, C2)
@@ -126,7 +112,7 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
             leap(four.stage.surface_rate, five.stage.surface_rate, turn, (1.0 - C5) * h),
         )
     return Step(
-        FemurState(known_height + d * five.velocity, five.velocity),
+        FemurState(high + d * five.velocity, five.velocity),
         StateError(one.left + two.left + three.left + four.left + five.left, 0.0),
         begin,
         five.stage,

@@ -1,6 +1,6 @@
 """Fehlberg's explicit pair of orders 4 and 5; the solution that goes on is the one of 4th order.
 
-Source: Fehlberg 1969, NASA TR R-315, formula 2. Six evaluations give a step and a sharp estimate of its error, a
+See `tableaus.py` for its source. Six evaluations give a step and a sharp estimate of its error, a
 quarter of what the implicit method takes: it is used wherever the contact is not stiff against the step.
 """
 
@@ -20,26 +20,13 @@ from knee_contact_ros.core.integrators.base import (
     force_on,
     leap,
 )
+from knee_contact_ros.core.integrators.tableaus import FEHLBERG, onward, weighted
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 ORDER = 4
 EVALUATIONS = 6
-C2, C3, C4, C6 = 1 / 4, 3 / 8, 12 / 13, 1 / 2
-A21 = 1 / 4
-A31, A32 = 3 / 32, 9 / 32
-A41, A42, A43 = 1932 / 2197, -7200 / 2197, 7296 / 2197
-A51, A52, A53, A54 = 439 / 216, -8.0, 3680 / 513, -845 / 4104
-A61, A62, A63, A64, A65 = -8 / 27, 2.0, -3544 / 2565, 1859 / 4104, -11 / 40
-B1, B3, B4, B5 = 25 / 216, 1408 / 2565, 2197 / 4104, -1 / 5
-E1, E3, E4, E5, E6 = (
-    25 / 216 - 16 / 135,
-    1408 / 2565 - 6656 / 12825,
-    2197 / 4104 - 28561 / 56430,
-    -1 / 5 + 9 / 50,
-    -2 / 55,
-)
-"""Weights of the 4th order less those of the 5th"""
+_, C2, C3, C4, _, C6 = FEHLBERG.nodes
 SINGULAR = 10.0
 """Where a layer begins, the force is the 1.5th power of the way from there. Both orders fail alike: for t^1.5 they are
 8.2e-4 and 9.0e-4 off, for (1 - t)^1.5 1.6e-3 and 1.4e-3, so their difference is a tenth of the error"""
@@ -87,32 +74,30 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
 @always_inlined
 def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: Slope) -> Stride:
     """A step with the contact at its beginning known."""
-    y, v = state.height, state.velocity
+    y, v, m = state.height, state.velocity, FEHLBERG
     a = one.acceleration
-    # The newest slope is added last: all else is known while it is still being computed.
-    v2 = v + h * A21 * a
-    two = slope_at(motion, s + C2 * h, y + h * A21 * v, v2)
+    v2 = v + h * m.second[0] * a
+    two = slope_at(motion, s + C2 * h, y + h * m.second[0] * v, v2)
     a2 = two.acceleration
-    v3 = v + h * (A31 * a) + h * A32 * a2
-    three = slope_at(motion, s + C3 * h, y + h * (A31 * v) + h * A32 * v2, v3)
+    v3 = onward(v, h, m.third, (a,), a2)
+    three = slope_at(motion, s + C3 * h, onward(y, h, m.third, (v,), v2), v3)
     a3 = three.acceleration
-    v4 = v + h * (A41 * a + A42 * a2) + h * A43 * a3
-    four = slope_at(motion, s + C4 * h, y + h * (A41 * v + A42 * v2) + h * A43 * v3, v4)
+    v4 = onward(v, h, m.fourth, (a, a2), a3)
+    four = slope_at(motion, s + C4 * h, onward(y, h, m.fourth, (v, v2), v3), v4)
     a4 = four.acceleration
-    v5 = v + h * (A51 * a + A52 * a2 + A53 * a3) + h * A54 * a4
-    five = slope_at(motion, s + h, y + h * (A51 * v + A52 * v2 + A53 * v3) + h * A54 * v4, v5)
+    v5 = onward(v, h, m.fifth, (a, a2, a3), a4)
+    five = slope_at(motion, s + h, onward(y, h, m.fifth, (v, v2, v3), v4), v5)
     a5 = five.acceleration
-    v6 = v + h * (A61 * a + A62 * a2 + A63 * a3 + A64 * a4) + h * A65 * a5
-    six = slope_at(motion, s + C6 * h, y + h * (A61 * v + A62 * v2 + A63 * v3 + A64 * v4) + h * A65 * v5, v6)
+    v6 = onward(v, h, m.sixth, (a, a2, a3, a4), a5)
+    six = slope_at(motion, s + C6 * h, onward(y, h, m.sixth, (v, v2, v3, v4), v5), v6)
     a6 = six.acceleration
 
-    height = y + h * (B1 * v + B3 * v3 + B4 * v4) + h * B5 * v5
-    velocity = v + h * (B1 * a + B3 * a3 + B4 * a4) + h * B5 * a5
+    height = onward(y, h, m.weights, (v, v3, v4), v5)
+    velocity = onward(v, h, m.weights, (a, a3, a4), a5)
     end = slope_at(motion, s + h, height, velocity)
     estimate = h * SINGULAR if begins_layer(motion, one.stage.depth, end.stage.depth) else h
     error = StateError(
-        estimate * (E1 * v + E3 * v3 + E4 * v4 + E5 * v5 + E6 * v6),
-        estimate * (E1 * a + E3 * a3 + E4 * a4 + E5 * a5 + E6 * a6),
+        estimate * weighted(m.error, (v, v3, v4, v5, v6)), estimate * weighted(m.error, (a, a3, a4, a5, a6))
     )
     crossing = earlier(INSIDE, motion, two.stage, s + C2 * h, C2)
     crossing = earlier(crossing, motion, three.stage, s + C3 * h, C3)

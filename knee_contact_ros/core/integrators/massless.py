@@ -17,39 +17,8 @@ from knee_contact_ros.core.integrators.base import (
     earlier,
     force_on,
 )
-from knee_contact_ros.core.integrators.fehlberg import (
-    A21,
-    A31,
-    A32,
-    A41,
-    A42,
-    A43,
-    A51,
-    A52,
-    A53,
-    A54,
-    A61,
-    A62,
-    A63,
-    A64,
-    A65,
-    B1,
-    B3,
-    B4,
-    B5,
-    C2,
-    C3,
-    C4,
-    C6,
-    E1,
-    E3,
-    E4,
-    E5,
-    E6,
-    EVALUATIONS,
-    SINGULAR,
-    begins_layer,
-)
+from knee_contact_ros.core.integrators.fehlberg import C2, C3, C4, C6, EVALUATIONS, SINGULAR, begins_layer
+from knee_contact_ros.core.integrators.tableaus import FEHLBERG, ahead, weighted
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
@@ -69,20 +38,20 @@ class Flow(NamedTuple):
 @never_inlined
 def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Take one step of `h` [s] under one layer's formula, with its estimated error. The velocity before is not used."""
-    y = state.height
+    y, m = state.height, FEHLBERG
     one = flow_at(motion, s, y)
     v = one.velocity
-    two = flow_at(motion, s + C2 * h, y + h * (A21 * v))
+    two = flow_at(motion, s + C2 * h, ahead(y, h, m.second, (v,)))
     v2 = two.velocity
-    three = flow_at(motion, s + C3 * h, y + h * (A31 * v + A32 * v2))
+    three = flow_at(motion, s + C3 * h, ahead(y, h, m.third, (v, v2)))
     v3 = three.velocity
-    four = flow_at(motion, s + C4 * h, y + h * (A41 * v + A42 * v2 + A43 * v3))
+    four = flow_at(motion, s + C4 * h, ahead(y, h, m.fourth, (v, v2, v3)))
     v4 = four.velocity
-    five = flow_at(motion, s + h, y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4))
+    five = flow_at(motion, s + h, ahead(y, h, m.fifth, (v, v2, v3, v4)))
     v5 = five.velocity
-    six = flow_at(motion, s + C6 * h, y + h * (A61 * v + A62 * v2 + A63 * v3 + A64 * v4 + A65 * v5))
+    six = flow_at(motion, s + C6 * h, ahead(y, h, m.sixth, (v, v2, v3, v4, v5)))
     v6 = six.velocity
-    height = y + h * (B1 * v + B3 * v3 + B4 * v4 + B5 * v5)
+    height = ahead(y, h, m.weights, (v, v3, v4, v5))
     end = flow_at(motion, s + h, height)
 
     crossing = earlier(INSIDE, motion, two.stage, s + C2 * h, C2)
@@ -94,7 +63,7 @@ def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     estimate = h * SINGULAR if begins_layer(motion, one.stage.depth, end.stage.depth) else h
     return Step(
         FemurState(height, end.velocity),
-        StateError(estimate * (E1 * v + E3 * v3 + E4 * v4 + E5 * v5 + E6 * v6), 0.0),
+        StateError(estimate * weighted(m.error, (v, v3, v4, v5, v6)), 0.0),
         one.stage,
         end.stage,
         crossing,
