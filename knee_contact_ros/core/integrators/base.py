@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, ContactModes, crossed
-from knee_contact_ros.core.kernel_source import in_kernel
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
 from knee_contact_ros.core.prescribed import Interval, load_at
 
 
@@ -102,6 +102,32 @@ def earlier(crossing: Crossing, motion: Motion, stage: Stage, s: float, fraction
     load = load_at(motion.interval, s)
     boundary = crossed(motion.modes, motion.mode, stage.depth, stage.force, load, known)
     return Crossing(boundary, fraction) if boundary != NOWHERE else crossing
+
+
+@always_inlined
+def first_crossing(
+    motion: Motion, s: float, h: float, fractions: tuple[float, ...], stages: tuple[Stage, ...]
+) -> Crossing:
+    """The first crossing of a step of `h` [s] from s [s] on, given its stages in the order of their fractions of it."""
+    crossing = INSIDE
+    for i in range(len(stages)):
+        crossing = earlier(crossing, motion, stages[i], s + fractions[i] * h, fractions[i])
+    return crossing
+
+
+@in_kernel
+def largest_leap(
+    motion: Motion, h: float, begin: Stage, fractions: tuple[float, ...], stages: tuple[Stage, ...]
+) -> float:
+    """The largest `leap` [m/s] between two neighbouring stages of a step of `h` [s], which are given likewise."""
+    if not motion.interval.pair.is_non_convex():
+        return 0.0
+    largest, before, from_fraction = 0.0, begin, 0.0
+    for i in range(len(stages)):
+        duration = (fractions[i] - from_fraction) * h
+        found = leap(before.surface_rate, stages[i].surface_rate, motion.interval.angle_rate, duration)
+        largest, before, from_fraction = max(largest, found), stages[i], fractions[i]
+    return largest
 
 
 @in_kernel

@@ -16,16 +16,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import (
-    INSIDE,
     FemurState,
     Motion,
     Stage,
     StateError,
     Step,
     acceleration_of,
-    earlier,
+    first_crossing,
     force_on,
-    leap,
+    largest_leap,
 )
 from knee_contact_ros.core.integrators.tableaus import ESDIRK4, ahead
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
@@ -35,6 +34,8 @@ ORDER = 4
 STAGE_ORDER = 2
 STAGES = 6
 _, C2, C3, C4, C5, _ = ESDIRK4.nodes
+IN_ORDER = (C3, C2, C4, C5, 1.0)
+"""Where the implicit stages lie in parts of the step, the second of them first"""
 MAX_NEWTON = 30
 DEPTH_SHARE = 1e-4
 """Share of the depth at which Newton's method has arrived at most: the force, too, must be met"""
@@ -96,21 +97,9 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     high, fast = ahead(y, h, m.last, (v, v3, v4, v5)), ahead(v, h, m.last, (a, a3, a4, a5))
     five = solve_stage(motion, s + h, high, fast, d, a5, resolution, most)
 
-    crossing = earlier(INSIDE, motion, two.stage, s + C3 * h, C3)
-    crossing = earlier(crossing, motion, one.stage, s + C2 * h, C2)
-    crossing = earlier(crossing, motion, three.stage, s + C4 * h, C4)
-    crossing = earlier(crossing, motion, four.stage, s + C5 * h, C5)
-    crossing = earlier(crossing, motion, five.stage, s + h, 1.0)
-    leapt = 0.0
-    if motion.interval.pair.is_non_convex():
-        turn = motion.interval.angle_rate
-        leapt = max(
-            leap(begin.surface_rate, two.stage.surface_rate, turn, C3 * h),
-            leap(two.stage.surface_rate, one.stage.surface_rate, turn, (C2 - C3) * h),
-            leap(one.stage.surface_rate, three.stage.surface_rate, turn, (C4 - C2) * h),
-            leap(three.stage.surface_rate, four.stage.surface_rate, turn, (C5 - C4) * h),
-            leap(four.stage.surface_rate, five.stage.surface_rate, turn, (1.0 - C5) * h),
-        )
+    stages = (two.stage, one.stage, three.stage, four.stage, five.stage)
+    crossing = first_crossing(motion, s, h, IN_ORDER, stages)
+    leapt = largest_leap(motion, h, begin, IN_ORDER, stages)
     return Step(
         FemurState(high + d * five.velocity, five.velocity),
         StateError(one.left + two.left + three.left + four.left + five.left, 0.0),

@@ -9,16 +9,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import (
-    INSIDE,
     Crossing,
     FemurState,
     Motion,
     Stage,
     StateError,
     Step,
-    earlier,
+    first_crossing,
     force_on,
-    leap,
+    largest_leap,
 )
 from knee_contact_ros.core.integrators.tableaus import FEHLBERG, onward, weighted
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
@@ -27,6 +26,8 @@ from knee_contact_ros.core.prescribed import load_at, touch_at
 ORDER = 4
 EVALUATIONS = 6
 _, C2, C3, C4, _, C6 = FEHLBERG.nodes
+IN_ORDER = (C2, C3, C6, C4, 1.0)
+"""Where the second, third, sixth and fourth stage and the end lie, in parts of the step"""
 SINGULAR = 10.0
 """Where a layer begins, the force is the 1.5th power of the way from there. Both orders fail alike: for t^1.5 they are
 8.2e-4 and 9.0e-4 off, for (1 - t)^1.5 1.6e-3 and 1.4e-3, so their difference is a tenth of the error"""
@@ -99,21 +100,9 @@ def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: 
     error = StateError(
         estimate * weighted(m.error, (v, v3, v4, v5, v6)), estimate * weighted(m.error, (a, a3, a4, a5, a6))
     )
-    crossing = earlier(INSIDE, motion, two.stage, s + C2 * h, C2)
-    crossing = earlier(crossing, motion, three.stage, s + C3 * h, C3)
-    crossing = earlier(crossing, motion, six.stage, s + C6 * h, C6)
-    crossing = earlier(crossing, motion, four.stage, s + C4 * h, C4)
-    crossing = earlier(crossing, motion, end.stage, s + h, 1.0)
-    leapt = 0.0
-    if motion.interval.pair.is_non_convex():
-        turn = motion.interval.angle_rate
-        leapt = max(
-            leap(one.stage.surface_rate, two.stage.surface_rate, turn, C2 * h),
-            leap(two.stage.surface_rate, three.stage.surface_rate, turn, (C3 - C2) * h),
-            leap(three.stage.surface_rate, six.stage.surface_rate, turn, (C6 - C3) * h),
-            leap(six.stage.surface_rate, four.stage.surface_rate, turn, (C4 - C6) * h),
-            leap(four.stage.surface_rate, end.stage.surface_rate, turn, (1.0 - C4) * h),
-        )
+    stages = (two.stage, three.stage, six.stage, four.stage, end.stage)
+    crossing = first_crossing(motion, s, h, IN_ORDER, stages)
+    leapt = largest_leap(motion, h, one.stage, IN_ORDER, stages)
     return Stride(FemurState(height, velocity), error, six, end, crossing, leapt)
 
 

@@ -8,16 +8,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import (
-    INSIDE,
     FemurState,
     Motion,
     Stage,
     StateError,
     Step,
-    earlier,
+    first_crossing,
     force_on,
 )
-from knee_contact_ros.core.integrators.fehlberg import C2, C3, C4, C6, EVALUATIONS, SINGULAR, begins_layer
+from knee_contact_ros.core.integrators.fehlberg import C2, C3, C4, C6, EVALUATIONS, IN_ORDER, SINGULAR, begins_layer
 from knee_contact_ros.core.integrators.tableaus import FEHLBERG, ahead, weighted
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
@@ -54,11 +53,8 @@ def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     height = ahead(y, h, m.weights, (v, v3, v4, v5))
     end = flow_at(motion, s + h, height)
 
-    crossing = earlier(INSIDE, motion, two.stage, s + C2 * h, C2)
-    crossing = earlier(crossing, motion, three.stage, s + C3 * h, C3)
-    crossing = earlier(crossing, motion, six.stage, s + C6 * h, C6)
-    crossing = earlier(crossing, motion, four.stage, s + C4 * h, C4)
-    crossing = earlier(crossing, motion, end.stage, s + h, 1.0)
+    stages = (two.stage, three.stage, six.stage, four.stage, end.stage)
+    crossing = first_crossing(motion, s, h, IN_ORDER, stages)
     least = min(one.damping, two.damping, three.damping, four.damping, five.damping, six.damping, end.damping)
     estimate = h * SINGULAR if begins_layer(motion, one.stage.depth, end.stage.depth) else h
     return Step(
