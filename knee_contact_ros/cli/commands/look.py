@@ -92,11 +92,11 @@ def report(
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import say
     from knee_contact_ros.tools.report.run import run_report
-    from knee_contact_ros.tools.report.runs import Asked
+    from knee_contact_ros.tools.report.runs import ReportOptions
 
     values = parameters_of(parameter_values)
     sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
     compared = found(compare) if compare else []
-    for path in run_report(Asked(files, labels, sources, given, compared, names), output):
+    for path in run_report(ReportOptions(files, labels, sources, given, compared, names), output):
         say(str(path))

@@ -73,6 +73,6 @@ def latency(output: Path, rate: float, duration: float, rounds: int, sustained: 
     Latency, losses and CPU time of the node, recording and drawing, and of bare rclpy nodes that compute nothing, over
     real topics on this machine only. Writes latency.md and latency.csv (sustained.*, soak.*).
     """
-    from knee_contact_ros.tools.latency.run import Asked, run_latency
+    from knee_contact_ros.tools.latency.run import LatencyOptions, run_latency
 
-    run_latency(output, Asked(rate, duration, rounds, sustained, soak or 0))
+    run_latency(output, LatencyOptions(rate, duration, rounds, sustained, soak or 0))

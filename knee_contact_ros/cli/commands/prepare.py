@@ -48,9 +48,9 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     pip install 'knee-contact-ros[mesh]'.
     """
     from knee_contact_ros.system.terminal import say
-    from knee_contact_ros.tools.profiles.run import Asked, run_fit_profile
+    from knee_contact_ros.tools.profiles.run import FitOptions, run_fit_profile
 
-    asked = Asked(
+    asked = FitOptions(
         mesh,
         femur=side == "femur",
         medial=compartment == "medial",

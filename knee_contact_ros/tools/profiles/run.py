@@ -17,7 +17,7 @@ from knee_contact_ros.tools.profiles.surface import Surface
 AUTO = "auto"
 
 
-class Asked(NamedTuple):
+class FitOptions(NamedTuple):
     """What the command line says."""
 
     mesh: Path
@@ -39,7 +39,7 @@ class Asked(NamedTuple):
     overwrite: bool = False
 
 
-def run_fit_profile(asked: Asked) -> list[str]:
+def run_fit_profile(asked: FitOptions) -> list[str]:
     """Fit a profile and write CSV, picture and parameter file; give the lines that tell of it.
 
     Raises:
@@ -65,7 +65,7 @@ def run_fit_profile(asked: Asked) -> list[str]:
     return [*words.report(found, name, origin), *[f"{label:<10} {path}" for label, path in files]]
 
 
-def refuse(asked: Asked, outputs: list[Path]) -> None:
+def refuse(asked: FitOptions, outputs: list[Path]) -> None:
     """Refuse outputs that are taken or of another kind, before any work.
 
     Raises:
@@ -81,7 +81,7 @@ def refuse(asked: Asked, outputs: list[Path]) -> None:
             raise UsageError(f"{path} exists already; choose another name, or --overwrite")
 
 
-def place_of(asked: Asked, surface: Surface) -> float:
+def place_of(asked: FitOptions, surface: Surface) -> float:
     """The slice's place z [m].
 
     Raises:

@@ -10,7 +10,7 @@ from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder
-from knee_contact_ros.tools.report.runs import Asked, Run, collect
+from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 
 NEEDED = ("matplotlib", "jinja2")
 EXTRA = "knee-contact-ros[report]"
@@ -20,7 +20,7 @@ FIGURES = ("flexion", "contact_force", "depth", "contact_point", "contact_point_
 """Names of the pictures, without their suffix; those of an earlier report are taken away"""
 
 
-def run_report(asked: Asked, output: Path) -> list[Path]:
+def run_report(asked: ReportOptions, output: Path) -> list[Path]:
     """Write the report into the folder `output`; give the names of its files, the page first.
 
     Raises:

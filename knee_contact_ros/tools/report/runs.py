@@ -27,7 +27,7 @@ Source = Path | dict[str, Any]
 OWN_TOPIC = f"/{KNEE_CONTACT}"
 
 
-class Asked(NamedTuple):
+class ReportOptions(NamedTuple):
     """What the command was asked for."""
 
     files: Sequence[Path]
@@ -62,7 +62,7 @@ class Run(NamedTuple):
     gathered: Gathered
 
 
-def collect(asked: Asked, work: Path, say: Callable[[str], Advance]) -> list[Run]:
+def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
     """The runs, each followed by its comparison; solves what has to be solved into files in `work`, and removes them.
 
     `say` gets a sentence on what is done next, and gives a function of (done, total).
@@ -104,7 +104,7 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
     ]
 
 
-def _recorded(path: Path, topic: str, label: str, asked: Asked, say: Callable[[str], Advance]) -> Run:
+def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Callable[[str], Advance]) -> Run:
     """A recording's answers on a topic, as they are."""
     provenance = _stored(path, asked)
     if provenance:
@@ -121,7 +121,7 @@ def _recorded(path: Path, topic: str, label: str, asked: Asked, say: Callable[[s
     return Run(label, label, path, topic, parameters, origin, _refused(path), damage, None, gathered)
 
 
-def _solved(path: Path, label: str, asked: Asked, work: Path, say: Callable[[str], Advance]) -> Run:
+def _solved(path: Path, label: str, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> Run:
     """A bag with inputs only."""
     parameters = load_parameters(list(asked.parameters))
     origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(asked.parameters)}."
@@ -130,7 +130,7 @@ def _solved(path: Path, label: str, asked: Asked, work: Path, say: Callable[[str
     return run._replace(name=label, label=", ".join([label, *stems]) if asked.compare else label, origin=origin)
 
 
-def _compared(run: Run, beside: int, asked: Asked, work: Path, say: Callable[[str], Advance]) -> Run:
+def _compared(run: Run, beside: int, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> Run:
     """A run's inputs computed with other parameters."""
     before = flat_parameters(run.parameters)
     after = flat_parameters(load_parameters([before, *asked.compare]))
@@ -149,7 +149,7 @@ def _compared(run: Run, beside: int, asked: Asked, work: Path, say: Callable[[st
     return computed._replace(name=run.name, label=told, topic=run.topic, origin=origin, beside=beside)
 
 
-def _stored(path: Path, asked: Asked) -> Provenance | None:
+def _stored(path: Path, asked: ReportOptions) -> Provenance | None:
     """How a recording came about; not asked of a later part, whose first has the parameters, if some are given."""
     try:
         return read_provenance(path)

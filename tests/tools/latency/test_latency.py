@@ -23,7 +23,7 @@ from knee_contact_ros.tools.latency.candidates import BARE, BYTES, CANDIDATES, O
 from knee_contact_ros.tools.latency.comparison import Part
 from knee_contact_ros.tools.latency.driver import Run
 from knee_contact_ros.tools.latency.figures import Figures, figures, ratios
-from knee_contact_ros.tools.latency.run import Asked, command
+from knee_contact_ros.tools.latency.run import LatencyOptions, command
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.soak import Comparison, Moment
 from knee_contact_ros.tools.latency.sustained import NODE, SENDER, SUSTAINED, Step
@@ -263,11 +263,14 @@ def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
 @pytest.mark.parametrize(
     ("asked", "text"),
     [
-        (Asked(), "knee-contact latency --rate 1000 --duration 20 --rounds 3"),
-        (Asked(sustained=True), "knee-contact latency --rounds 3 --sustained"),
-        (Asked(rate=2000.0, soak=1000), "knee-contact latency --rate 2000 --soak 1000"),
-        (Asked(sustained=True, soak=1000), "knee-contact latency --rate 1000 --rounds 3 --sustained --soak 1000"),
+        (LatencyOptions(), "knee-contact latency --rate 1000 --duration 20 --rounds 3"),
+        (LatencyOptions(sustained=True), "knee-contact latency --rounds 3 --sustained"),
+        (LatencyOptions(rate=2000.0, soak=1000), "knee-contact latency --rate 2000 --soak 1000"),
+        (
+            LatencyOptions(sustained=True, soak=1000),
+            "knee-contact latency --rate 1000 --rounds 3 --sustained --soak 1000",
+        ),
     ],
 )
-def test_the_page_says_the_command(asked: Asked, text: str) -> None:
+def test_the_page_says_the_command(asked: LatencyOptions, text: str) -> None:
     assert command(asked) == text
