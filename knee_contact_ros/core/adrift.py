@@ -83,7 +83,9 @@ class Adrift(NamedTuple):
     """Largest rate [m/s] at which its contact may have begun"""
 
 
-FOUND = Adrift(NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FOUND = Adrift(
+    stage=NONE, energy=0.0, height=0.0, load=0.0, rest=0.0, stored=0.0, pressed=0.0, least=0.0, begun=0.0, impact=0.0,
+)  # fmt: skip
 
 
 class Drive(NamedTuple):
@@ -161,7 +163,10 @@ def bounds_near(
     if load > 0.0:
         energy += load * (highest if highest > 0.0 else max(doubt - error.height, 0.0) - depth)
     rest, stored, evaluations = at_rest(law, load, depth)
-    return Adrift(WATCHED, energy, highest, load, rest, stored, 0.0, load, energy, impact), evaluations + looks
+    return Adrift(
+        stage=WATCHED, energy=energy, height=highest, load=load, rest=rest, stored=stored, pressed=0.0, least=load,
+        begun=energy, impact=impact,
+    ), evaluations + looks  # fmt: skip
 
 
 @in_kernel
@@ -192,7 +197,8 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
         energy = begun = min(energy + drive.load * height, LARGEST_ENERGY)
     impact = max(adrift.impact, math.sqrt(2.0 / drive.mass) * root)
     return Adrift(
-        adrift.stage, energy, height, drive.load, rest, stored, pressed, least, begun, impact
+        stage=adrift.stage, energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed,
+        least=least, begun=begun, impact=impact,
     ), evaluations + looks  # fmt: skip
 
 
@@ -282,8 +288,9 @@ def with_window(adrift: Adrift, energy: float) -> Adrift:
     """Bounds with another energy [J], from now on."""
     height = min(adrift.height, max(energy, 0.0) / adrift.load)
     return Adrift(
-        adrift.stage, energy, height, adrift.load, adrift.rest, adrift.stored, 0.0, adrift.load, energy, adrift.impact
-    )
+        stage=adrift.stage, energy=energy, height=height, load=adrift.load, rest=adrift.rest, stored=adrift.stored,
+        pressed=0.0, least=adrift.load, begun=energy, impact=adrift.impact,
+    )  # fmt: skip
 
 
 @never_inlined

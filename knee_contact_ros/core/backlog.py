@@ -108,8 +108,9 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
         angle, load = float(backlog["angles"][index - 1]), float(backlog["loads"][index - 1])
     duration = float(backlog["durations"][index])
     return Interval(
-        scene.pair, scene.mechanism, duration, angle, (float(backlog["angles"][index]) - angle) / duration, load,
-        (float(backlog["loads"][index]) - load) / duration, float("nan"),
+        pair=scene.pair, mechanism=scene.mechanism, duration=duration, angle=angle,
+        angle_rate=(float(backlog["angles"][index]) - angle) / duration, start_load=load,
+        load_rate=(float(backlog["loads"][index]) - load) / duration, end_height=float("nan"),
     )  # fmt: skip
 
 
@@ -179,8 +180,9 @@ def within(
             run_state = with_error(run_state, error, 0.0)
         estimate, force_error = min(estimate, result.error_estimate), min(force_error, result.force_error_estimate)
     return TickResult(
-        with_bounds(run_state, adrift), result.depth, result.rate, result.force, estimate, force_error, evaluations,
-        result.reached, True, result.height, result.fidelity,
+        run_state=with_bounds(run_state, adrift), depth=result.depth, rate=result.rate, force=result.force,
+        error_estimate=estimate, force_error_estimate=force_error, evaluations=evaluations, reached=result.reached,
+        converged=True, height=result.height, fidelity=result.fidelity,
     )  # fmt: skip
 
 
@@ -219,7 +221,10 @@ def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
     first, last = interval.start_load / cosine + inertia, load_at(interval, interval.duration) / cosine + inertia
     before, least = start.adrift.load, min(first, last)
     rise, fall = max(first - before, 0.0) + max(last - first, 0.0), max(before - first, 0.0) + max(first - last, 0.0)
-    return Drive(mass, last, rise, fall, least, max(first, last), abs(begin - carried), interval.duration)
+    return Drive(
+        mass=mass, load=last, rise=rise, fall=fall, least=least, largest=max(first, last), kick=abs(begin - carried),
+        duration=interval.duration,
+    )  # fmt: skip
 
 
 @never_inlined
@@ -251,24 +256,19 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     if give_up:
         backlog["count"] = 0
         run_state = RunState(
-            FemurState(static.height, surface_rate / cosine), EXACT, run_state.try_step, 0.0, 0.0, STANDING,
-            cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, adrift,
+            state=FemurState(static.height, surface_rate / cosine), error=EXACT, try_step=run_state.try_step,
+            impact_speed=0.0, impact_error=0.0, fidelity=STANDING, stiffness=cosine * cosine * static.stiffness,
+            damping=cosine * cosine * static.damping, excess=0.0, sinking=0.0, depth=static.depth, adrift=adrift,
         )  # fmt: skip
     else:
         run_state = with_bounds(run_state, known)
     return TickResult(
-        run_state,
-        static.depth,
-        0.0,
-        static.force,
-        max(limits.most - static.depth, static.depth - limits.least),
-        max(limits.force - static.force, static.force),
-        evaluations + static.evaluations + limits.evaluations,
-        interval.duration,
-        False,
-        static.height,
-        STANDING,
-    )
+        run_state=run_state, depth=static.depth, rate=0.0, force=static.force,
+        error_estimate=max(limits.most - static.depth, static.depth - limits.least),
+        force_error_estimate=max(limits.force - static.force, static.force),
+        evaluations=evaluations + static.evaluations + limits.evaluations, reached=interval.duration, converged=False,
+        height=static.height, fidelity=STANDING,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -276,8 +276,9 @@ def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
     """A drive that goes on for a `duration` [s], up to a load [N] along the normal, after a kick [m/s]."""
     change = load - drive.load
     return Drive(
-        drive.mass, load, drive.rise + max(change, 0.0), drive.fall + max(-change, 0.0), min(drive.least, load),
-        max(drive.largest, load), drive.kick + kick, drive.duration + duration,
+        mass=drive.mass, load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
+        least=min(drive.least, load), largest=max(drive.largest, load), kick=drive.kick + kick,
+        duration=drive.duration + duration,
     )  # fmt: skip
 
 
@@ -285,8 +286,8 @@ def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
 def at_stage(adrift: Adrift, stage: float) -> Adrift:
     """Bounds at another stage."""
     return Adrift(
-        stage, adrift.energy, adrift.height, adrift.load, adrift.rest, adrift.stored, adrift.pressed, adrift.least,
-        adrift.begun, adrift.impact,
+        stage=stage, energy=adrift.energy, height=adrift.height, load=adrift.load, rest=adrift.rest,
+        stored=adrift.stored, pressed=adrift.pressed, least=adrift.least, begun=adrift.begun, impact=adrift.impact,
     )  # fmt: skip
 
 
@@ -294,9 +295,10 @@ def at_stage(adrift: Adrift, stage: float) -> Adrift:
 def with_bounds(run_state: RunState, adrift: Adrift) -> RunState:
     """A progress with other bounds of the exact solution."""
     return RunState(
-        run_state.state, run_state.error, run_state.try_step, run_state.impact_speed, run_state.impact_error,
-        run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess, run_state.sinking,
-        run_state.depth, adrift,
+        state=run_state.state, error=run_state.error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
+        impact_error=run_state.impact_error, fidelity=run_state.fidelity, stiffness=run_state.stiffness,
+        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
+        adrift=adrift,
     )  # fmt: skip
 
 
@@ -304,9 +306,10 @@ def with_bounds(run_state: RunState, adrift: Adrift) -> RunState:
 def with_error(run_state: RunState, error: CarriedError, impact: float) -> RunState:
     """A progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
     return RunState(
-        run_state.state, error, run_state.try_step, run_state.impact_speed, max(run_state.impact_error, impact),
-        run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess, run_state.sinking,
-        run_state.depth, run_state.adrift,
+        state=run_state.state, error=error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
+        impact_error=max(run_state.impact_error, impact), fidelity=run_state.fidelity, stiffness=run_state.stiffness,
+        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
+        adrift=run_state.adrift,
     )  # fmt: skip
 
 
@@ -320,6 +323,8 @@ def fastest_impact(run_state: RunState) -> float:
 def gone_on(result: TickResult, run_state: RunState, evaluations: int) -> TickResult:
     """An answer with another progress, and more evaluations."""
     return TickResult(
-        run_state, result.depth, result.rate, result.force, result.error_estimate, result.force_error_estimate,
-        result.evaluations + evaluations, result.reached, result.converged, result.height, result.fidelity,
+        run_state=run_state, depth=result.depth, rate=result.rate, force=result.force,
+        error_estimate=result.error_estimate, force_error_estimate=result.force_error_estimate,
+        evaluations=result.evaluations + evaluations, reached=result.reached, converged=result.converged,
+        height=result.height, fidelity=result.fidelity,
     )  # fmt: skip

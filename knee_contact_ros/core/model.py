@@ -113,8 +113,8 @@ class KneeModel:
         """The model as the kernel takes it: numbers and named tuples."""
         level = PRESCRIBED_HEIGHT if self.height_prescribed else self.level
         return Scene(
-            self.pair, self.mechanism, self.modes, self.mass, self.tolerance, self.force_tolerance, self.budget,
-            level, self.plausible_depth,
+            pair=self.pair, mechanism=self.mechanism, modes=self.modes, mass=self.mass, tolerance=self.tolerance,
+            force_tolerance=self.force_tolerance, budget=self.budget, level=level, plausible_depth=self.plausible_depth,
         )  # fmt: skip
 
     def stream(self) -> Stream:

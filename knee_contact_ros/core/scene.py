@@ -106,7 +106,10 @@ def impact_of(start: RunState) -> tuple[float, float]:
 @in_kernel
 def begin_with(state: FemurState, impact_speed: float, depth: float) -> RunState:
     """How a run begins in a state; `impact_speed` [m/s] is not a number apart, `depth` [m] is signed."""
-    return RunState(state, EXACT, math.inf, impact_speed, 0.0, DYNAMIC, 0.0, 0.0, 0.0, 0.0, depth, FOUND)
+    return RunState(
+        state=state, error=EXACT, try_step=math.inf, impact_speed=impact_speed, impact_error=0.0, fidelity=DYNAMIC,
+        stiffness=0.0, damping=0.0, excess=0.0, sinking=0.0, depth=depth, adrift=FOUND,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -126,5 +129,6 @@ def at_height(
     run_state = begin_with(FemurState(height, velocity), impact_speed, depth)
     exerted = force if scene.modes.allow_tension else max(force, 0.0)
     return TickResult(
-        run_state, depth, rate, exerted, 0.0, 0.0, 1 if depth > 0.0 else 0, math.inf, True, height, DYNAMIC
-    )
+        run_state=run_state, depth=depth, rate=rate, force=exerted, error_estimate=0.0, force_error_estimate=0.0,
+        evaluations=1 if depth > 0.0 else 0, reached=math.inf, converged=True, height=height, fidelity=DYNAMIC,
+    )  # fmt: skip

@@ -70,7 +70,10 @@ def static_contact(
         evaluations += solution.evaluations
         height = height_at(touch, depth, height)
     force, stiffness, damping = static_force(law, depth)
-    return StaticContact(height, depth, force, stiffness, damping, evaluations + (1 if depth > 0.0 else 0))
+    return StaticContact(
+        height=height, depth=depth, force=force, stiffness=stiffness, damping=damping,
+        evaluations=evaluations + (1 if depth > 0.0 else 0),
+    )  # fmt: skip
 
 
 @in_kernel

@@ -141,7 +141,9 @@ def attempt(
 def motion_in(scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, known: int) -> Motion:
     """What a step computes with."""
     impact_speed = 0.0 if math.isnan(stepper.impact_speed) else stepper.impact_speed
-    return Motion(interval, scene.modes, mode, impact_speed, scene.mass, known)
+    return Motion(
+        interval=interval, modes=scene.modes, mode=mode, impact_speed=impact_speed, mass=scene.mass, known=known,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -265,9 +267,10 @@ def doubtful_push(scene: Scene, stepper: StepperState, mode: ContactMode, step: 
 def spending(stepper: StepperState, evaluations: int, given_up: bool) -> StepperState:
     """A tick with more evaluations spent."""
     return StepperState(
-        stepper.s, stepper.state, stepper.error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed,
-        stepper.impact_error, stepper.evaluations + evaluations, stepper.events, stepper.given_up or given_up,
-        stepper.most, stepper.landing,
+        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step,
+        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations + evaluations, events=stepper.events, given_up=stepper.given_up or given_up,
+        most=stepper.most, landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -281,6 +284,8 @@ def giving_up(stepper: StepperState) -> StepperState:
 def trying(stepper: StepperState, try_step: float) -> StepperState:
     """A tick with another duration [s] to try."""
     return StepperState(
-        stepper.s, stepper.state, stepper.error, try_step, stepper.spectral_radius, stepper.impact_speed,
-        stepper.impact_error, stepper.evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=stepper.s, state=stepper.state, error=stepper.error, try_step=try_step,
+        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
+        landing=stepper.landing,
     )  # fmt: skip

@@ -102,8 +102,9 @@ def interval_between(
 ) -> Interval:
     """The interval [s] from the last tick's angle [rad] and load [N] to these, and to a prescribed height [m]."""
     return Interval(
-        scene.pair, scene.mechanism, duration, last_angle, (angle - last_angle) / duration, last_load,
-        (load - last_load) / duration, height,
+        pair=scene.pair, mechanism=scene.mechanism, duration=duration, angle=last_angle,
+        angle_rate=(angle - last_angle) / duration, start_load=last_load, load_rate=(load - last_load) / duration,
+        end_height=height,
     )  # fmt: skip
 
 
@@ -119,12 +120,14 @@ def start(scene: Scene, angle: float, load: float, height: float) -> TickResult:
     static = static_contact(scene.modes.law, touch, load, START_HEIGHT, 0.0, 0.0, most)
     _, _, cosine = touch.touch(static.height)
     run_state = RunState(
-        FemurState(static.height, math.nan), EXACT, math.inf, 0.0, 0.0, DYNAMIC,
-        cosine * cosine * static.stiffness, cosine * cosine * static.damping, 0.0, 0.0, static.depth, FOUND,
+        state=FemurState(static.height, math.nan), error=EXACT, try_step=math.inf, impact_speed=0.0, impact_error=0.0,
+        fidelity=DYNAMIC, stiffness=cosine * cosine * static.stiffness, damping=cosine * cosine * static.damping,
+        excess=0.0, sinking=0.0, depth=static.depth, adrift=FOUND,
     )  # fmt: skip
     return TickResult(
-        run_state, static.depth, 0.0, static.force, 0.0, 0.0, static.evaluations, math.inf, static.evaluations < most,
-        static.height, DYNAMIC,
+        run_state=run_state, depth=static.depth, rate=0.0, force=static.force, error_estimate=0.0,
+        force_error_estimate=0.0, evaluations=static.evaluations, reached=math.inf, converged=static.evaluations < most,
+        height=static.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 
@@ -133,9 +136,10 @@ def following_surface(interval: Interval, run_state: RunState) -> RunState:
     """The progress behind the static start: the femur follows its turning surface."""
     _, rate, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
     return RunState(
-        FemurState(run_state.state.height, rate / cosine), run_state.error, run_state.try_step, run_state.impact_speed,
-        run_state.impact_error, run_state.fidelity, run_state.stiffness, run_state.damping, run_state.excess,
-        run_state.sinking, run_state.depth, run_state.adrift,
+        state=FemurState(run_state.state.height, rate / cosine), error=run_state.error, try_step=run_state.try_step,
+        impact_speed=run_state.impact_speed, impact_error=run_state.impact_error, fidelity=run_state.fidelity,
+        stiffness=run_state.stiffness, damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking,
+        depth=run_state.depth, adrift=run_state.adrift,
     )  # fmt: skip
 
 
@@ -144,23 +148,20 @@ def read_run_state(kept: Record) -> RunState:
     """Take the progress out of a record of `RUN_STATE`."""
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
     return RunState(
-        FemurState(float(state["height"]), float(state["velocity"])),
-        CarriedError(
-            float(error["height"]), float(error["velocity"]), float(error["hh"]), float(error["hv"]), float(error["vv"])
+        state=FemurState(float(state["height"]), float(state["velocity"])),
+        error=CarriedError(
+            float(error["height"]), float(error["velocity"]), float(error["hh"]), float(error["hv"]),
+            float(error["vv"]),
         ),
-        float(kept["try_step"]),
-        float(kept["impact_speed"]),
-        float(kept["impact_error"]),
-        int(kept["fidelity"]),
-        float(kept["stiffness"]),
-        float(kept["damping"]),
-        float(kept["excess"]),
-        float(kept["sinking"]),
-        float(kept["depth"]),
-        Adrift(
-            float(adrift["stage"]), float(adrift["energy"]), float(adrift["height"]), float(adrift["load"]),
-            float(adrift["rest"]), float(adrift["stored"]), float(adrift["pressed"]), float(adrift["least"]),
-            float(adrift["begun"]), float(adrift["impact"]),
+        try_step=float(kept["try_step"]), impact_speed=float(kept["impact_speed"]),
+        impact_error=float(kept["impact_error"]), fidelity=int(kept["fidelity"]), stiffness=float(kept["stiffness"]),
+        damping=float(kept["damping"]), excess=float(kept["excess"]), sinking=float(kept["sinking"]),
+        depth=float(kept["depth"]),
+        adrift=Adrift(
+            stage=float(adrift["stage"]), energy=float(adrift["energy"]), height=float(adrift["height"]),
+            load=float(adrift["load"]), rest=float(adrift["rest"]), stored=float(adrift["stored"]),
+            pressed=float(adrift["pressed"]), least=float(adrift["least"]), begun=float(adrift["begun"]),
+            impact=float(adrift["impact"]),
         ),
     )  # fmt: skip
 

@@ -70,7 +70,9 @@ class TibialProfile(_TibialProfile):
         pieces = self.pieces
         reach = abs(y - height_at(pieces, x)[0])
         first, last = _ends(pieces)
-        problem = SquaredDistance(pieces, self.steepest, self.least_bend, self.largest_bend, x, y)
+        problem = SquaredDistance(
+            pieces=pieces, steepest=self.steepest, least_bend=self.least_bend, largest_bend=self.largest_bend, x=x, y=y,
+        )  # fmt: skip
         best = _nearest(problem, max(first, x - reach), min(last, x + reach), reach, NOTHING)
         best = _nearest(problem, x - reach, min(first, x + reach), reach, best)
         best = _nearest(problem, max(last, x - reach), x + reach, reach, best)

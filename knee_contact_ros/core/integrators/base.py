@@ -145,7 +145,10 @@ def acceleration_of(motion: Motion, force: float) -> float:
 @in_kernel
 def knowing(motion: Motion, boundary: int) -> Motion:
     """A motion that ends on a boundary."""
-    return Motion(motion.interval, motion.modes, motion.mode, motion.impact_speed, motion.mass, boundary)
+    return Motion(
+        interval=motion.interval, modes=motion.modes, mode=motion.mode, impact_speed=motion.impact_speed,
+        mass=motion.mass, known=boundary,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -162,11 +165,17 @@ def leap(before: float, after: float, angle_rate: float, duration: float) -> flo
 @in_kernel
 def staying(state: FemurState, contact: Stage) -> Step:
     """A step of no duration."""
-    return Step(state, NO_ERROR, contact, contact, INSIDE, 0.0, 0.0, 1.0, 0.0, 0, True)
+    return Step(
+        state=state, error=NO_ERROR, begin=contact, end=contact, crossing=INSIDE, stiffness=0.0, damping=0.0,
+        cosine=1.0, leapt=0.0, evaluations=0, solved=True,
+    )  # fmt: skip
 
 
 @in_kernel
 def no_step(state: FemurState) -> Step:
     """In place of a step that is not to be taken any more."""
     nothing = Stage(0.0, 0.0, 0.0, 0.0, 0.0)
-    return Step(state, NO_ERROR, nothing, nothing, INSIDE, 0.0, 0.0, 1.0, 0.0, 0, False)
+    return Step(
+        state=state, error=NO_ERROR, begin=nothing, end=nothing, crossing=INSIDE, stiffness=0.0, damping=0.0,
+        cosine=1.0, leapt=0.0, evaluations=0, solved=False,
+    )  # fmt: skip

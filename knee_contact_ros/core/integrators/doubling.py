@@ -40,18 +40,13 @@ def doubled_step(
     compared = (second.state.height - whole.state.height) / gain
     # The middle's slopes carry an error over the step at second order; the end's would do so at first.
     return Step(
-        second.state,
-        StateError(
+        state=second.state,
+        error=StateError(
             compared + math.copysign(first.error.height + second.error.height, compared),
             (second.state.velocity - whole.state.velocity) / gain,
         ),
-        first.begin,
-        second.end,
-        crossing,
-        first.stiffness,
-        first.damping,
-        first.cosine,
-        max(first.leapt, second.leapt),
-        whole.evaluations + first.evaluations + second.evaluations,
-        whole.solved and first.solved and second.solved,
-    )
+        begin=first.begin, end=second.end, crossing=crossing, stiffness=first.stiffness, damping=first.damping,
+        cosine=first.cosine, leapt=max(first.leapt, second.leapt),
+        evaluations=whole.evaluations + first.evaluations + second.evaluations,
+        solved=whole.solved and first.solved and second.solved,
+    )  # fmt: skip

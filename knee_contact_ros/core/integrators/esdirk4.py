@@ -101,18 +101,12 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     crossing = first_crossing(motion, s, h, IN_ORDER, stages)
     leapt = largest_leap(motion, h, begin, IN_ORDER, stages)
     return Step(
-        FemurState(high + d * five.velocity, five.velocity),
-        StateError(one.left + two.left + three.left + four.left + five.left, 0.0),
-        begin,
-        five.stage,
-        crossing,
-        five.stiffness,
-        five.damping,
-        cosine,
-        leapt,
-        1 + one.evaluations + two.evaluations + three.evaluations + four.evaluations + five.evaluations,
-        one.arrived and two.arrived and three.arrived and four.arrived and five.arrived,
-    )
+        state=FemurState(high + d * five.velocity, five.velocity),
+        error=StateError(one.left + two.left + three.left + four.left + five.left, 0.0), begin=begin, end=five.stage,
+        crossing=crossing, stiffness=five.stiffness, damping=five.damping, cosine=cosine, leapt=leapt,
+        evaluations=1 + one.evaluations + two.evaluations + three.evaluations + four.evaluations + five.evaluations,
+        solved=one.arrived and two.arrived and three.arrived and four.arrived and five.arrived,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -149,12 +143,7 @@ def solve_stage(
         rate += cosine * correction
     acceleration = acceleration_of(motion, cosine * force - load)
     return Solved(
-        unknown,
-        acceleration,
-        Stage(depth, rate, force, stiffness, surface_rate),
-        cosine * cosine * stiffness,
-        cosine * cosine * damping,
-        evaluations,
-        arrived,
-        left,
-    )
+        velocity=unknown, acceleration=acceleration, stage=Stage(depth, rate, force, stiffness, surface_rate),
+        stiffness=cosine * cosine * stiffness, damping=cosine * cosine * damping, evaluations=evaluations,
+        arrived=arrived, left=left,
+    )  # fmt: skip

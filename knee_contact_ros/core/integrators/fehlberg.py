@@ -67,8 +67,9 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     begin = slope_at(motion, s, state.height, state.velocity)
     stride = fehlberg_stride(motion, s, state, h, begin)
     return Step(
-        stride.state, stride.error, begin.stage, stride.end.stage, stride.crossing, stride.middle.stiffness,
-        stride.middle.damping, begin.cosine, stride.leapt, EVALUATIONS + 1, True,
+        state=stride.state, error=stride.error, begin=begin.stage, end=stride.end.stage, crossing=stride.crossing,
+        stiffness=stride.middle.stiffness, damping=stride.middle.damping, cosine=begin.cosine, leapt=stride.leapt,
+        evaluations=EVALUATIONS + 1, solved=True,
     )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: 
     stages = (two.stage, three.stage, six.stage, four.stage, end.stage)
     crossing = first_crossing(motion, s, h, IN_ORDER, stages)
     leapt = largest_leap(motion, h, one.stage, IN_ORDER, stages)
-    return Stride(FemurState(height, velocity), error, six, end, crossing, leapt)
+    return Stride(state=FemurState(height, velocity), error=error, middle=six, end=end, crossing=crossing, leapt=leapt)
 
 
 @in_kernel

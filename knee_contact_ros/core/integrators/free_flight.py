@@ -48,7 +48,10 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
         before = stage
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
-    return Step(end, error, begin, before, crossing, 0.0, 0.0, 1.0, 0.0, evaluations, True)
+    return Step(
+        state=end, error=error, begin=begin, end=before, crossing=crossing, stiffness=0.0, damping=0.0, cosine=1.0,
+        leapt=0.0, evaluations=evaluations, solved=True,
+    )  # fmt: skip
 
 
 @never_inlined

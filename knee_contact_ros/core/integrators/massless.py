@@ -58,18 +58,11 @@ def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
     least = min(one.damping, two.damping, three.damping, four.damping, five.damping, six.damping, end.damping)
     estimate = h * SINGULAR if begins_layer(motion, one.stage.depth, end.stage.depth) else h
     return Step(
-        FemurState(height, end.velocity),
-        StateError(estimate * weighted(m.error, (v, v3, v4, v5, v6)), 0.0),
-        one.stage,
-        end.stage,
-        crossing,
-        six.stiffness,
-        six.damping,
-        1.0,
-        0.0,
-        EVALUATIONS + 1,
-        least > 0.0,
-    )
+        state=FemurState(height, end.velocity),
+        error=StateError(estimate * weighted(m.error, (v, v3, v4, v5, v6)), 0.0), begin=one.stage, end=end.stage,
+        crossing=crossing, stiffness=six.stiffness, damping=six.damping, cosine=1.0, leapt=0.0,
+        evaluations=EVALUATIONS + 1, solved=least > 0.0,
+    )  # fmt: skip
 
 
 @in_kernel

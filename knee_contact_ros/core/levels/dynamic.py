@@ -84,8 +84,9 @@ def dynamic_tick(scene: Scene, interval: Interval, start: RunState, spent: int) 
 def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
     """A tick by steps of any length and kind, from event to event."""
     stepper = StepperState(
-        0.0, start.state, start.error, start.try_step, 0.0, start.impact_speed, start.impact_error, spent, 0, False,
-        most_evaluations(scene), NO_LANDING,
+        s=0.0, state=start.state, error=start.error, try_step=start.try_step, spectral_radius=0.0,
+        impact_speed=start.impact_speed, impact_error=start.impact_error, evaluations=spent, events=0, given_up=False,
+        most=most_evaluations(scene), landing=NO_LANDING,
     )  # fmt: skip
     mode = ContactMode(APART, False)
     begin = 0.0
@@ -114,8 +115,10 @@ def begin_stretch(
     entry = enter(scene.modes, depth, rate, load_at(interval, s), impact_speed)
     evaluations = stepper.evaluations + (1 if entry.mode.layer >= 0 else 0)
     stepper = StepperState(
-        s, state, stepper.error, stepper.try_step, swiftness_in(scene, entry, cosine), impact_speed, impact_error,
-        evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=s, state=state, error=stepper.error, try_step=stepper.try_step,
+        spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed, impact_error=impact_error,
+        evaluations=evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
+        landing=stepper.landing,
     )  # fmt: skip
     return stepper, entry.mode
 
@@ -166,19 +169,11 @@ def accepted(
     else:
         error, swift = with_bound_aside(carry_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
     return StepperState(
-        until if h == until - stepper.s else stepper.s + h,
-        step.state,
-        error,
-        stepper.try_step,
-        swift,
-        stepper.impact_speed,
-        stepper.impact_error,
-        stepper.evaluations,
-        stepper.events,
-        stepper.given_up,
-        stepper.most,
-        stepper.landing,
-    )
+        s=until if h == until - stepper.s else stepper.s + h, state=step.state, error=error, try_step=stepper.try_step,
+        spectral_radius=swift, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
+        landing=stepper.landing,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -191,9 +186,10 @@ def touching_anew(scene: Scene, stepper: StepperState, step: Step) -> StepperSta
         return stepper
     speed = abs(stepper.impact_speed) + max(-begin.rate, end.rate) + velocity_reach(stepper.error)
     return StepperState(
-        stepper.s, stepper.state, stepper.error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed,
-        max(stepper.impact_error, speed), stepper.evaluations, stepper.events, stepper.given_up, stepper.most,
-        stepper.landing,
+        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step,
+        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed,
+        impact_error=max(stepper.impact_error, speed), evaluations=stepper.evaluations, events=stepper.events,
+        given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -223,19 +219,12 @@ def behind_boundary(
     if following.layer < 0:
         error = with_doubt(error, RELEASED * velocity_reach(error))
     stepper = StepperState(
-        stepper.s,
-        stepper.state,
-        bounded(error),
-        stepper.try_step,
-        swiftness_in(scene, entry, cosine),
-        math.nan if following.layer < 0 else impact_speed,
-        impact_error,
-        stepper.evaluations + (1 if evaluated else 0),
-        stepper.events + 1,
-        stepper.given_up,
-        stepper.most,
-        landing,
-    )
+        s=stepper.s, state=stepper.state, error=bounded(error), try_step=stepper.try_step,
+        spectral_radius=swiftness_in(scene, entry, cosine),
+        impact_speed=math.nan if following.layer < 0 else impact_speed, impact_error=impact_error,
+        evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, given_up=stepper.given_up,
+        most=stepper.most, landing=landing,
+    )  # fmt: skip
     return stepper, following
 
 
@@ -281,20 +270,15 @@ def dynamic_result(
         held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)
         force_error = cosine * force_reach(error, stiffness, damping, 0.0, held) + doubt
     return TickResult(
-        RunState(
-            stepper.state, error, stepper.try_step, stepper.impact_speed, stepper.impact_error, DYNAMIC,
-            cosine * cosine * stiffness, cosine * cosine * damping, cosine * force - load, rate / cosine, depth, adrift,
+        run_state=RunState(
+            state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,
+            impact_error=stepper.impact_error, fidelity=DYNAMIC, stiffness=cosine * cosine * stiffness,
+            damping=cosine * cosine * damping, excess=cosine * force - load, sinking=rate / cosine, depth=depth,
+            adrift=adrift,
         ),
-        depth,
-        rate,
-        force if scene.modes.allow_tension else max(force, 0.0),
-        reach(error, held),
-        force_error,
-        evaluations,
-        interval.duration,
-        True,
-        stepper.state.height,
-        DYNAMIC,
+        depth=depth, rate=rate, force=force if scene.modes.allow_tension else max(force, 0.0),
+        error_estimate=reach(error, held), force_error_estimate=force_error, evaluations=evaluations,
+        reached=interval.duration, converged=True, height=stepper.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 
@@ -304,22 +288,19 @@ def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> Ti
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     if not abs(depth) < math.inf:
         return TickResult(
-            start, start.depth, 0.0, 0.0, math.inf, math.inf, stepper.evaluations, 0.0, False, 0.0, DYNAMIC
-        )
+            run_state=start, depth=start.depth, rate=0.0, force=0.0, error_estimate=math.inf,
+            force_error_estimate=math.inf, evaluations=stepper.evaluations, reached=0.0, converged=False, height=0.0,
+            fidelity=DYNAMIC,
+        )  # fmt: skip
     rate = surface_rate - cosine * stepper.state.velocity
     return TickResult(
-        RunState(
-            stepper.state, bounded(stepper.error), stepper.try_step, stepper.impact_speed, stepper.impact_error,
-            start.fidelity, start.stiffness, start.damping, start.excess, rate / cosine, depth, start.adrift,
+        run_state=RunState(
+            state=stepper.state, error=bounded(stepper.error), try_step=stepper.try_step,
+            impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, fidelity=start.fidelity,
+            stiffness=start.stiffness, damping=start.damping, excess=start.excess, sinking=rate / cosine, depth=depth,
+            adrift=start.adrift,
         ),
-        depth,
-        rate,
-        0.0,
-        math.inf,
-        math.inf,
-        stepper.evaluations,
-        stepper.s,
-        False,
-        stepper.state.height,
-        DYNAMIC,
+        depth=depth, rate=rate, force=0.0, error_estimate=math.inf, force_error_estimate=math.inf,
+        evaluations=stepper.evaluations, reached=stepper.s, converged=False, height=stepper.state.height,
+        fidelity=DYNAMIC,
     )  # fmt: skip

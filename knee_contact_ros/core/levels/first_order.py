@@ -59,19 +59,10 @@ def first_order_tick(scene: Scene, interval: Interval, start: RunState, spent: i
     massless = without_mass(scene)
     impact_speed, impact_error = impact_of(start)
     stepper = StepperState(
-        0.0,
-        start.state,
-        EXACT,
-        start.try_step,
-        math.inf,
-        impact_speed,
-        impact_error,
-        spent,
-        0,
-        False,
-        most_evaluations(scene),
-        NO_LANDING,
-    )
+        s=0.0, state=start.state, error=EXACT, try_step=start.try_step, spectral_radius=math.inf,
+        impact_speed=impact_speed, impact_error=impact_error, evaluations=spent, events=0, given_up=False,
+        most=most_evaluations(scene), landing=NO_LANDING,
+    )  # fmt: skip
     begin, first = 0.0, FemurState(math.nan, math.nan)
     while begin < interval.duration and not stepper.given_up:
         until, following = stretch_from(interval, begin)
@@ -97,8 +88,9 @@ def without_mass(scene: Scene) -> Scene:
     """A scene with a mass of 0, where the contact always exerts what the load asks for."""
     modes = ContactModes(scene.modes.law, True)
     return Scene(
-        scene.pair, scene.mechanism, modes, 0.0, scene.tolerance, scene.force_tolerance, scene.budget, scene.level,
-        scene.plausible_depth,
+        pair=scene.pair, mechanism=scene.mechanism, modes=modes, mass=0.0, tolerance=scene.tolerance,
+        force_tolerance=scene.force_tolerance, budget=scene.budget, level=scene.level,
+        plausible_depth=scene.plausible_depth,
     )  # fmt: skip
 
 
@@ -116,8 +108,8 @@ def pressed(interval: Interval, begin: float, until: float) -> Interval:
     if load_at(interval, 0.5 * (begin + until)) >= 0.0:
         return interval
     return Interval(
-        interval.pair, interval.mechanism, interval.duration, interval.angle, interval.angle_rate, 0.0, 0.0,
-        interval.end_height,
+        pair=interval.pair, mechanism=interval.mechanism, duration=interval.duration, angle=interval.angle,
+        angle_rate=interval.angle_rate, start_load=0.0, load_rate=0.0, end_height=interval.end_height,
     )  # fmt: skip
 
 
@@ -156,8 +148,9 @@ def on_surface(part: Interval, stepper: StepperState, s: float) -> StepperState:
 def not_begun(stepper: StepperState, start: RunState) -> StepperState:
     """A tick back at its beginning."""
     return StepperState(
-        0.0, start.state, start.error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed,
-        stepper.impact_error, stepper.evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=0.0, state=start.state, error=start.error, try_step=stepper.try_step, spectral_radius=stepper.spectral_radius,
+        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, evaluations=stepper.evaluations,
+        events=stepper.events, given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -214,8 +207,10 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
     """
     error = CarriedError(stepper.error.height + abs(jump), 0.0, stepper.error.hh, 0.0, 0.0)
     return StepperState(
-        stepper.s, stepper.state, error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed,
-        stepper.impact_error, stepper.evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=stepper.s, state=stepper.state, error=error, try_step=stepper.try_step,
+        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
+        landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -223,8 +218,9 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
 def quick_as(stepper: StepperState, swift: float) -> StepperState:
     """A tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
     return StepperState(
-        stepper.s, stepper.state, stepper.error, stepper.try_step, swift, stepper.impact_speed, stepper.impact_error,
-        stepper.evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step, spectral_radius=swift,
+        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, evaluations=stepper.evaluations,
+        events=stepper.events, given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -232,8 +228,10 @@ def quick_as(stepper: StepperState, swift: float) -> StepperState:
 def at_height(stepper: StepperState, s: float, state: FemurState, evaluations: int) -> StepperState:
     """A tick at another time and state, with more evaluations spent."""
     return StepperState(
-        s, state, stepper.error, stepper.try_step, stepper.spectral_radius, stepper.impact_speed, stepper.impact_error,
-        stepper.evaluations + evaluations, stepper.events, stepper.given_up, stepper.most, stepper.landing,
+        s=s, state=state, error=stepper.error, try_step=stepper.try_step, spectral_radius=stepper.spectral_radius,
+        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations + evaluations, events=stepper.events, given_up=stepper.given_up,
+        most=stepper.most, landing=stepper.landing,
     )  # fmt: skip
 
 
@@ -254,9 +252,10 @@ def step_on(
     swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = stepper.events + (0 if boundary == NOWHERE else 1)
     stepper = StepperState(
-        until if h == until - stepper.s else stepper.s + h, step.state, error, stepper.try_step, swift,
-        stepper.impact_speed, stepper.impact_error, stepper.evaluations, events, stepper.given_up, stepper.most,
-        stepper.landing,
+        s=until if h == until - stepper.s else stepper.s + h, state=step.state, error=error, try_step=stepper.try_step,
+        spectral_radius=swift, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
+        evaluations=stepper.evaluations, events=events, given_up=stepper.given_up, most=stepper.most,
+        landing=stepper.landing,
     )  # fmt: skip
     if boundary == NOWHERE:
         return stepper, mode
@@ -325,16 +324,11 @@ def first_order_result(
     rest = inertia / spring if spring > 0.0 else 0.0
     layers = scene.modes.law.layers
     left_out = LeftOut(
-        spring,
-        0.5 * (start.damping + damping),
-        rest,
-        rest,
-        stepper.state.height - first.height - (first.velocity + blow) * h,
-        change - blow,
-        load_at(interval, 0.0),
-        load_at(interval, h),
-        max(0.0, depth - layers[mode.layer].begin) / cosine,
-    )
+        stiffness=spring, damping=0.5 * (start.damping + damping), begin_rest=rest, end_rest=rest,
+        way=stepper.state.height - first.height - (first.velocity + blow) * h, gain=change - blow,
+        begin_load=load_at(interval, 0.0), end_load=load_at(interval, h),
+        depth=max(0.0, depth - layers[mode.layer].begin) / cosine,
+    )  # fmt: skip
     before = start.error
     jump = CarriedError(
         first.height - start.state.height + before.height,
@@ -354,18 +348,13 @@ def first_order_result(
     held, jumps = holding(stiffness, damping, scene.mass), stepper.error.height + faded
     error = bounded(with_bound(error, jumps + UNKNOWN_STEPS * math.sqrt(stepper.error.hh), jumps * held))
     return TickResult(
-        RunState(
-            stepper.state, error, stepper.try_step, stepper.impact_speed, stepper.impact_error, FIRST_ORDER,
-            stiffness, damping, cosine * force - load_at(interval, h), rate / cosine, depth, start.adrift,
+        run_state=RunState(
+            state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,
+            impact_error=stepper.impact_error, fidelity=FIRST_ORDER, stiffness=stiffness, damping=damping,
+            excess=cosine * force - load_at(interval, h), sinking=rate / cosine, depth=depth, adrift=start.adrift,
         ),
-        depth,
-        rate,
-        max(force, 0.0),
-        reach(error, held),
-        force_reach(error, stiffness, damping, 0.0, held) / cosine + doubt,
-        stepper.evaluations + 1 + looks_for_doubt(scene, stepper),
-        h,
-        True,
-        stepper.state.height,
-        FIRST_ORDER,
+        depth=depth, rate=rate, force=max(force, 0.0), error_estimate=reach(error, held),
+        force_error_estimate=force_reach(error, stiffness, damping, 0.0, held) / cosine + doubt,
+        evaluations=stepper.evaluations + 1 + looks_for_doubt(scene, stepper), reached=h, converged=True,
+        height=stepper.state.height, fidelity=FIRST_ORDER,
     )  # fmt: skip

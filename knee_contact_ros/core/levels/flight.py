@@ -35,18 +35,11 @@ def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) ->
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
     return TickResult(
-        RunState(
-            state, error, start.try_step, start.impact_speed, start.impact_error, DYNAMIC, 0.0, 0.0,
-            -load_at(interval, h), rate / cosine, depth, start.adrift,
+        run_state=RunState(
+            state=state, error=error, try_step=start.try_step, impact_speed=start.impact_speed,
+            impact_error=start.impact_error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
+            sinking=rate / cosine, depth=depth, adrift=start.adrift,
         ),
-        depth,
-        rate,
-        0.0,
-        reach(error, math.inf),
-        0.0,
-        spent,
-        h,
-        True,
-        state.height,
-        DYNAMIC,
+        depth=depth, rate=rate, force=0.0, error_estimate=reach(error, math.inf), force_error_estimate=0.0,
+        evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,
     )  # fmt: skip

@@ -55,36 +55,27 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: RunState, spent: 
     velocity = surface_rate / cosine - sinking
     inertia = scene.mass * (velocity - begin_velocity) / h
     left_out = LeftOut(
-        0.5 * (start.stiffness + stiffness),
-        0.5 * (start.damping + damping),
-        rest(inertia - start.damping * begin_sinking, start.stiffness, stiffness),
-        rest(inertia - damping * sinking, stiffness, start.stiffness),
-        static.height - start.state.height - lag_of(start) - begin_velocity * h,
-        velocity - begin_velocity,
-        load_at(interval, 0.0),
-        load,
-        static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
-    )
+        stiffness=0.5 * (start.stiffness + stiffness), damping=0.5 * (start.damping + damping),
+        begin_rest=rest(inertia - start.damping * begin_sinking, start.stiffness, stiffness),
+        end_rest=rest(inertia - damping * sinking, stiffness, start.stiffness),
+        way=static.height - start.state.height - lag_of(start) - begin_velocity * h, gain=velocity - begin_velocity,
+        begin_load=load_at(interval, 0.0), end_load=load,
+        depth=static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
+    )  # fmt: skip
     error = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
     left = min(NEWTON_SHARE * scene.tolerance, RESOLVED * static.depth)
     unknown = way_across(law, begin_depth, static.depth) + left * left / max(static.depth, TINY)
     error = bounded(with_bound(with_push(error, doubt, stiffness, damping, scene.mass, h), unknown, 0.0))
     held = holding(stiffness, damping, scene.mass)
     return TickResult(
-        RunState(
-            FemurState(static.height, velocity), error, math.inf, impact_speed, impact_error, QUASI_STATIC,
-            stiffness, damping, damping * sinking, sinking, static.depth, start.adrift,
+        run_state=RunState(
+            state=FemurState(static.height, velocity), error=error, try_step=math.inf, impact_speed=impact_speed,
+            impact_error=impact_error, fidelity=QUASI_STATIC, stiffness=stiffness, damping=damping,
+            excess=damping * sinking, sinking=sinking, depth=static.depth, adrift=start.adrift,
         ),
-        static.depth,
-        cosine * sinking,
-        static.force,
-        reach(error, held),
-        force_reach(error, stiffness, damping, damping * sinking, held) / cosine + doubt,
-        evaluations,
-        h,
-        True,
-        static.height,
-        QUASI_STATIC,
+        depth=static.depth, rate=cosine * sinking, force=static.force, error_estimate=reach(error, held),
+        force_error_estimate=force_reach(error, stiffness, damping, damping * sinking, held) / cosine + doubt,
+        evaluations=evaluations, reached=h, converged=True, height=static.height, fidelity=QUASI_STATIC,
     )  # fmt: skip
 
 

@@ -55,7 +55,10 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     if parts > FINEST or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE):
         return not_smooth(start, spent)
 
-    motion = Motion(interval, scene.modes, entry.mode, start.impact_speed, scene.mass, NOWHERE)
+    motion = Motion(
+        interval=interval, modes=scene.modes, mode=entry.mode, impact_speed=start.impact_speed, mass=scene.mass,
+        known=NOWHERE,
+    )  # fmt: skip
     begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
     slope = Slope((cosine * entry.force - load) / scene.mass, begin, stiffness, damping, cosine)
     part, held, leapt, middle, before = h / parts, holding(stiffness, damping, scene.mass), 0.0, slope, 0.0
@@ -85,25 +88,23 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     end = slope.stage
     error, held = bounded(error), holding(slope.stiffness, slope.damping, scene.mass)
     return TickResult(
-        RunState(
-            state, error, max(start.try_step, part * factor) if parts == 1 else part * factor, start.impact_speed,
-            start.impact_error, DYNAMIC, slope.stiffness, slope.damping, scene.mass * slope.acceleration,
-            end.rate / slope.cosine, end.depth, start.adrift,
+        run_state=RunState(
+            state=state, error=error, try_step=max(start.try_step, part * factor) if parts == 1 else part * factor,
+            impact_speed=start.impact_speed, impact_error=start.impact_error, fidelity=DYNAMIC,
+            stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
+            sinking=end.rate / slope.cosine, depth=end.depth, adrift=start.adrift,
         ),
-        end.depth,
-        end.rate,
-        end.force if scene.modes.allow_tension else max(end.force, 0.0),
-        reach(error, held),
-        force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
-        spent,
-        h,
-        True,
-        state.height,
-        DYNAMIC,
+        depth=end.depth, rate=end.rate, force=end.force if scene.modes.allow_tension else max(end.force, 0.0),
+        error_estimate=reach(error, held),
+        force_error_estimate=force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
+        evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 
 @in_kernel
 def not_smooth(start: RunState, spent: int) -> TickResult:
     """Word that a tick is none of this kind, with what it has cost."""
-    return TickResult(start, 0.0, 0.0, 0.0, 0.0, 0.0, spent, 0.0, False, 0.0, DYNAMIC)
+    return TickResult(
+        run_state=start, depth=0.0, rate=0.0, force=0.0, error_estimate=0.0, force_error_estimate=0.0,
+        evaluations=spent, reached=0.0, converged=False, height=0.0, fidelity=DYNAMIC,
+    )  # fmt: skip
