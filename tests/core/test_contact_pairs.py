@@ -94,10 +94,14 @@ class Sampled:
 
     def depth(self, femur: Profile, angle: float, x: float, height: float, points_per_segment: int = 400) -> float:
         points = turn(curve(femur, points_per_segment), angle) + np.array([x, height])
-        coarse = self.distances(points[::20])
-        way = 20.0 * np.hypot(*np.diff(points, axis=0).T).max()  # the distance changes by no more than that between two
-        near = np.repeat(coarse < coarse.min() + way, 20)[: len(points)]
-        return -float(self.distances(points[near]).min())
+        way = np.hypot(*np.diff(points, axis=0).T).max()  # between two, the distance changes by no more than that
+        chosen = np.arange(0, len(points), 400)
+        for stride, finer in ((400, 20), (20, 1)):
+            distances = self.distances(points[chosen])
+            near = chosen[distances < distances.min() + stride * way]
+            chosen = (near[:, None] + np.arange(0, stride, finer)).ravel()
+            chosen = chosen[chosen < len(points)]
+        return -float(self.distances(points[chosen]).min())
 
 
 CUP = TibialCircle(TIBIAL_RADIUS)
