@@ -7,11 +7,17 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from typing import Any
+
+import numba
 
 from knee_contact_ros.compiled.by_address import bind
 from knee_contact_ros.compiled.functions import compiled_function
+from knee_contact_ros.compiled.source_meaning import digest
+from knee_contact_ros.compiled.turns import in_turn
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.model import Kernel, KneeModel
+from knee_contact_ros.core.scene import Scene
 
 __all__ = ["compiled", "compiled_function", "compiled_kernel"]
 
@@ -28,4 +34,10 @@ def compiled(model: KneeModel) -> KneeModel:
 @functools.cache
 def compiled_kernel() -> Kernel:
     """The compiled functions."""
-    return Kernel(compiled_function(ticks.run), bind)
+    return Kernel(_run, bind)
+
+
+def _run(scene: Scene, *arrays: Any) -> None:
+    """See `ticks.run`."""
+    with in_turn(lambda: digest(str(numba.typeof(scene)))):
+        compiled_function(ticks.run)(scene, *arrays)

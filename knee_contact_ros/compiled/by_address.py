@@ -21,6 +21,8 @@ from numba.extending import intrinsic
 
 from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.functions import ENTRY, compiled_function
+from knee_contact_ros.compiled.source_meaning import digest
+from knee_contact_ros.compiled.turns import in_turn
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import MEMORY, Memory
@@ -34,9 +36,11 @@ _KEPT: list[Any] = []
 
 def bind(scene: Scene, memory: Memory, answer: Rows) -> Callable[[float, float, float, float], None]:
     """See `Kernel.bind`."""
-    size, put, call = _by_address(numba.typeof(scene))
-    block = np.zeros(size, dtype=np.uint8)
-    put(scene, block.ctypes.data)
+    kind = numba.typeof(scene)
+    with in_turn(lambda: digest(str(kind))):
+        size, put, call = _by_address(kind)
+        block = np.zeros(size, dtype=np.uint8)
+        put(scene, block.ctypes.data)
     sample = np.zeros(4)
     places = memory, sample, answer, block
     addresses = np.array([place.ctypes.data for place in places], dtype=np.uintp)

@@ -26,14 +26,13 @@ from numba.core.serialize import dumps
 import knee_contact_ros.core
 from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
 from knee_contact_ros.compiled.source_meaning import digest, source_meaning
+from knee_contact_ros.compiled.turns import wait_for_turn
 from knee_contact_ros.core.kernel_source import FUNCTIONS
 
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
 """Modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
-PATIENCE = 60.0
-"""How long [s] to wait for another process that compiles the same"""
-KEEPING = ("cache.py", "kernel_folder.py")
+KEEPING = ("cache.py", "kernel_folder.py", "turns.py")
 """Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
 
 _log = logging.getLogger(__name__)
@@ -122,21 +121,18 @@ class _Kernels:
     def __init__(self, function: Callable[..., Any], folder: KernelFolder) -> None:
         self._function = function
         self._folder = folder
-        self._unclaim: Callable[[], None] = lambda: None
 
     def load(self, key: Any) -> Any:
-        """What was kept under a key; None if nothing was, and then we are the one process that compiles it."""
-        self._unclaim()
+        """What was kept under a key; None if nothing was."""
         names = self._names(key)
         if names is None:
             return None
         name, start = names
         content = self._folder.read(name)
         if content is None:
-            self._unclaim = self._folder.claim(name, PATIENCE)
+            wait_for_turn(self._folder, name)
             content = self._folder.read(name)
         if content is not None:
-            self._unclaim()
             return pickle.loads(content)  # noqa: S301  it is whole, and written by this user
         if any(other.startswith(start) for other in self._folder.names()):
             raise DoubtError(self._folder.path, "is from another processor")
@@ -146,10 +142,7 @@ class _Kernels:
         """Keep something under a key; what nobody uses any more goes."""
         names = self._names(key)
         if names is not None:
-            try:
-                self._folder.write(names[0], dumps(data))
-            finally:
-                self._unclaim()
+            self._folder.write(names[0], dumps(data))
             with suppress(OSError):
                 self._folder.remove_unused()
 

@@ -14,7 +14,7 @@ import shutil
 import stat
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 HEAD = b"knee_contact_ros kernel 1\n"
@@ -25,8 +25,6 @@ LARGEST = 100_000_000
 PREFIX = "kernel-"
 KEPT = 8
 """Folders that stay however old they are"""
-LOOK = 0.05
-"""How often [s] to look whether another process has ended"""
 UNUSED = 3 * 86400.0
 """How long [s] any other folder stays after its last use"""
 
@@ -78,24 +76,32 @@ class KernelFolder:
         except OSError as error:
             raise DoubtError(self.path / name, f"cannot be written: {error.strerror}") from None
 
-    def claim(self, name: str, patience: float) -> Callable[[], None]:
-        """Be the one process that makes a file; gives what ends that. Waits for another one that makes it, so long [s].
+    def lock(self, name: str) -> Callable[[], None] | None:
+        """Lock a name, which has nothing to do with a file's; gives what unlocks it, or None if another one has it.
 
-        It ends with this process, too. Where nothing can be claimed, nothing is, and the file may be made twice.
+        It is unlocked when this process ends, too. The file that is locked stays.
+
+        Raises:
+            OSError, DoubtError: it cannot be locked.
         """
-        claimed = ExitStack()
-        with suppress(OSError, DoubtError):
-            self._make()
-            path, deadline = self.path / f".{name}.claim", time.monotonic() + patience
-            with self._opened() as folder:
-                file = os.open(path.name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600, dir_fd=folder)
-            claimed.callback(os.close, file)
-            while not _locked(file):
-                if time.monotonic() > deadline:
-                    return claimed.close
-                time.sleep(LOOK)
-            claimed.callback(path.unlink, missing_ok=True)
-        return claimed.close
+        self._make()
+        with self._opened() as folder:
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+            file = os.open(f".{name}.lock", flags, 0o600, dir_fd=folder)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(file)
+            return None
+        except OSError:
+            os.close(file)
+            raise
+
+        def unlock() -> None:
+            fcntl.flock(file, fcntl.LOCK_UN)  # a process that was forked meanwhile has the file, too
+            os.close(file)
+
+        return unlock
 
     def names(self) -> list[str]:
         """What there is, whole or not."""
@@ -181,15 +187,6 @@ class KernelFolder:
             raise
         with suppress(OSError):  # some file systems do not take that for a folder
             os.fsync(folder)
-
-
-def _locked(file: int) -> bool:
-    """Whether a file is locked by us now."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _refuse_others(path: Path, status: os.stat_result, bits: int = stat.S_IWGRP | stat.S_IWOTH) -> None:

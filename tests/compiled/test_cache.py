@@ -237,37 +237,8 @@ def test_processes_that_compile_at_once_keep_what_all_have_compiled(tmp_path: Pa
         begun = [begin(stack, tmp_path, value) for value in values]
         outcomes = [one.result() for one in begun]
     assert [(outcome.answer, outcome.said) for outcome in outcomes] == [(2 * value, []) for value in values]
-    assert sorted(outcome.loaded for outcome in outcomes[:2]) == [False, True]  # one has waited for the other
     assert [use(tmp_path, value) for value in values] == [Outcome(2 * value, True, []) for value in values]
     assert len(list(folder_of_kernels(tmp_path / "knee_contact_ros").iterdir())) == 3
-
-
-def test_a_file_is_made_by_one_process_and_waited_for_no_longer_than_it_is_worth(tmp_path: Path) -> None:
-    one, other = (KernelFolder(tmp_path / "home" / "kernel-1") for _ in range(2))
-    unclaim = one.claim("it", 10.0)
-    begun = time.monotonic()
-    other.claim("another", 10.0)()
-    assert time.monotonic() < begun + 5.0
-    begun = time.monotonic()
-    other.claim("it", 0.2)()  # whoever has it stands still
-    assert time.monotonic() >= begun + 0.2
-    assert one.names() == [".it.claim"]
-    unclaim()
-    other.claim("it", 10.0)()
-    assert one.names() == []
-
-
-def test_who_has_died_makes_nothing_any_more(tmp_path: Path) -> None:
-    script = "import sys\nfrom pathlib import Path\nfrom knee_contact_ros.compiled.kernel_folder import KernelFolder\n"
-    script += "unclaim = KernelFolder(Path(sys.argv[1])).claim('it', 0.0)\nraise SystemExit('killed')"
-    command = [sys.executable, "-c", script, tmp_path / "a" / "b"]
-    assert subprocess.run(command, check=False, stderr=subprocess.DEVNULL).returncode
-    folder = KernelFolder(tmp_path / "a" / "b")
-    assert folder.names() == [".it.claim"]
-    begun = time.monotonic()
-    folder.claim("it", 10.0)()
-    assert time.monotonic() < begun + 5.0
-    assert folder.names() == []
 
 
 OWN = """

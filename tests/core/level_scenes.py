@@ -16,7 +16,7 @@ from knee_contact_ros.core.mechanisms import Hinge, Mechanism, Table
 from knee_contact_ros.core.model import KneeModel
 from studies.gait import gait
 from tests.core.test_geometries import ellipse
-from tests.helpers.scenes import MASS, RADIUS, law, model
+from tests.helpers.scenes import MASS, RADIUS, law, model, quick
 
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Time [s], flexion angle [rad], load [N]"""
@@ -138,11 +138,11 @@ def random_scenes(count: int) -> Iterator[LevelScene]:
 def exact(index: int) -> np.recarray[Any, Any]:
     """The dynamic run that stands for the exact solution of a scene."""
     scene = scenes()[index]
-    return scene.model("dynamic", FINEST).run(*scene.series)
+    return quick(scene.model("dynamic", FINEST)).run(*scene.series)
 
 
 @cache
 def answers(index: int, level: str, tolerance: float) -> np.recarray[Any, Any]:
     """The answers of a level."""
     scene = scenes()[index]
-    return scene.model(level, tolerance).run(*scene.series)
+    return quick(scene.model(level, tolerance)).run(*scene.series)

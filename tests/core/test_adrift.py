@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from knee_contact_ros.compiled import compiled
 from knee_contact_ros.core.adrift import (
     LOST,
     Adrift,
@@ -29,6 +28,7 @@ from knee_contact_ros.core.error_estimate import CarriedError
 from knee_contact_ros.core.types import Status
 from studies.honesty.ours import knee
 from studies.long_runs import held_in_swing, long_runs, scene_of
+from tests.helpers.scenes import quick
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]
@@ -221,7 +221,7 @@ def test_running_on_an_undamped_layer_is_lost_and_found() -> None:
     # Once lost it was never found again, and 91 to 99 % of half an hour were flagged.
     run = next(run for run in long_runs() if run.drive is held_in_swing and run.rate == 200.0 and "osteo" in run.name)
     scene = scene_of(run, 0.12, 15)
-    series = compiled(knee(scene, "auto", 1e-6)).run(scene.time, scene.angle, scene.load)
+    series = quick(knee(scene, "auto", 1e-6)).run(scene.time, scene.angle, scene.load)
     flagged = series.status & Status.NOT_CONVERGED != 0
     assert 0.0 < flagged.mean() < 0.01
     assert not flagged[-200:].all()

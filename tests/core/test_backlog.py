@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Fidelity, Status
-from tests.helpers.scenes import RADIUS, law, model
+from tests.helpers.scenes import RADIUS, law, model, quick
 
 TIME = np.arange(1500) * 1e-3
 STILL = np.zeros_like(TIME)
@@ -21,7 +21,7 @@ TIGHT = 1e-11
 
 def knee(name: str, budget: int, tolerance: float = 1e-6, level: str = "auto") -> KneeModel:
     """A circle under a law."""
-    return model(law(name), tolerance, budget=budget, level=level)
+    return quick(model(law(name), tolerance, budget=budget, level=level))
 
 
 def signed(series: np.recarray) -> np.ndarray:

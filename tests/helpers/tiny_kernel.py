@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from knee_contact_ros.compiled import compiled_function
+from knee_contact_ros.compiled.turns import in_turn
 
 FORKS = get_context("forkserver")
 FORKS.set_forkserver_preload([__name__, "tests.helpers.warm_compiler"])  # seconds, once for all of them
@@ -54,6 +55,12 @@ def _use_own(home: Path, folder: Path) -> Outcome:
     sys.path.insert(0, str(folder))
     own = importlib.import_module("own")
     return alone(home, own.ask, own.Own(2.0))
+
+
+def use_in_turn(home: Path, value: Any) -> Outcome:
+    """Compile or load the function, in turn with others."""
+    with in_turn(lambda: "twice"):
+        return alone(home, twice, value)
 
 
 def _use(home: Path, value: Any, largest_file: int = UNLIMITED, **environment: str) -> Outcome:
