@@ -62,8 +62,10 @@ def parameters(*files: str) -> Parameters:
 
 @cache
 def model(*files: str, changes: Changes = ()) -> KneeModel:
-    """The model of some parameter files with changes."""
-    return load_model({**parameters(*files).model_dump(), "fidelity.tolerance": TOLERANCE, **dict(changes)})
+    """The model of some parameter files with changes; compiled if it is the sphere on the plane, which most are."""
+    asked = load_parameters({**parameters(*files).model_dump(), "fidelity.tolerance": TOLERANCE, **dict(changes)})
+    curved = asked.femur.geometry != "circle" or asked.tibia.geometry != "plane"
+    return load_model(asked, compiled=not curved and asked.translation.mechanism == "hinge")
 
 
 @cache
