@@ -314,4 +314,4 @@ def error_within(limits: Range, depth: float, rate: float, cosine: float) -> Car
     """The error of a `depth` [m] and its `rate` [m/s] where the exact ones lie within limits; `cosine` is n_y."""
     height = max(limits.most - depth, depth - limits.least) / (cosine * SPREAD)
     velocity = (limits.rate + abs(rate)) / (cosine * SPREAD)
-    return CarriedError(0.0, 0.0, height * height, 0.0, velocity * velocity)
+    return CarriedError(height=0.0, velocity=0.0, hh=height * height, hv=0.0, vv=velocity * velocity)

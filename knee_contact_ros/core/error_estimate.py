@@ -82,7 +82,7 @@ class CarriedError(NamedTuple):
     """Variance of the velocity's [m²/s²]"""
 
 
-EXACT = CarriedError(0.0, 0.0, 0.0, 0.0, 0.0)
+EXACT = CarriedError(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
 
 
 @in_kernel
@@ -120,12 +120,10 @@ def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> Carri
     """The error under a linear map: a e + b ė, c e + d ė."""
     hh, hv, vv = error.hh, error.hv, error.vv
     return CarriedError(
-        a * error.height + b * error.velocity,
-        c * error.height + d * error.velocity,
-        a * a * hh + 2.0 * a * b * hv + b * b * vv,
-        a * c * hh + (a * d + b * c) * hv + b * d * vv,
-        c * c * hh + 2.0 * c * d * hv + d * d * vv,
-    )
+        height=a * error.height + b * error.velocity, velocity=c * error.height + d * error.velocity,
+        hh=a * a * hh + 2.0 * a * b * hv + b * b * vv, hv=a * c * hh + (a * d + b * c) * hv + b * d * vv,
+        vv=c * c * hh + 2.0 * c * d * hv + d * d * vv,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -133,14 +131,12 @@ def with_step(error: CarriedError, local: StateError, unknown: float, held: floa
     """The error behind a step with an estimated error of its own, of which a part is `unknown`; `held`: see `reach`."""
     h, v = local.height, local.velocity
     swing = held * h
-    never_inlined = TURNED * TURNED * (swing * swing + v * v)
+    aside = TURNED * TURNED * (swing * swing + v * v)
     return CarriedError(
-        error.height + STEPWISE * h,
-        error.velocity + STEPWISE * v,
-        error.hh + unknown * unknown * h * h + never_inlined / (held * held),
-        error.hv + unknown * unknown * h * v,
-        error.vv + unknown * unknown * v * v + never_inlined,
-    )
+        height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
+        hh=error.hh + unknown * unknown * h * h + aside / (held * held),
+        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + aside,
+    )  # fmt: skip
 
 
 @in_kernel
@@ -148,7 +144,7 @@ def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedEr
     """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time."""
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
-    return CarriedError(error.height, error.velocity, h * h, error.hv, v * v)
+    return CarriedError(height=error.height, velocity=error.velocity, hh=h * h, hv=error.hv, vv=v * v)
 
 
 @in_kernel
@@ -166,14 +162,14 @@ def with_bound_aside(error: CarriedError, height: float, velocity: float) -> Car
         follows = hv * hv / vv if vv > 0.0 else 0.0
         own = math.sqrt(max(hh - follows, 0.0)) + height / SPREAD
         hh = min(follows, hh) + own * own
-    return CarriedError(error.height, error.velocity, hh, hv, vv)
+    return CarriedError(height=error.height, velocity=error.velocity, hh=hh, hv=hv, vv=vv)
 
 
 @in_kernel
 def with_doubt(error: CarriedError, velocity: float) -> CarriedError:
     """The error where the velocity [m/s] may differ by so much more, in another direction each time."""
     v = velocity / SPREAD
-    return CarriedError(error.height, error.velocity, error.hh, error.hv, error.vv + v * v)
+    return CarriedError(height=error.height, velocity=error.velocity, hh=error.hh, hv=error.hv, vv=error.vv + v * v)
 
 
 @in_kernel
@@ -185,7 +181,7 @@ def bounded(error: CarriedError) -> CarriedError:
         return error
     h = h if h < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
     v = v if v < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
-    return CarriedError(0.0, 0.0, h * h, 0.0, v * v)
+    return CarriedError(height=0.0, velocity=0.0, hh=h * h, hv=0.0, vv=v * v)
 
 
 @in_kernel

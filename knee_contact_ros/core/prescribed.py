@@ -57,9 +57,9 @@ def stretch_from(interval: Interval, begin: float) -> tuple[float, float]:
     end_angle = interval.angle + interval.angle_rate * interval.duration
     kink = interval.pair.next_kink(angle, end_angle)
     while not math.isnan(kink):
-        never_inlined = KINK_WIDTH / abs(interval.angle_rate)
+        aside = KINK_WIDTH / abs(interval.angle_rate)
         s = (kink - interval.angle) / interval.angle_rate
-        if begin < s - never_inlined and s + never_inlined < interval.duration:
-            return s - never_inlined, s + never_inlined
+        if begin < s - aside and s + aside < interval.duration:
+            return s - aside, s + aside
         kink = interval.pair.next_kink(kink, end_angle)
     return interval.duration, interval.duration

@@ -150,8 +150,8 @@ def read_run_state(kept: Record) -> RunState:
     return RunState(
         state=FemurState(float(state["height"]), float(state["velocity"])),
         error=CarriedError(
-            float(error["height"]), float(error["velocity"]), float(error["hh"]), float(error["hv"]),
-            float(error["vv"]),
+            height=float(error["height"]), velocity=float(error["velocity"]), hh=float(error["hh"]),
+            hv=float(error["hv"]), vv=float(error["vv"]),
         ),
         try_step=float(kept["try_step"]), impact_speed=float(kept["impact_speed"]),
         impact_error=float(kept["impact_error"]), fidelity=int(kept["fidelity"]), stiffness=float(kept["stiffness"]),

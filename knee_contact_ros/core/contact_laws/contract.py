@@ -159,7 +159,7 @@ def _trials(law: ContactLaw) -> Iterator[Trial]:
         if thickness < math.inf:
             offsets |= {part * thickness for part in PARTS}
         impacts = (0.0, IMPACT) if layer.formula.remembers_impact() else (0.0,)
-        yield Trial(layer.formula, layer.begin, sorted(offsets), impacts, {})
+        yield Trial(formula=layer.formula, begin=layer.begin, offsets=sorted(offsets), impacts=impacts, answers={})
 
 
 def _layers(law: ContactLaw) -> str:

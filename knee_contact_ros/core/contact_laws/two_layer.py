@@ -60,6 +60,10 @@ def two_layer_viscoelastic(
     force_at_layer, _ = power_law(stiffness, exponent, layer_depth)
 
     first_damping = damping if damp_first_layer else 0.0
-    cartilage = SpringAndDashpot(0.0, 0.0, stiffness, exponent, first_damping)
-    bone = SpringAndDashpot(layer_depth, force_at_layer, stiffness_2, exponent, damping)
+    cartilage = SpringAndDashpot(
+        begin=0.0, base_force=0.0, stiffness=stiffness, exponent=exponent, damping=first_damping,
+    )  # fmt: skip
+    bone = SpringAndDashpot(
+        begin=layer_depth, base_force=force_at_layer, stiffness=stiffness_2, exponent=exponent, damping=damping,
+    )  # fmt: skip
     return ContactLaw((Layer(0.0, cartilage), Layer(layer_depth, bone)))

@@ -20,7 +20,9 @@ class CircleOver(NamedTuple):
     def deepest(self, height: float) -> Closest:
         """See `Search`."""
         distance, normal_x, normal_y, _ = self.tibia.foot(self.x, height)
-        return Closest(self.radius - distance, self.radius, 0.0, normal_x, normal_y)
+        return Closest(
+            depth=self.radius - distance, extent=self.radius, turning=0.0, normal_x=normal_x, normal_y=normal_y,
+        )  # fmt: skip
 
 
 class CircleSearch(NamedTuple):

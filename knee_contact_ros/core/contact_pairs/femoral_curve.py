@@ -80,12 +80,11 @@ def turned_arc(curve: FemoralCurve, i: int, sine: float, cosine: float) -> Arc:
     x0, x1, x2, x3 = float(cubics[i, 2]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
     y0, y1, y2, y3 = float(cubics[i, 6]), float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
     return Arc(
-        float(cubics[i, 0]),
-        (cosine * x0 - sine * y0, cosine * x1 - sine * y1, cosine * x2 - sine * y2, cosine * x3 - sine * y3),
-        (sine * x0 + cosine * y0, sine * x1 + cosine * y1, sine * x2 + cosine * y2, sine * x3 + cosine * y3),
-        float(curve.blocks[block, 1]),
-        float(curve.blocks[block, 2]),
-    )
+        length=float(cubics[i, 0]),
+        x=(cosine * x0 - sine * y0, cosine * x1 - sine * y1, cosine * x2 - sine * y2, cosine * x3 - sine * y3),
+        y=(sine * x0 + cosine * y0, sine * x1 + cosine * y1, sine * x2 + cosine * y2, sine * x3 + cosine * y3),
+        speed=float(curve.blocks[block, 1]), bend=float(curve.blocks[block, 2]),
+    )  # fmt: skip
 
 
 @in_kernel
@@ -122,7 +121,7 @@ class ArcDistance(NamedTuple):
         along, room = x_slope * n_y - y_slope * n_x, 1.0 - curvature * distance
         turning = curvature / room * along * along if room > 0.0 else 0.0
         slope, bend = x_slope * n_x + y_slope * n_y, x_bend * n_x + y_bend * n_y
-        return Sample(u, distance, slope, bend - turning, (n_x, n_y))
+        return Sample(place=u, value=distance, slope=slope, bend=bend - turning, normal=(n_x, n_y))
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
         """See `Problem`."""

@@ -36,7 +36,7 @@ class Problem(Protocol):
         ...
 
 
-NOTHING = Sample(math.nan, math.inf, 0.0, 0.0, (0.0, 1.0))
+NOTHING = Sample(place=math.nan, value=math.inf, slope=0.0, bend=0.0, normal=(0.0, 1.0))
 """Higher than any sample: the best one so far when there is none"""
 NEWTON_DONE = 1e-10
 """A Newton step below this part of the interval is the last: the error that it leaves is about the square of that"""

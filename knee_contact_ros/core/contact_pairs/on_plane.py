@@ -55,7 +55,7 @@ class OnPlane(_OnPlane):
         """See `Kinematics`."""
         extent, turning = self.femur.support(angle - self.slope)
         depth = extent + x * self.sine - self.cosine * height
-        return Closest(depth, extent, turning, -self.sine, self.cosine)
+        return Closest(depth=depth, extent=extent, turning=turning, normal_x=-self.sine, normal_y=self.cosine)
 
     def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> PlaneTouch:
         """See `Kinematics`."""

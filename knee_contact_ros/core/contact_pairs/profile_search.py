@@ -87,7 +87,7 @@ def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pos
     """The common normal at the deepest point of the listed segments, at a height [m] within the list's cell."""
     raised = height - float(shortlist[0, 0])
     slack = max(-raised, -raised * tibia.least_normal_y()) + _rounding(pose.x, height)
-    best, answer = NOTHING, Closest(math.nan, math.nan, math.nan, 0.0, 1.0)
+    best, answer = NOTHING, Closest(depth=math.nan, extent=math.nan, turning=math.nan, normal_x=0.0, normal_y=1.0)
     for k in range(1, 1 + int(shortlist[0, 1])):
         if shortlist[k, 0] > best.value + slack:
             break
@@ -104,7 +104,10 @@ def _common_normal(arc: Arc, sample: Sample) -> Closest:
     x, y = place_on(arc, sample.place)
     normal_x, normal_y = sample.normal
     turning = normal_x * y - normal_y * x
-    return Closest(-sample.value, -(x * normal_x + y * normal_y), turning, normal_x, normal_y)
+    return Closest(
+        depth=-sample.value, extent=-(x * normal_x + y * normal_y), turning=turning, normal_x=normal_x,
+        normal_y=normal_y,
+    )  # fmt: skip
 
 
 @never_inlined

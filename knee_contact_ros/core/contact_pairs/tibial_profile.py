@@ -93,8 +93,8 @@ class TibialProfile(_TibialProfile):
         height, slope, _ = height_at(self.pieces, place)
         squared_norm = 1.0 + slope * slope
         norm = math.sqrt(squared_norm)
-        never_inlined, over = x - place, y - height
-        along, across = (never_inlined + slope * over) / norm, (over - slope * never_inlined) / norm
+        aside, over = x - place, y - height
+        along, across = (aside + slope * over) / norm, (over - slope * aside) / norm
         lower, upper = _from_ball(self.concave, along, across), _from_ball(self.convex, along, across)
         return max(lower, above * self.least_normal_y()) if above > 0.0 else lower, upper
 
@@ -131,9 +131,12 @@ class SquaredDistance(NamedTuple):
     def sample(self, place: float) -> Sample:
         """See `Problem`."""
         height, slope, bend = height_at(self.pieces, place)
-        never_inlined, over = place - self.x, height - self.y
-        value = 0.5 * (never_inlined * never_inlined + over * over)
-        return Sample(place, value, never_inlined + over * slope, 1.0 + slope * slope + over * bend, (height, bend))
+        aside, over = place - self.x, height - self.y
+        value = 0.5 * (aside * aside + over * over)
+        return Sample(
+            place=place, value=value, slope=aside + over * slope, bend=1.0 + slope * slope + over * bend,
+            normal=(height, bend),
+        )  # fmt: skip
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
         """See `Problem`."""
@@ -183,8 +186,8 @@ def _ends(pieces: Floats) -> tuple[float, float]:
 def _from_ball(curvature: float, along: float, across: float) -> float:
     """Signed distance from a circle [m] of a point `along` its tangent and `across` it [m] from where it is touched."""
     squared = along * along + across * across
-    never_inlined, over = curvature * along, 1.0 - curvature * across
-    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(never_inlined * never_inlined + over * over))
+    aside, over = curvature * along, 1.0 - curvature * across
+    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(aside * aside + over * over))
 
 
 @in_kernel

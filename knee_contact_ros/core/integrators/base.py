@@ -174,7 +174,7 @@ def staying(state: FemurState, contact: Stage) -> Step:
 @in_kernel
 def no_step(state: FemurState) -> Step:
     """In place of a step that is not to be taken any more."""
-    nothing = Stage(0.0, 0.0, 0.0, 0.0, 0.0)
+    nothing = Stage(depth=0.0, rate=0.0, force=0.0, stiffness=0.0, surface_rate=0.0)
     return Step(
         state=state, error=NO_ERROR, begin=nothing, end=nothing, crossing=INSIDE, stiffness=0.0, damping=0.0,
         cosine=1.0, leapt=0.0, evaluations=0, solved=False,

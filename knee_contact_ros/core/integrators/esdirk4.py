@@ -75,7 +75,7 @@ def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resoluti
     depth, surface_rate, cosine = touch_at(motion.interval, s).touch(y)
     rate = surface_rate - cosine * v
     force, stiffness, _ = force_on(motion, depth, rate)
-    begin = Stage(depth, rate, force, stiffness, surface_rate)
+    begin = Stage(depth=depth, rate=rate, force=force, stiffness=stiffness, surface_rate=surface_rate)
     a = acceleration_of(motion, cosine * force - load_at(motion.interval, s))
 
     high, fast = ahead(y, h, m.second, (v,)), ahead(v, h, m.second, (a,))
@@ -143,7 +143,8 @@ def solve_stage(
         rate += cosine * correction
     acceleration = acceleration_of(motion, cosine * force - load)
     return Solved(
-        velocity=unknown, acceleration=acceleration, stage=Stage(depth, rate, force, stiffness, surface_rate),
+        velocity=unknown, acceleration=acceleration,
+        stage=Stage(depth=depth, rate=rate, force=force, stiffness=stiffness, surface_rate=surface_rate),
         stiffness=cosine * cosine * stiffness, damping=cosine * cosine * damping, evaluations=evaluations,
         arrived=arrived, left=left,
     )  # fmt: skip

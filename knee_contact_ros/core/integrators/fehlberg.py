@@ -120,9 +120,7 @@ def slope_at(motion: Motion, s: float, height: float, velocity: float) -> Slope:
     rate = surface_rate - cosine * velocity
     force, stiffness, damping = force_on(motion, depth, rate)
     return Slope(
-        (cosine * force - load_at(motion.interval, s)) * (1.0 / motion.mass),
-        Stage(depth, rate, force, stiffness, surface_rate),
-        cosine * cosine * stiffness,
-        cosine * cosine * damping,
-        cosine,
-    )
+        acceleration=(cosine * force - load_at(motion.interval, s)) * (1.0 / motion.mass),
+        stage=Stage(depth=depth, rate=rate, force=force, stiffness=stiffness, surface_rate=surface_rate),
+        stiffness=cosine * cosine * stiffness, damping=cosine * cosine * damping, cosine=cosine,
+    )  # fmt: skip

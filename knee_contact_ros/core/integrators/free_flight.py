@@ -63,7 +63,7 @@ def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
     force = 0.0
     if motion.mode.layer >= 0:
         force, _, _ = force_on(motion, depth, rate)
-    return Stage(depth, rate, force, 0.0, surface_rate)
+    return Stage(depth=depth, rate=rate, force=force, stiffness=0.0, surface_rate=surface_rate)
 
 
 @in_kernel

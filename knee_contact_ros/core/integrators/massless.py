@@ -74,7 +74,7 @@ def flow_at(motion: Motion, s: float, height: float) -> Flow:
     rate = (force - at_rest) / damping if damping > 0.0 else 0.0
     return Flow(
         (surface_rate - rate) / cosine,
-        Stage(depth, rate, force, stiffness, surface_rate),
+        Stage(depth=depth, rate=rate, force=force, stiffness=stiffness, surface_rate=surface_rate),
         cosine * cosine * stiffness,
         cosine * cosine * damping,
     )

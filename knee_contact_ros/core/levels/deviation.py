@@ -67,10 +67,14 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     lag = left_out.damping / spring * drift
     behind = lagging(error.velocity, left_out, mass, h)
     away = CarriedError(
-        error.height - behind - left_out.begin_rest + lag, error.velocity - drift, error.hh, error.hv, error.vv
-    )
+        height=error.height - behind - left_out.begin_rest + lag, velocity=error.velocity - drift, hh=error.hh,
+        hv=error.hv, vv=error.vv,
+    )  # fmt: skip
     moved = propagated(away, spring, left_out.damping, mass, h)
-    moved = CarriedError(moved.height + left_out.end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
+    moved = CarriedError(
+        height=moved.height + left_out.end_rest - lag, velocity=moved.velocity + drift, hh=moved.hh, hv=moved.hv,
+        vv=moved.vv,
+    )  # fmt: skip
     size = abs(moved.height) + abs(error.height)
     unknown = ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * size
     unknown += BENT * size * min(1.0, size / max(left_out.depth, TINY))
@@ -102,7 +106,8 @@ def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Carrie
         unknown_way, height = unknown_way + height, 0.0
         if velocity > 0.0:
             unknown_gain, velocity = unknown_gain + 0.5 * velocity, -0.5 * velocity
-    return with_bound(CarriedError(height, velocity, flown.hh, flown.hv, flown.vv), unknown_way, unknown_gain)
+    flown = CarriedError(height=height, velocity=velocity, hh=flown.hh, hv=flown.hv, vv=flown.vv)
+    return with_bound(flown, unknown_way, unknown_gain)
 
 
 @in_kernel

@@ -205,7 +205,7 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
 
     The sum of all jumps is kept as the expected error, and what the steps leave as the spread.
     """
-    error = CarriedError(stepper.error.height + abs(jump), 0.0, stepper.error.hh, 0.0, 0.0)
+    error = CarriedError(height=stepper.error.height + abs(jump), velocity=0.0, hh=stepper.error.hh, hv=0.0, vv=0.0)
     return StepperState(
         s=stepper.s, state=stepper.state, error=error, try_step=stepper.try_step,
         spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
@@ -248,7 +248,7 @@ def step_on(
         return stepper, mode
     remembered = memory(step, h)
     spread = remembered * math.sqrt(stepper.error.hh) + abs(step.error.height)
-    error = CarriedError(stepper.error.height, 0.0, spread * spread, 0.0, 0.0)
+    error = CarriedError(height=stepper.error.height, velocity=0.0, hh=spread * spread, hv=0.0, vv=0.0)
     swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = stepper.events + (0 if boundary == NOWHERE else 1)
     stepper = StepperState(
@@ -331,12 +331,10 @@ def first_order_result(
     )  # fmt: skip
     before = start.error
     jump = CarriedError(
-        first.height - start.state.height + before.height,
-        first.velocity + blow - start.state.velocity + before.velocity,
-        before.hh,
-        before.hv,
-        before.vv,
-    )
+        height=first.height - start.state.height + before.height,
+        velocity=first.velocity + blow - start.state.velocity + before.velocity, hh=before.hh, hv=before.hv,
+        vv=before.vv,
+    )  # fmt: skip
     error = deviate(jump, left_out, scene.mass, h)
     # What the level leaves out in a tick may not cancel against the error of its steps: the signs of both are weak.
     doubt = impact_doubt(scene, stepper, mode, depth, rate, force)

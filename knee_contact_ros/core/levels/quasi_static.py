@@ -109,5 +109,6 @@ def deviation_at_start(start: RunState, velocity: float) -> CarriedError:
     """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s]."""
     error = start.error
     return CarriedError(
-        lag_of(start) + error.height, velocity - start.state.velocity + error.velocity, error.hh, error.hv, error.vv
-    )
+        height=lag_of(start) + error.height, velocity=velocity - start.state.velocity + error.velocity, hh=error.hh,
+        hv=error.hv, vv=error.vv,
+    )  # fmt: skip

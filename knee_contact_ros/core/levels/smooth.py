@@ -59,8 +59,11 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
         interval=interval, modes=scene.modes, mode=entry.mode, impact_speed=start.impact_speed, mass=scene.mass,
         known=NOWHERE,
     )  # fmt: skip
-    begin = Stage(depth, rate, entry.force, entry.stiffness, surface_rate)
-    slope = Slope((cosine * entry.force - load) / scene.mass, begin, stiffness, damping, cosine)
+    begin = Stage(depth=depth, rate=rate, force=entry.force, stiffness=entry.stiffness, surface_rate=surface_rate)
+    slope = Slope(
+        acceleration=(cosine * entry.force - load) / scene.mass, stage=begin, stiffness=stiffness, damping=damping,
+        cosine=cosine,
+    )  # fmt: skip
     part, held, leapt, middle, before = h / parts, holding(stiffness, damping, scene.mass), 0.0, slope, 0.0
     largest, ratio = StateError(0.0, 0.0), 0.0
     for i in range(parts):

@@ -97,14 +97,20 @@ def _pieces(angle: list[float], x: list[float]) -> tuple[Cubic, ...]:
     chords = [(right - left) / width for (left, right), width in zip(pairwise(x), widths, strict=True)]
     bends = _second_derivatives(widths, chords)
     inner = [
-        Cubic(start, value, chord - width * (2.0 * left + right) / 6.0, left / 2.0, (right - left) / (6.0 * width))
+        Cubic(
+            start=start,
+            c0=value,
+            c1=chord - width * (2.0 * left + right) / 6.0,
+            c2=left / 2.0,
+            c3=(right - left) / (6.0 * width),
+        )
         for start, value, chord, width, (left, right) in zip(
             angle[:-1], x[:-1], chords, widths, pairwise(bends), strict=True
         )
     ]
     last_slope = chords[-1] + widths[-1] * bends[-2] / 6.0
-    before = Cubic(angle[0], x[0], inner[0].c1, 0.0, 0.0)
-    after = Cubic(angle[-1], x[-1], last_slope, 0.0, 0.0)
+    before = Cubic(start=angle[0], c0=x[0], c1=inner[0].c1, c2=0.0, c3=0.0)
+    after = Cubic(start=angle[-1], c0=x[-1], c1=last_slope, c2=0.0, c3=0.0)
     return (before, *inner, after)
 
 
