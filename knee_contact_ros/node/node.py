@@ -42,7 +42,7 @@ Answer = Callable[[Any, Any], Any]
 
 
 class Stop:
-    """The signals that end the node: noted, or, while the model compiles, an interruption. Others do not end it."""
+    """The signals that end the node: noted; while the model compiles the first one interrupts. Others do not end it."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -55,7 +55,7 @@ class Stop:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal raise KeyboardInterrupt meanwhile; so does one that has come before."""
+        """Let the first signal raise KeyboardInterrupt meanwhile; so does one that has come before."""
         self._interrupts = True
         try:
             if self.asked:
@@ -67,6 +67,7 @@ class Stop:
     def _on_signal(self, _number: int, _frame: object) -> None:
         self.asked = True
         if self._interrupts:
+            self._interrupts = False  # another one must not interrupt what clears up behind this one
             raise KeyboardInterrupt
 
 

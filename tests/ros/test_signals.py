@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
@@ -38,19 +40,26 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
     assert recorded == [contact.penetration_depth for contact in peer.contacts]
 
 
+@pytest.mark.parametrize("signals", [1, 2])
 def test_a_node_that_compiles_ends_without_a_kernel(
-    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
     assert node.process.stdout
     assert any("making the model ready" in line for line in node.process.stdout)
     peer.wait_until((tmp_path / "bag").exists)  # the recorder's process starts while the model compiles
+    sinks = psutil.Process(node.process.pid).children()
+    for _ in range(signals - 1):  # as Ctrl-C in a demo, which reaches the node twice
+        node.process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
     code, output = node.stop(signal.SIGTERM)
     assert code == 0, output
     assert "Traceback" not in output
     assert not list(tmp_path.glob("cache/**/run-*"))
     assert not list(tmp_path.glob("bag/*.partial"))
+    assert len(sinks) == 1
+    assert not [sink for sink in sinks if sink.is_running()]
 
 
 def test_a_node_outlives_its_terminal_where_it_was_asked_to(
