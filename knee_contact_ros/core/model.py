@@ -186,6 +186,8 @@ class Stream:
     def __post_init__(self) -> None:
         self.answer = blank(1)
         self._told = self.answer["stamp"]  # to name a field takes as long as to find the contact
+        self.latency = self.answer["latency"]
+        """For those who measure one [s], shape (1,)"""
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
         self._memory = np.zeros(1, ticks.MEMORY)

@@ -7,6 +7,7 @@ constants in `msg/KneeContact.msg`.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from enum import IntEnum, IntFlag
 from typing import Annotated, Any, get_origin, get_type_hints
@@ -184,6 +185,19 @@ FLAT = np.dtype({"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "ite
 """The same row with all of its numbers under names of their own: `contact_point_x`"""
 TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
 """Those that the message has"""
+
+
+CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
+"""Of the same numbers in `struct`"""
+
+
+def reader(*names: str) -> struct.Struct:
+    """Takes some numbers, in their order in a row, out of its bytes: in a tenth of the time of an array's fields."""
+    layout, end = "<", 0
+    for name in names:
+        kind, begin, *_ = FLAT.fields[name]  # type: ignore[index]  # it has fields
+        layout, end = f"{layout}{begin - end}x{CODES[kind.str[1:]]}", begin + kind.itemsize
+    return struct.Struct(layout)
 
 
 def blank(number: int) -> Rows:

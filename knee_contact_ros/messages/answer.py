@@ -18,6 +18,8 @@ class Answer(NamedTuple):
     """Of `ROW`"""
     records: tuple[Record, ...]
     """The angles up to its stamp, the load, the answer, its wrench"""
+    size: int
+    """[B] of these messages"""
 
 
 class Ending(NamedTuple):

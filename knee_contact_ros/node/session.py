@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
+from knee_contact_ros.core.types import reader
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.topics import (
     INPUTS,
@@ -49,6 +50,8 @@ SILENCE = 5.0
 SILENCE_LOG_PERIOD = 30.0
 
 
+COUNTED = reader("penetration_depth", "fidelity", "status")
+"""Of an answer's row"""
 ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
 
 
@@ -237,15 +240,14 @@ class Session:
             message = pipeline.compute(pair)
             self._contact.publish(message)
             end = clock()
-            row, latency = pipeline.row, end - pair.load.arrived
-            row["latency"] = latency
-            answer = pipeline.answer(pair, message)
+            latency = end - pair.load.arrived
+            answer = pipeline.answer(pair, message, latency)
             _, _, wrench = answer.records[-1]
             self._wrench.publish(wrench)
             self.outputs.put(answer)
-            late, status = latency + self.lag.now > self.parameters.deadline, int(row["status"][0])
-            self.ticks.count(int(row["fidelity"][0]), status, end - begin, late)
-            pipeline.doubts.add(pair.load.stamp, pair.load.load, float(row["penetration_depth"][0]), status)
+            depth, fidelity, status = COUNTED.unpack_from(answer.row)
+            self.ticks.count(fidelity, status, end - begin, latency + self.lag.now > self.parameters.deadline)
+            pipeline.doubts.add(pair.load.stamp, pair.load.load, depth, status)
         if pipeline.last_refusal:
             text = f"sample refused: {pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))

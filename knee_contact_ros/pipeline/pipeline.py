@@ -103,14 +103,22 @@ class Pipeline:
             self.split.add(load.axial, load.load)
         return encode_answer(load.stamp, load.frame_id, self.row.tobytes())
 
-    def answer(self, pair: PairedSample, message: bytes) -> Answer:
-        """All that the tick computed last leaves behind: `row` and its `message`, and what led to them."""
+    def answer(self, pair: PairedSample, message: bytes, latency: float = 0.0) -> Answer:
+        """All that the tick computed last leaves behind: `row` and its `message`, and what led to them.
+
+        `latency` [s] is that of its publication, where it is measured.
+        """
+        self.stream.latency[0] = latency
         load, row = pair.load, self.row.tobytes()
         records: list[Record] = [(JOINT_STATES, angle.stamp, angle.data) for angle in pair.angles]
         records.append((JOINT_REACTION_FORCE, load.stamp, load.data))
         records.append((KNEE_CONTACT, load.stamp, message))
-        records.append((KNEE_CONTACT_WRENCH, load.stamp, encode_answer_wrench(load.stamp, load.frame_id, row)))
-        return Answer(row, tuple(records))
+        wrench = encode_answer_wrench(load.stamp, load.frame_id, row)
+        records.append((KNEE_CONTACT_WRENCH, load.stamp, wrench))
+        size = len(load.data) + len(message) + len(wrench)
+        for angle in pair.angles:
+            size += len(angle.data)
+        return Answer(row, tuple(records), size)
 
     def retune(self, parameters: Parameters) -> None:
         """Go on with other numbers, between two ticks; see `retuned` for those that count."""

@@ -374,5 +374,5 @@ class SinkProcess:
 def size_of(item: Item) -> int:
     """[B] of memory that something takes while it waits, about."""
     if isinstance(item, Answer):
-        return ANSWER_SIZE + sum([RECORD_SIZE + len(data) for _, _, data in item.records])
+        return ANSWER_SIZE + RECORD_SIZE * len(item.records) + item.size
     return sum(map(len, item.values.values())) + RECORD_SIZE if isinstance(item, Note) else 0

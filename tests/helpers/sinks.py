@@ -52,7 +52,8 @@ def answer(number: int) -> Answer:
     force = encode_wrench_stamped(WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0)))
     records = [(JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force)]
     records += [(KNEE_CONTACT, stamp, encode_answer(stamp, "", row))]
-    return Answer(row, (*records, (KNEE_CONTACT_WRENCH, stamp, encode_answer_wrench(stamp, "", row))))
+    records += [(KNEE_CONTACT_WRENCH, stamp, encode_answer_wrench(stamp, "", row))]
+    return Answer(row, tuple(records), sum(len(data) for _, _, data in records))
 
 
 def put(sink: SinkProcess, numbers: range) -> None:
