@@ -1,6 +1,6 @@
 """Whether another checkout of this package gives the same messages, byte for byte.
 
-python -m scripts.same_messages OTHER [--scenes N]
+python -m scripts.same_messages OTHER [--first N] [--scenes N]
 
 Both compute the bundled bags with all shipped parameter files, and random scenes: laws, constants, surfaces, and
 streams of two sensors some of whose samples are wrong; at the level `auto`, which comes through all of them. Each
@@ -94,15 +94,16 @@ def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
 
 @click.command()
 @click.argument("other", type=click.Path(path_type=Path, exists=True))
-@click.option("--scenes", default=200, show_default=True)
-def main(other: Path, scenes: int) -> None:
+@click.option("--first", default=0, show_default=True, help="Scene to begin with.")
+@click.option("--scenes", default=200, show_default=True, help="How many.")
+def main(other: Path, first: int, scenes: int) -> None:
     """Compute with both, and compare."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         bags = sorted(str(bag) for bag in (ROOT / "bags").iterdir() if bag.is_dir())
         shipped = [str(ROOT / "config" / f"{name}.yaml") for name in SHIPPED]
         jobs = [[bag, "--params", parameters] for bag, parameters in product(bags, shipped)]
-        jobs += [scene_files(folder, seed) for seed in range(scenes)]
+        jobs += [scene_files(folder, seed) for seed in range(first, first + scenes)]
         with ThreadPoolExecutor() as pool:
             codes = list(pool.map(solved, (ROOT, other), (jobs, jobs), (folder / "ours", folder / "theirs")))
         messages, different = 0, []

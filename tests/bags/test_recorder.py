@@ -224,7 +224,7 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
 
 
-@pytest.mark.parametrize(("queue", "fits"), zip(QUEUES, (1000, 1100), strict=True))
+@pytest.mark.parametrize(("queue", "fits"), list(zip(QUEUES, (1000, 1100), strict=True)))
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
     monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)

@@ -82,7 +82,7 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
     assert children
     study.send_signal(signal.SIGINT)
     printed, errors = study.communicate(timeout=TIMEOUT)
-    assert study.returncode == 130
+    assert study.returncode == 130, errors
     assert own_words(errors).strip() == "knee-contact: interrupted"
     assert printed == ""
     assert not output.exists()
