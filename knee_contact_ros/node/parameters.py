@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from knee_contact_ros.node.qos_overrides import PREFIX, check_qos_overrides
-from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.parameters.reading import Declaration, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
@@ -22,6 +22,23 @@ LIVE = frozenset({
 })  # fmt: skip
 """Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
 other kernel, and the name of the next recording. They take effect between two ticks."""
+
+
+LARGEST_INTEGER = 2**63 - 1
+"""That a parameter can hold"""
+
+
+def described(name: str, declaration: Declaration) -> ParameterDescriptor:
+    """What tools show of a parameter: its meaning, and a range or what is allowed."""
+    limits = declaration.limits
+    descriptor = ParameterDescriptor(name=name, description=declaration.description, dynamic_typing=True)
+    descriptor.additional_constraints = f"allowed: {limits.words}" if limits.words else ""
+    if isinstance(declaration.default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=limits.least, to_value=limits.most)]
+    elif type(declaration.default) is int:
+        most = int(min(limits.most, LARGEST_INTEGER))
+        descriptor.integer_range = [IntegerRange(from_value=int(limits.least), to_value=most)]
+    return descriptor
 
 
 class NodeParameters:
@@ -43,12 +60,11 @@ class NodeParameters:
         overrides = self._values()
         load_parameters(overrides)
         check_qos_overrides(node, overrides.items())
-        for name, (default, description) in known_parameters().items():
-            descriptor = ParameterDescriptor(name=name, description=description, dynamic_typing=True)
+        for name, declaration in known_parameters().items():
             if name in overrides:
-                node.set_descriptor(name, descriptor)
+                node.set_descriptor(name, described(name, declaration))
             else:
-                node.declare_parameter(name, default, descriptor)
+                node.declare_parameter(name, declaration.default, described(name, declaration))
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
+from knee_contact_ros.parameters.limits import Limits, limits_of
 from knee_contact_ros.parameters.schema import Parameters, Section
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
@@ -20,16 +22,27 @@ STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
 
 
-def known_parameters() -> dict[str, tuple[Any, str]]:
-    """Every parameter's dotted name, with default and description."""
-    names: dict[str, tuple[Any, str]] = {}
+class Declaration(NamedTuple):
+    """What is declared of a parameter."""
+
+    default: Any
+    description: str
+    limits: Limits
+
+
+def known_parameters() -> dict[str, Declaration]:
+    """Every parameter by its dotted name."""
+    names: dict[str, Declaration] = {}
     for name, field in Parameters.model_fields.items():
         if isinstance(field.default, Section):
-            for inner, inner_field in type(field.default).model_fields.items():
-                names[f"{name}.{inner}"] = (inner_field.default, inner_field.description or "")
+            names |= {f"{name}.{key}": _declared(inner) for key, inner in type(field.default).model_fields.items()}
         else:
-            names[name] = (field.default, field.description or "")
+            names[name] = _declared(field)
     return names
+
+
+def _declared(field: FieldInfo) -> Declaration:
+    return Declaration(field.default, field.description or "", limits_of(field))
 
 
 def flat_parameters(parameters: Parameters) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
@@ -17,34 +17,7 @@ from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
-
-
-def one_of(*allowed: str | float) -> AfterValidator:
-    """Allow these values only."""
-
-    def check(value: Any) -> Any:
-        if value not in allowed:
-            raise ValueError(f"allowed: {', '.join(map(str, allowed))}")
-        return value
-
-    return AfterValidator(check)
-
-
-def _budget(value: int) -> int:
-    if 0 < value < 100 or value < 0:
-        raise ValueError("allowed: 0 (no limit) or an integer >= 100")
-    return value
-
-
-def _off_or_at_least(least: float) -> AfterValidator:
-    """Allow 0, which means off, and values from `least` on."""
-
-    def check(value: float) -> float:
-        if 0.0 < value < least or value < 0.0:
-            raise ValueError(f"allowed: 0 (off) or a number >= {least:g}")
-        return value
-
-    return AfterValidator(check)
+from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
 
 
 def _off(value: object) -> object:
@@ -62,10 +35,10 @@ class Knee(Section):
     """Which joint, and how its position becomes the flexion angle: flexion_sign x position + flexion_offset."""
 
     joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
-    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = Field(
+    flexion_sign: Annotated[float, OneOf(1.0, -1.0)] = Field(
         1.0, description="1 if the position grows in flexion, or -1"
     )
-    flexion_offset: float = Field(0.0, description="[rad] added to the signed position")
+    flexion_offset: float = Field(0.0, ge=-10.0, le=10.0, description="[rad] added to the signed position")
     height_joint_name: str = Field(
         "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
     )
@@ -74,7 +47,7 @@ class Knee(Section):
 class Load(Section):
     """Which part of the axial joint reaction drives the compartment."""
 
-    compartment: Annotated[str, one_of(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
+    compartment: Annotated[str, OneOf(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
     share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
     compartment_spacing: float = Field(
         0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
@@ -99,7 +72,7 @@ class Femur(Section):
     """The femur: its mass and the surface that touches."""
 
     mass: float = Field(9.3014, ge=1e-4, le=1e3, description="[kg] that follows the reference point")
-    geometry: Annotated[str, one_of(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
+    geometry: Annotated[str, OneOf(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
     radius: float = Field(0.034, gt=0.0, le=1.0, description="[m] of the circle")
     profile: str = Field("", description="CSV of x, y [m] in the femur frame, ordered along the curve")
     scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
@@ -108,7 +81,7 @@ class Femur(Section):
 class Tibia(Section):
     """The plateau."""
 
-    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
+    geometry: Annotated[str, OneOf(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
     slope: float = Field(
         0.0, ge=-0.7, le=0.7, description="[rad] of the plane, > 0 when the anterior edge is the higher one"
     )
@@ -120,7 +93,7 @@ class Tibia(Section):
 class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
-    mechanism: Annotated[str, one_of(*MECHANISMS)] = Field("hinge", description=", ".join(MECHANISMS))
+    mechanism: Annotated[str, OneOf(*MECHANISMS)] = Field("hinge", description=", ".join(MECHANISMS))
     table: str = Field("", description="CSV of flexion_angle [rad], x [m] of the femoral reference point")
 
 
@@ -130,7 +103,7 @@ class CommonContactParameters(Section):
     What a law's factory asks for beside these is a parameter too; see `with_constants_of_laws`.
     """
 
-    law: Annotated[str, one_of(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
+    law: Annotated[str, OneOf(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
     stiffness: float = Field(7.905694e7, ge=1.0, le=1e15, description="[N/m^exponent] of the first layer")
     exponent: float = Field(1.5, ge=1.0, le=3.0, description="of the depth; 1.5 for two curved solids")
     damping: float = Field(5000.0, ge=0.0, le=1e9, description="[N s/m]")
@@ -142,7 +115,7 @@ class CommonContactParameters(Section):
     least_impact_speed: float = Field(
         0.1, ge=1e-6, le=100.0, description="[m/s] that slower touches, and the static start, count as"
     )
-    stiffness_from: Annotated[str, one_of("value", "material")] = Field(
+    stiffness_from: Annotated[str, OneOf("value", "material")] = Field(
         "value", description="value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
     )
     youngs_modulus: float = Field(24e6, ge=1.0, le=1e13, description="[Pa] of cartilage (first layer)")
@@ -184,12 +157,12 @@ else:
 class FidelityParameters(Section):
     """How exactly to solve, and how much that may cost."""
 
-    level: Annotated[str, one_of(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
+    level: Annotated[str, OneOf(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
     tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
-    force_tolerance: Annotated[float, _off_or_at_least(1e-9)] = Field(
+    force_tolerance: Annotated[float, OffOrAtLeast(1e-9)] = Field(
         0.0, le=1e6, description="[N] wanted error of the contact force; 0: off"
     )
-    budget: Annotated[int, AfterValidator(_budget)] = Field(
+    budget: Annotated[int, OffOrAtLeast(100, "no limit", "an integer")] = Field(
         0, description="contact law evaluations a tick may cost; 0: no limit"
     )
 
@@ -214,13 +187,13 @@ class Record(Section):
 
     path: str = Field("", description="MCAP file to write; empty: none")
     flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
-    sync_period: Annotated[float, _off_or_at_least(0.05)] = Field(
+    sync_period: Annotated[float, OffOrAtLeast(0.05)] = Field(
         1.0, le=3600.0, description="[s] what a power failure may lose; 0: off"
     )
-    max_size: Annotated[float, _off_or_at_least(0.1)] = Field(
+    max_size: Annotated[float, OffOrAtLeast(0.1)] = Field(
         0.0, le=1e9, description="[MB] of a file, from which on the recording goes on in a new one; 0: off"
     )
-    max_duration: Annotated[float, _off_or_at_least(1.0)] = Field(
+    max_duration: Annotated[float, OffOrAtLeast(1.0)] = Field(
         0.0, le=1e9, description="[s] of stamps in a file, from which on the recording goes on in a new one; 0: off"
     )
     min_free: float = Field(
@@ -235,7 +208,7 @@ class Rerun(Section):
 
     output: ClassVar = "knee_contact_ros.view.outlines"
 
-    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = Field(
+    mode: Annotated[str, BeforeValidator(_off), OneOf("off", "file", "serve", "spawn")] = Field(
         "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
     )
     path: str = Field("", description=".rrd file to write in mode file")
@@ -253,7 +226,7 @@ class Parameters(Section):
     knee: Knee = Knee()
     load: Load = Load()
     pairing: Pairing = Pairing()
-    drive: Annotated[str, one_of("force", "displacement")] = Field(
+    drive: Annotated[str, OneOf("force", "displacement")] = Field(
         "force", description="force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
     )
     femur: Femur = Femur()

@@ -29,9 +29,9 @@ CONTRACT = {
 
 
 def test_names_and_defaults_hold() -> None:
-    defaults = {name: default for name, (default, _) in known_parameters().items()}
+    defaults = {name: known.default for name, known in known_parameters().items()}
     assert {name: defaults[name] for name in CONTRACT} == CONTRACT
-    assert all(description for _, description in known_parameters().values())
+    assert all(known.description for known in known_parameters().values())
 
 
 @pytest.mark.parametrize(

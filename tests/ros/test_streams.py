@@ -104,7 +104,7 @@ def test_what_may_change_is_what_is_documented_and_nothing_else(peer: Peer, star
         named.add(section + name if name.startswith(".") else name)
     start_node("-p", "autostart:=true")
     peer.wait_for_node()
-    values = {name: default for name, (default, _) in known_parameters().items()}
+    values = {name: known.default for name, known in known_parameters().items()}
     assert {name for name, value in values.items() if set_parameters(peer, {name: value})[0]} == named
 
 

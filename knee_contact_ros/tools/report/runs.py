@@ -99,7 +99,7 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
     shown |= {"load.share"} if parameters.load.compartment == "fixed_share" else set()
     return [
         (name, values[name], default, meaning)
-        for name, (default, meaning) in known.items()
+        for name, (default, meaning, _) in known.items()
         if not name.startswith(NOT_OF_THE_RESULT) and (name in shown or values[name] != default)
     ]
 
