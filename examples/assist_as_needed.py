@@ -33,7 +33,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 
 COMMANDS = "knee_effort_controller/commands"
 UNTRUSTED = {
@@ -43,8 +43,8 @@ UNTRUSTED = {
     KneeContact.NOT_CONVERGED: "the model did not meet its tolerance",
     KneeContact.IMPLAUSIBLE: "the depth makes no sense",
 }
-"""Status bits of an answer that must not drive a torque. One refused sample (INPUT_REJECTED) is no reason: if all are
-refused, no answers come, and the time-out sees that."""
+"""Status bits of an answer that must not drive a torque: together `KneeContact.UNUSABLE`. One refused sample
+(INPUT_REJECTED) is no reason: if all are refused, no answers come, and the time-out sees that."""
 
 
 # 1. The law: plain numbers in, a torque out. No ROS, no clock: it can be tested, and read, by itself.
@@ -115,6 +115,11 @@ class AssistLaw:
         elif contact_force < self.settings.force_limit - self.settings.release_band:
             self.yielding = False
 
+    @property
+    def usable(self) -> bool:
+        """Whether the last answer, as it came, may drive a torque."""
+        return math.isfinite(self._heard) and not self._doubt_about_answer
+
     def stop(self) -> None:
         """From now on go to zero."""
         self._stopped = True
@@ -145,7 +150,10 @@ class AssistLaw:
 
 
 class AssistAsNeeded(Node):
-    """Subscribes to `knee_contact`; publishes a command at every answer, and every period while none come."""
+    """Subscribes to `knee_contact`; publishes a command at every answer, and every period while none come.
+
+    Beside it `~/usable` (std_msgs/Bool) says whether the command rests on an answer that is trusted.
+    """
 
     def __init__(self) -> None:
         """Declare the parameters and open the topics.
@@ -160,6 +168,7 @@ class AssistAsNeeded(Node):
         self.law = AssistLaw(Settings(**values))
         self._told = ""
         self._publisher = self.create_publisher(Float64MultiArray, COMMANDS, QoSProfile(depth=1))
+        self._usable = self.create_publisher(Bool, "~/usable", QoSProfile(depth=1))
         # Only the newest answer counts, so nothing is queued or sent again; this also hears reliable publishers.
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(KneeContact, "knee_contact", self._on_contact, newest)
@@ -183,6 +192,7 @@ class AssistAsNeeded(Node):
     def _publish(self) -> None:
         torque = self.law.command(time.monotonic())
         self._publisher.publish(Float64MultiArray(data=[torque]))
+        self._usable.publish(Bool(data=not self.law.doubt))
         self._tell()
 
     def _tell(self) -> None:

@@ -32,7 +32,7 @@ LONGEST_COUNT = 20
 """Digits of a number of ticks"""
 MOST_CHANGES = 100_000
 """Of parameters, that are made again"""
-NOT_OF_THE_RESULT = ("record.", "rerun.", "autostart", "deadline")
+NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "deadline")
 """Parameters (beginnings of their names) of which no answer depends"""
 
 

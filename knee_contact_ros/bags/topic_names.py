@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from knee_contact_ros.messages.topics import INPUTS
+from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_arguments import split
 
@@ -28,7 +28,7 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "") -> Names:
     """
     if namespace and not namespace.strip("/"):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
-    names = {f"/{topic}": absolute(topic, namespace) for topic in INPUTS}
+    names = {f"/{topic}": absolute(topic, namespace) for topic in (*INPUTS, DYNAMIC_JOINT_STATES)}
     remapped = set()
     for rule in remaps:
         source, target = split(rule, "--remap")
@@ -40,7 +40,7 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "") -> Names:
         remapped.add(topic)
         names[topic] = absolute(target, namespace)
     if len(set(names.values())) < len(names):
-        raise UsageError(f"--remap: {' and '.join(INPUTS)} cannot both be {names[topic]}")
+        raise UsageError(f"--remap: two inputs cannot both be {names[topic]}")
     return names
 
 

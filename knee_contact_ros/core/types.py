@@ -55,6 +55,8 @@ class Status(IntFlag):
     """A sample was refused since the last tick."""
     IMPLAUSIBLE = 32
     """The depth makes no sense: see `plausible_depth.py`."""
+    UNUSABLE = STALE_INPUT | TIME_RESET | INPUT_HELD | NOT_CONVERGED | IMPLAUSIBLE
+    """Any of these: nothing must be controlled by the answer. A refused sample is no reason, as it was not used."""
 
 
 class Row(np.record):  # type: ignore[misc]  # final to the stubs alone

@@ -15,6 +15,9 @@ MESSAGE_TYPES = {
 }
 KNEE = "knee"
 """A knee without a namespace"""
+DYNAMIC_JOINT_STATES = "dynamic_joint_states"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+"""What ros2_control tells of its joints; the angles may come from there in place of `joint_states`"""
 INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
 
 

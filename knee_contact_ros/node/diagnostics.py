@@ -7,8 +7,9 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from knee_contact_ros.core.types import Fidelity, Status
@@ -20,15 +21,37 @@ REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why
 """Reasons for which samples are refused for their stamps"""
 
 
+class Problem(NamedTuple):
+    """What is wrong, and how bad that is."""
+
+    text: str
+    """Empty: nothing is"""
+    level: bytes
+    """Of `DiagnosticStatus`"""
+
+
+FINE = Problem("", DiagnosticStatus.OK)
+
+
 @dataclass
 class InputMeter:
-    """Rate, pauses and age of one input stream."""
+    """Rate, pauses and age of one input stream, and what is wrong with them."""
 
+    warn_rate: float = 0.0
+    """[Hz] below which there is something wrong; 0: none"""
+    error_rate: float = 0.0
+    """[Hz] below which that is an error; 0: none"""
+    max_gap: float = math.inf
+    """[s] of silence from which on something is wrong"""
+    timeout: float = math.inf
+    """[s] of silence from which on all that is known of the stream is stale"""
     received: int = 0
     last: float = field(default_factory=time.monotonic)
     """Monotonic time [s] of the last message, or of the beginning"""
-    longest_pause: float = 0.0
-    """Since the last report [s]"""
+    periods: list[float] = field(default_factory=list)
+    """[s] from message to message, since the last report"""
+    ages: list[float] = field(default_factory=list)
+    """[s] from stamps to arrivals by the system's clock, likewise"""
     reported: int = 0
     report_time: float = field(default_factory=time.monotonic)
     """Monotonic time of the last report [s]"""
@@ -36,29 +59,64 @@ class InputMeter:
     def begin(self) -> None:
         """Listen from now on: neither silence nor rate counts the time when nobody listened."""
         self.last = self.report_time = time.monotonic()
-        self.reported, self.longest_pause = self.received, 0.0
+        self.reported = self.received
+        self.periods, self.ages = [], []
 
-    def count(self) -> None:
-        """Note that a message has come."""
+    def count(self, stamp: int | None = None) -> None:
+        """Note that a message has come; `stamp` [ns] is its own, if it has one."""
         now = time.monotonic()
         self.received += 1
-        self.longest_pause = max(self.longest_pause, now - self.last)
+        self.periods.append(now - self.last)
         self.last = now
+        if stamp is not None:
+            self.ages.append(time.time() - 1e-9 * stamp)
 
     @property
     def age(self) -> float:
         """How old [s] the last message is, from when listening began anew; infinite if there was none."""
         return time.monotonic() - self.last if self.received else math.inf
 
-    def values(self) -> dict[str, str]:
-        """Rate since the last report, the longest pause in it, age, and total."""
+    def report(self) -> tuple[dict[str, str], Problem]:
+        """What there is to say of the time since the last report, and what is wrong."""
         now = time.monotonic()
         rate = (self.received - self.reported) / max(now - self.report_time, 1e-9)
         values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
         if self.received:
-            values |= {"age [s]": f"{self.age:.3f}", "longest pause [ms]": f"{1e3 * self.longest_pause:.1f}"}
-        self.reported, self.report_time, self.longest_pause = self.received, now, 0.0
-        return values
+            values["age [s]"] = f"{self.age:.3f}"
+        if self.periods:
+            values["longest pause [ms]"] = f"{1e3 * max(self.periods):.1f}"
+        values |= statistics_of("period", self.periods) | statistics_of("message age", self.ages)
+        problem = self._problem(rate if self.reported else math.inf)  # the first messages came at some time of a second
+        self.reported, self.report_time = self.received, now
+        self.periods, self.ages = [], []
+        return values, problem
+
+    @property
+    def period(self) -> float:
+        """Mean [s] since the last report; infinite if it is not known."""
+        return sum(self.periods) / len(self.periods) if self.periods else math.inf
+
+    def _problem(self, rate: float) -> Problem:
+        if not self.received:
+            return Problem("nothing received yet", DiagnosticStatus.STALE)
+        if self.age > self.timeout:
+            return Problem(f"timeout: silent for {self.age:.1f} s", DiagnosticStatus.STALE)
+        if self.age > self.max_gap:
+            return Problem(f"silent for {self.age:.1f} s", DiagnosticStatus.WARN)
+        if rate < self.error_rate:
+            return Problem(f"rate low: {rate:.1f} Hz, below {self.error_rate:g} Hz", DiagnosticStatus.ERROR)
+        if rate < self.warn_rate:
+            return Problem(f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz", DiagnosticStatus.WARN)
+        return FINE
+
+
+def statistics_of(name: str, seconds: list[float]) -> dict[str, str]:
+    """Mean, least, largest and standard deviation of times [s], as ROS 2's topic statistics have them; [ms]."""
+    if not seconds:
+        return {}
+    times = 1e3 * np.array(seconds)
+    numbers = {"mean": times.mean(), "min": times.min(), "max": times.max(), "std": times.std()}
+    return {f"{name} {kind} [ms]": f"{number:.3f}" for kind, number in numbers.items()}
 
 
 @dataclass
@@ -101,6 +159,16 @@ class TickMeter:
     """Ticks by level"""
     durations: list[float] = field(default_factory=list)
     """Of the ticks since the last report [s]"""
+    overruns: int = 0
+    """Ticks that took longer than forces are apart"""
+    status: int = Status.OK
+    """Of the last tick"""
+    last: float = -math.inf
+    """Monotonic time [s] of the last tick"""
+    unusable: int = 0
+    """Ticks that nothing must be controlled by"""
+    unusable_told: int = 0
+    """Those of them that were reported"""
 
     def count(self, fidelity: int, status: int, duration: float, late: bool) -> None:
         """Note an answer's level and status, the time it took [s], and whether it has missed its deadline."""
@@ -108,13 +176,28 @@ class TickMeter:
         self.missed += late
         self.durations.append(duration)
         self.fidelities[fidelity] += 1
+        self.status, self.last = status, time.monotonic()
         if status:
+            self.unusable += status & Status.UNUSABLE != 0
             self.flagged.update(bit.name or "" for bit in Status if status & bit)
 
-    def values(self) -> dict[str, str]:
-        """Totals, and tick times of the last period."""
+    def usability(self, timeout: float) -> tuple[dict[str, str], Problem]:
+        """Whether something may be controlled by the newest answer, and why not; `timeout` [s] is how old it may be."""
+        age, more = time.monotonic() - self.last, self.unusable - self.unusable_told
+        self.unusable_told = self.unusable
+        problem = Problem(f"{more} answers were not usable", DiagnosticStatus.WARN) if more else FINE
+        why = ", ".join(bit.name or "" for bit in Status if self.status & bit & Status.UNUSABLE)
+        if age > timeout:
+            why = f"no answer for {age:.1f} s" if self.ticks else "no answer yet"
+            problem = Problem(why, DiagnosticStatus.STALE)
+        values = {"usable": "false" if why else "true", "because": why, "answers": str(self.ticks)}
+        return values | {"not usable": str(self.unusable)}, problem
+
+    def values(self, period: float) -> dict[str, str]:
+        """Totals, and tick times since the last report; `period` [s] is that of the forces."""
         durations, self.durations = sorted(self.durations), []
-        values = {"ticks": str(self.ticks), "missed deadlines": str(self.missed)}
+        self.overruns += sum(duration > period for duration in durations)
+        values = {"ticks": str(self.ticks), "missed deadlines": str(self.missed), "overruns": str(self.overruns)}
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
@@ -172,10 +255,15 @@ class PairingMeter:
 def diagnostic_status(name: str, values: dict[str, str], problem: str = "", lost: bool = False) -> Any:
     """One entry of the array: a warning if there is a problem, an error if something is lost by it."""
     level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN
+    return diagnostic_entry(name, values, Problem(problem, level) if problem else FINE)
+
+
+def diagnostic_entry(name: str, values: dict[str, str], problem: Problem) -> Any:
+    """One entry of the array."""
     return DiagnosticStatus(
-        level=level if problem else DiagnosticStatus.OK,
+        level=problem.level,
         name=name,
-        message=problem or "ok",
+        message=problem.text or "ok",
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
 

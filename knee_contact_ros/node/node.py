@@ -24,7 +24,6 @@ from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.messages.topics import INPUTS
 from knee_contact_ros.node.parameters import NodeParameters
 from knee_contact_ros.node.qos_overrides import given_by_user
 from knee_contact_ros.node.session import Session, at_most_every
@@ -144,7 +143,7 @@ class KneeContactNode(LifecycleNode):
             except Exception as error:  # as in `Session`
                 self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
                 return TransitionCallbackReturn.ERROR
-            topics = " and ".join(self.resolve_topic_name(topic) for topic in INPUTS)
+            topics = " and ".join(self.resolve_topic_name(stream.topic) for stream in self.session.inputs)
             self.get_logger().info(f"active, listening to {topics}")
         return result
 

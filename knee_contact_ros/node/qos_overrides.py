@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
-from knee_contact_ros.messages.topics import INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH
+from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.errors import UsageError
 
 PREFIX = "qos_overrides."
@@ -36,7 +36,7 @@ def check_qos_overrides(node: Node, given: Iterable[tuple[str, object]]) -> None
     """
     ours = [
         f"{PREFIX}{node.resolve_topic_name(topic)}.{side}."
-        for side, topics in (("subscription", INPUTS), ("publisher", OUTPUTS))
+        for side, topics in (("subscription", (*INPUTS, DYNAMIC_JOINT_STATES)), ("publisher", OUTPUTS))
         for topic in topics
     ]
     for name, value in given:

@@ -20,7 +20,9 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
 from knee_contact_ros.core.types import reader
 from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
 from knee_contact_ros.messages.topics import (
+    DYNAMIC_JOINT_STATES,
     INPUTS,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -28,12 +30,22 @@ from knee_contact_ros.messages.topics import (
     KNEE_CONTACT_WRENCH,
 )
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.node.diagnostics import LagMeter, PairingMeter, TickMeter, diagnostic_array, diagnostic_status
+from knee_contact_ros.node.diagnostics import (
+    InputMeter,
+    LagMeter,
+    PairingMeter,
+    TickMeter,
+    diagnostic_array,
+    diagnostic_entry,
+    diagnostic_status,
+)
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
+from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.compartments import BY_MOMENT
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
@@ -53,6 +65,23 @@ SILENCE_LOG_PERIOD = 30.0
 COUNTED = reader("penetration_depth", "fidelity", "status")
 """Of an answer's row"""
 ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
+
+
+def type_of_angles(source: str) -> Any:
+    """The type of the topic that the angles come from.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    if source == JOINT_STATES:
+        return JointState
+    try:
+        from control_msgs.msg import DynamicJointState
+    except ImportError:
+        raise UsageError(
+            f"parameter knee.source: {source!r} needs the ROS 2 package control_msgs, which is not installed"
+        ) from None
+    return DynamicJointState
 
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -83,13 +112,8 @@ class Session:
         self.parameters = parameters
         self._curves = curve_texts(parameters, {})
         self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
-        self.inputs = {
-            stream.topic: stream
-            for stream in (
-                InputStream(node, JointState, JOINT_STATES, self._on_joint_state, qos_given),
-                InputStream(node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given),
-            )
-        }
+        self.angles, self.forces = self._input_streams(parameters, qos_given)
+        self.inputs = (self.angles, self.forces)
         self.ticks = TickMeter()
         self.pairing = PairingMeter(parameters.pairing.max_gap)
         self._too_deep_before = 0
@@ -111,6 +135,7 @@ class Session:
             )
         except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
+        self._transforms = StaticTransformTopic(node, self.pipeline.frame)
         self._services: list[Any] = []
         acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
         try:  # a file is opened when all else is well
@@ -126,6 +151,21 @@ class Session:
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
         self._timers: list[Any] = []
 
+    def _input_streams(self, parameters: Parameters, qos_given: Collection[str]) -> tuple[InputStream, InputStream]:
+        """The streams of angles and of forces."""
+        asked, max_gap = parameters.diagnostics, parameters.pairing.max_gap
+        source, on_angle = parameters.knee.source, self._on_joint_state
+        if source == DYNAMIC_JOINT_STATES:
+            on_angle = self._on_dynamic_joint_state
+        meters = (
+            InputMeter(asked.angle_warn_rate, asked.angle_error_rate, max_gap, asked.timeout),
+            InputMeter(asked.force_warn_rate, asked.force_error_rate, max_gap, asked.timeout),
+        )
+        return (
+            InputStream(self.node, type_of_angles(source), source, on_angle, qos_given, meters[0]),
+            InputStream(self.node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given, meters[1]),
+        )
+
     def start(self) -> None:
         """Listen."""
         # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
@@ -134,7 +174,7 @@ class Session:
         gc.disable()
         if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
             self._reset()
-        for stream in self.inputs.values():
+        for stream in self.inputs:
             stream.meter.begin()
             stream.open()
         self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
@@ -148,9 +188,10 @@ class Session:
         if self._timers:
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
+            self.pipeline.frame.forget()
         gc.enable()
         gc.unfreeze()
-        for stream in self.inputs.values():
+        for stream in self.inputs:
             stream.close()
         for timer in self._timers:
             self.node.destroy_timer(timer)
@@ -175,6 +216,7 @@ class Session:
         for service in self._services:
             self.node.destroy_service(service)
         self._destroy_publishers()
+        self._transforms.close()
 
     def _destroy_publishers(self) -> None:
         for publisher in (self._contact, self._wrench, self._diagnostics):
@@ -183,8 +225,16 @@ class Session:
     def _on_joint_state(self, data: bytes) -> None:
         self._answer(self.pipeline.take_joint_state(data))
 
+    def _on_dynamic_joint_state(self, data: bytes) -> None:
+        self._on_joint_state(as_joint_state(data))
+
     def _on_force(self, data: bytes) -> None:
-        self._answer(self.pipeline.take_joint_reaction_force(data, time.perf_counter()))
+        pairs = self.pipeline.take_joint_reaction_force(data, time.perf_counter())
+        if self.pipeline.frame.turn_note:
+            note = self.pipeline.frame.told()
+            self.node.get_logger().info(f"forces are turned from {note['from']} to {note['to']}")
+            self.outputs.note(FORCE_TURNED, note)
+        self._answer(pairs)
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
         """A service that does something and says what, or why not."""
@@ -229,7 +279,7 @@ class Session:
         self.lag.count()
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
-        for stream in self.inputs.values():
+        for stream in self.inputs:
             stream.adapt()
 
     def _answer(self, pairs: Sequence[PairedSample]) -> None:
@@ -255,18 +305,22 @@ class Session:
 
     def _on_diagnostics_timer(self) -> None:
         """Report, name silent inputs in the log, and free what reference counting does not."""
-        silent = [stream for stream in self.inputs.values() if time.monotonic() - stream.meter.last > SILENCE]
+        silent = [stream for stream in self.inputs if time.monotonic() - stream.meter.last > SILENCE]
         if silent:
             names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
             self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
-        entries = [self._input_status(stream) for stream in self.inputs.values()]
+        period = self.forces.meter.period
+        entries = [
+            diagnostic_entry(f"{self._name}: answers", *self.ticks.usability(self.parameters.diagnostics.timeout)),
+            *(self._input_status(stream) for stream in self.inputs),
+        ]
         refused = self.pipeline.synchroniser.refused
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         entries += [
             diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
             self._pairing_status(),
-            self._tick_status(),
+            self._tick_status(period),
             self._load_status(),
         ]
         entries += [
@@ -278,15 +332,9 @@ class Session:
 
     def _input_status(self, stream: InputStream) -> Any:
         """What there is to say of an input."""
-        meter = stream.meter
-        problem = "" if meter.received else "nothing received yet"
-        if meter.received and meter.age > self.parameters.pairing.max_gap:
-            problem = f"silent for {meter.age:.1f} s"
-        link = {
-            "reliability": stream.reliability.replace("_", " "),
-            "publishers": str(stream.publishers),
-        }
-        return diagnostic_status(f"{self._name}: {stream.topic}", meter.values() | link, problem)
+        values, problem = stream.meter.report()
+        values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}
+        return diagnostic_entry(f"{self._name}: {stream.topic}", values, problem)
 
     def _pairing_status(self) -> Any:
         """What there is to say of the stamps; problems are logged."""
@@ -309,8 +357,8 @@ class Session:
             self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
         return diagnostic_status(f"{self._name}: load", values, problem)
 
-    def _tick_status(self) -> Any:
-        """What there is to say of the ticks; a node that falls behind is logged too."""
+    def _tick_status(self, period: float) -> Any:
+        """What there is to say of the ticks, with forces a period [s] apart; a node that falls behind is logged too."""
         missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
         self._missed_before = self.ticks.missed
         problem = f"{missed} answers came later than the deadline" if missed else ""
@@ -321,7 +369,7 @@ class Session:
         if lag > self.parameters.deadline:
             problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
             self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
-        values = self.ticks.values() | {
+        values = self.ticks.values(period) | {
             "lag max [ms]": f"{1e3 * lag:.1f}",
             "decoded by ROS": str(self.pipeline.decoder.ordinary),
         }

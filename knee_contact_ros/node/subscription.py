@@ -10,10 +10,19 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.node.diagnostics import InputMeter
 
 DEPTH = 1000
 """Samples that may wait: one second at 1 kHz"""
+
+
+def stamp_of(data: bytes) -> int | None:
+    """The stamp [ns] of a message; None if its bytes tell of none."""
+    try:
+        return stamp_in(data)
+    except ValueError:
+        return None
 
 
 class InputStream:
@@ -30,10 +39,11 @@ class InputStream:
         topic: str,
         on_data: Callable[[bytes], None],
         qos_given: Collection[str],
+        meter: InputMeter,
     ) -> None:
-        """`qos_given` names the QoS overrides that the user has given."""
+        """`qos_given` names the QoS overrides that the user has given; `meter` counts."""
         self.topic = topic
-        self.meter = InputMeter()
+        self.meter = meter
         self.best_effort = False
         self._node = node
         self._type = message_type
@@ -95,7 +105,7 @@ class InputStream:
 
     def _on_message(self, data: bytes) -> None:
         self._on_data(data)
-        self.meter.count()
+        self.meter.count(stamp_of(data))
 
     def _on_incompatible_qos(self, event: Any) -> None:
         self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user

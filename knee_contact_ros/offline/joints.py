@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
 
 
-def check_joints(bag: BagReader, parameters: Parameters) -> None:
+def check_joints(bag: BagInputs, parameters: Parameters) -> None:
     """Look for the first sample with the joints that the parameters name; as a rule that is the first of the bag.
 
     Raises:
@@ -22,7 +21,7 @@ def check_joints(bag: BagReader, parameters: Parameters) -> None:
         wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
     decoder = Decoder(deserialize)
     found: dict[str, None] = {}  # a set that keeps the order
-    for message in bag.raw_messages((f"/{JOINT_STATES}",)):
+    for message in bag.angles():
         try:
             names = decoder.joint_state(message.data)[0].name
         except RefusedSampleError:
@@ -33,6 +32,5 @@ def check_joints(bag: BagReader, parameters: Parameters) -> None:
     for parameter, joint in wanted.items():
         if found and joint not in found:
             known = listed(list(found))
-            raise UsageError(
-                f"bag {bag.path}: joint_states has no joint {joint!r}; it has {known} (parameter {parameter})"
-            )
+            text = f"{parameters.knee.source} has no joint {joint!r}; it has {known} (parameter {parameter})"
+            raise UsageError(f"bag {bag.path}: {text}")

@@ -13,12 +13,13 @@ from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.block_recorder import write_messages
 from knee_contact_ros.bags.provenance import Provenance, provenance_record
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
 from knee_contact_ros.offline.history import Changes
 from knee_contact_ros.offline.joints import check_joints
 from knee_contact_ros.offline.solve_blocks import take
@@ -26,6 +27,7 @@ from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.compartments import BY_MOMENT
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.errors import UsageError
 
@@ -59,15 +61,19 @@ def solve(
     curves = how.texts() if isinstance(how, Provenance) else curve_texts(parameters, {})
     changes = Changes(how.changes if isinstance(how, Provenance) else ())
     with ExitStack() as opened:
-        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        source = JOINT_STATES if isinstance(how, Provenance) else parameters.knee.source  # recorded are JointStates
+        inputs = opened.enter_context(BagInputs(bag, source, names))
+        reader = inputs.reader
         refuse_input(bag, output)
-        check_joints(reader, parameters)
+        check_joints(inputs, parameters)
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
+        if parameters.frame.tibia:
+            learn_transforms(bag, pipeline.frame)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
         summary = Summary(parameters.body_weight, pipeline.doubts)
         run, done = Run(pipeline, recorder, summary, changes), 0
-        for block in blocks(reader.raw_messages()):
+        for block in blocks(inputs.messages()):
             run.take(block)
             done += len(block)
             advance(done, reader.count)
@@ -111,6 +117,8 @@ class Run:
         """Write answers and take them into account, and what has changed between them."""
         rows = []
         for answer in answers:
+            if self._pipeline.frame.turn_note:
+                self._recorder.note(FORCE_TURNED, self._pipeline.frame.told())
             self._recorder.write(answer.records)
             rows.append(answer.row)
             self._make_changes()

@@ -110,7 +110,7 @@ def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
 def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
     """Columns of samples; None if one would be refused, or has to be looked at alone."""
     decoded, wrenches = JOINT_STATE.decode_all(block.states), WRENCH.decode_all(block.forces)
-    if decoded is None or wrenches is None:
+    if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
     knee, load = pipeline.parameters.knee, pipeline.parameters.load
     position = _position(decoded, knee.joint_name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from annotated_types import Ge, Gt, Le, Lt
 from pydantic import GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
@@ -67,17 +66,14 @@ def limits_of(field: FieldInfo) -> Limits:
     """The limits of a declared parameter."""
     least, most, words = -math.inf, math.inf, []
     for rule in field.metadata:
-        if isinstance(rule, Ge):
-            least = rule.ge
-        elif isinstance(rule, Le):
-            most = rule.le
-        elif isinstance(rule, Gt):
-            least = rule.gt
-            words.append(f"> {rule.gt:g}")
-        elif isinstance(rule, Lt):
-            most = rule.lt
-            words.append(f"< {rule.lt:g}")
-        elif isinstance(rule, OneOf | OffOrAtLeast):
+        if isinstance(rule, OneOf | OffOrAtLeast):
             least, most = max(least, rule.least), min(most, rule.most)
             words.append(str(rule))
+        least, most = getattr(rule, "ge", least), getattr(rule, "le", most)  # the rules of annotated_types
+        if hasattr(rule, "gt"):
+            least = rule.gt
+            words.append(f"> {least:g}")
+        if hasattr(rule, "lt"):
+            most = rule.lt
+            words.append(f"< {most:g}")
     return Limits(least, most, "; ".join(words))

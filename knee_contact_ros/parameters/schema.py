@@ -9,13 +9,14 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
+from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, JOINT_STATES
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
 from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
 
@@ -42,6 +43,9 @@ class Knee(Section):
     height_joint_name: str = Field(
         "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
     )
+    source: Annotated[str, OneOf(JOINT_STATES, DYNAMIC_JOINT_STATES)] = Field(
+        JOINT_STATES, description="topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
+    )
 
 
 class Load(Section):
@@ -51,6 +55,21 @@ class Load(Section):
     share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
     compartment_spacing: float = Field(
         0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
+    )
+
+
+def _frame_name(name: str) -> str:
+    if name.startswith("/") or name == "_isb":
+        raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
+    return name
+
+
+class Frame(Section):
+    """Frames of the messages."""
+
+    tibia: Annotated[str, AfterValidator(_frame_name)] = Field(
+        "",
+        description="tibia frame (x anterior, y superior, z right) that forces are turned into; empty: as they come",
     )
 
 
@@ -177,6 +196,16 @@ def _queue_size(size: float) -> Any:
     return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
 
 
+class Diagnostics(Section):
+    """From when on `/diagnostics` finds fault with an input."""
+
+    angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] of the angles, below which it warns; 0: off")
+    angle_error_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] below which that is an error; 0: off")
+    force_warn_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] of the forces, below which it warns; 0: off")
+    force_error_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] below which that is an error; 0: off")
+    timeout: float = Field(1.0, gt=0.0, le=3600.0, description="[s] of silence, from which on an input is stale")
+
+
 # A section of an output names the module that describes it: see `sinks/protocol.py`.
 
 
@@ -225,6 +254,7 @@ class Parameters(Section):
 
     knee: Knee = Knee()
     load: Load = Load()
+    frame: Frame = Frame()
     pairing: Pairing = Pairing()
     drive: Annotated[str, OneOf("force", "displacement")] = Field(
         "force", description="force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
@@ -239,5 +269,6 @@ class Parameters(Section):
     deadline: float = Field(
         0.02, gt=0.0, le=3600.0, description="[s] from a force to its answer; later ones are counted"
     )
+    diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()

@@ -14,6 +14,7 @@ from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.compartments import BY_MOMENT, Split
 from knee_contact_ros.parameters.plausibility import doubts_about
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.samples import Decoder, Deserialize, RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample, Synchroniser
 
@@ -35,6 +36,7 @@ class Pipeline:
         self.doubts = doubts_about(parameters, self.model)
         """What makes no sense: in the parameters, and in the answers that are told to it"""
         self.decoder = Decoder(deserialize)
+        self.frame = ForceFrame(parameters.frame.tibia)
         self.synchroniser = Synchroniser(parameters.pairing)
         self.stream = self.model.stream()
         self.split = Split(parameters.body_weight)
@@ -79,7 +81,7 @@ class Pipeline:
     def take_joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the bytes of a WrenchStamped, `arrived` [s] by the caller's clock; give the ticks, likewise."""
         try:
-            message, written = self.decoder.joint_reaction_force(data)
+            message, written = self.frame.turned(*self.decoder.joint_reaction_force(data))
             sample = load_sample(message, self.parameters.load, arrived, written)
         except RefusedSampleError as refused:
             return self._refuse(refused)
@@ -128,7 +130,8 @@ class Pipeline:
         self.doubts.go_on_with(doubts_about(parameters, self.model))
 
     def reset(self) -> None:
-        """Start anew from rest at the next tick, which says so (`TIME_RESET`)."""
+        """Start anew from rest at the next tick, which says so (`TIME_RESET`), with forces in any frame."""
+        self.frame.forget()
         if self._pending:
             self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
         else:

@@ -11,7 +11,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.bags.topic_names import OWN_NAMES, names_in_bag
+from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.joints import check_joints
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
@@ -168,7 +170,7 @@ def test_inputs_under_other_names_come_under_ours(
         (["imu:=/imu"], "", "imu is no input; FROM must be joint_states or joint_reaction_force"),
         (["/exo/states:=joint_states"], "", "say joint_states:=/exo/states"),
         (["joint_states:=a", "joint_states:=b"], "", "remapped twice"),
-        (["joint_states:=joint_reaction_force"], "", "cannot both be /joint_reaction_force"),
+        (["joint_states:=joint_reaction_force"], "", "two inputs cannot both be /joint_reaction_force"),
         ([], "/", "it must be a name"),
     ],
 )
@@ -248,7 +250,7 @@ def test_a_second_type_without_messages_does_not_matter(gait: list[RawMessage], 
 def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1, 800.0) for i in range(5)]
     bag = make_bag(tmp_path / "bag.mcap", rows, joint="knee_r", heights=[0.03] * 5)
-    with BagReader(bag) as reader:
+    with BagInputs(bag, JOINT_STATES, OWN_NAMES) as reader:
         check_joints(reader, load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"}))
         with pytest.raises(
             UsageError, match=r"no joint 'knee'; it has knee_r, knee_height \(parameter knee.joint_name"
@@ -266,5 +268,5 @@ def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path:
     channels = mcap.channels()
     for message in [*hips, *gait]:
         mcap.write(channels[message.topic], message)
-    with BagReader(mcap.close()) as reader:
+    with BagInputs(mcap.close(), JOINT_STATES, OWN_NAMES) as reader:
         check_joints(reader, load_parameters({}))

@@ -117,14 +117,13 @@ def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
     assert torques(law, 9.0, LOW, LOW) == pytest.approx([2.0, 2.1], abs=ROUNDING)  # 7 s late: a rise of 0.1 s at most
 
 
-@pytest.mark.parametrize(
-    "bit", [Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_HELD, Status.NOT_CONVERGED, Status.IMPLAUSIBLE]
-)
+@pytest.mark.parametrize("bit", [bit for bit in Status if bit & Status.UNUSABLE])
 def test_flagged_answers_are_no_base_for_a_torque(bit: Status) -> None:
     law = law_at_nominal()
     law.hear(1.005, LOW, bit | Status.INPUT_REJECTED, 0.0)
     assert law.command(1.005) == pytest.approx(9.0, abs=ROUNDING)
     assert law.doubt == UNTRUSTED[int(bit)]
+    assert not law.usable
     law.hear(1.01, LOW, Status.INPUT_REJECTED, 0.0)
     assert law.command(1.01) == pytest.approx(9.1, abs=ROUNDING)
 

@@ -169,8 +169,13 @@ def one_joint_twice(peer: Peer, stamp: int) -> None:
 def other_numbers(peer: Peer, stamp: int) -> list[Sample]:
     """What is not asked for may be anything."""
     peer.angle.publish(bytes_of(stamp, peer.between))
-    peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_l", (INF, -700.0, NAN), (NAN, NAN, -INF))))
+    peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_r", (INF, -700.0, NAN), (NAN, NAN, -INF))))
     return [Sample(stamp, peer.between, 700.0)]
+
+
+def other_frame(peer: Peer, stamp: int) -> None:
+    """A second sensor, or one that was mounted anew."""
+    peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_l", (0.0, -700.0, 0.0), (0.0, 0.0, 0.0))))
 
 
 def publisher_with_its_own_clock(peer: Peer, stamp: int) -> None:
@@ -323,7 +328,8 @@ FAULTS = [
     Fault("a name that is no text", no_text, ("joint_missing",), REJECTED),
     Fault("fields of odd lengths, other joints not finite", odd_lengths),
     Fault("one joint twice", one_joint_twice),
-    Fault("numbers that do not matter not finite, another frame", other_numbers),
+    Fault("numbers that do not matter not finite", other_numbers),
+    Fault("force in another frame", other_frame, ("frame_changed",), REJECTED),
     Fault("big-endian message", big_endian),
     Fault("streams pause", nothing, status=Status.STALE_INPUT, shift=SECOND // 2),
     Fault("time jumps back", nothing, status=Status.TIME_RESET, shift=-SECOND // 2),

@@ -11,8 +11,10 @@ from collections import Counter
 from collections.abc import Iterator
 
 import pytest
+from knee_contact_ros.msg import KneeContact
 from std_srvs.srv import Trigger
 
+from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros import load_model
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.ros_types import stamp_to_ns
@@ -32,6 +34,8 @@ class Running:
     def __init__(self) -> None:
         self.process = NodeProcess("-p", "use_sim_time:=true", "-p", f"pairing.wait:={WAIT}")
         self.refused: Counter[str] = Counter()
+        self.unusable = 0
+        """Answers that nothing must be controlled by"""
         self.begin = 1000 * SECOND
 
 
@@ -82,6 +86,12 @@ def test_a_fault_costs_nothing_but_the_faulty_sample(listening: Peer, running: R
             stream = model.stream()
         alone = stream.tick_ns(sample.stamp, sample.angle, SHARE * sample.axial)
         assert [getattr(contact, name) for name in FIELDS] == [getattr(alone, name) for name in FIELDS]
+    law = AssistLaw(Settings())
+    for contact, sample in zip(peer.contacts, expected, strict=True):
+        law.hear(0.0, contact.contact_force, contact.status, contact.error_estimate)
+        is_usable = Status(sample.status) in (Status.OK, Status.INPUT_REJECTED)
+        assert is_usable == law.usable == (contact.status & KneeContact.UNUSABLE == 0)
+        running.unusable += not is_usable
     running.refused.update(fault.counters)
     running.begin += 10 * SECOND
 
@@ -100,6 +110,7 @@ def test_all_that_was_refused_is_counted(listening: Peer, running: Running) -> N
     peer = listening
     peer.wait_until(lambda: "knee_contact: refused samples" in peer.diagnostics)
     assert peer.diagnostics["knee_contact: refused samples"] == expected
+    assert peer.diagnostics["knee_contact: answers"]["not usable"] == str(running.unusable)
 
 
 OF_ITSELF = {"angle lost": Status.INPUT_HELD}

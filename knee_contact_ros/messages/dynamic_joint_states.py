@@ -1,0 +1,52 @@
+"""`dynamic_joint_states` of ros2_control: the positions in a control_msgs/msg/DynamicJointState as a JointState."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
+
+from knee_contact_ros.messages.cdr import JointState, encode_joint_state
+from knee_contact_ros.messages.ros_types import stamp_to_ns, typestore
+from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATE
+
+POSITION = "position"
+"""The interface that is an angle [rad] or a height [m]"""
+DEFINITIONS = {
+    DYNAMIC_JOINT_STATE: (
+        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
+    ),
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+}
+"""As control_msgs declares them"""
+
+
+@cache
+def _types() -> Typestore:
+    store = typestore()
+    for name, definition in DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+    return store
+
+
+def as_joint_state(data: bytes) -> bytes:
+    """The bytes of a JointState with the joints that have a position; none if `data` is no DynamicJointState.
+
+    Its velocities and efforts are left out: nothing here goes by them.
+    """
+    try:
+        message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
+        positions = {
+            joint: float(interface.values[list(interface.interface_names).index(POSITION)])
+            for joint, interface in zip(message.joint_names, message.interface_values, strict=True)
+            if POSITION in interface.interface_names
+        }
+        header = message.header
+        content = JointState(
+            stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ()
+        )
+        return encode_joint_state(content)
+    except Exception:  # whatever broken bytes provoke
+        return b""

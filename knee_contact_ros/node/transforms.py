@@ -1,0 +1,54 @@
+"""Static transforms: the node says where its tibia frame lies, and hears where those of the forces do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from knee_contact_ros.messages.transforms import TF_STATIC, decode_transforms, encode_transforms
+from knee_contact_ros.pipeline.frames import ForceFrame, isb_transform
+
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""As tf2 has it: who comes late hears all that was said"""
+
+
+class StaticTransformTopic:
+    """`/tf_static`, both ways, while `frame.tibia` names a frame; without tf2_msgs, neither."""
+
+    def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
+        """Say where the tibia frame lies, if its name tells; what is heard goes to `frame`."""
+        self._node, self._frame = node, frame
+        self._publisher: Any = None
+        self._subscription: Any = None
+        if not frame.wanted:
+            return
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            node.get_logger().warning(
+                f"the ROS 2 package tf2_msgs is not installed: forces in other frames than {frame.wanted} are refused, "
+                "and nobody is told where that lies"
+            )
+            return
+        own = isb_transform(frame.wanted)
+        if own:
+            self._publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
+            self._publisher.publish(encode_transforms([own], node.get_clock().now().nanoseconds))
+        self._subscription = node.create_subscription(TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True)
+
+    def close(self) -> None:
+        """Neither say nor hear any more."""
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._publisher = self._subscription = None
+
+    def _on_transforms(self, data: bytes) -> None:
+        try:
+            for transform in decode_transforms(data):
+                self._frame.learn(transform)
+        except ValueError as error:
+            self._node.get_logger().warning(f"{TF_STATIC}: {error}")

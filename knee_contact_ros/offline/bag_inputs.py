@@ -1,0 +1,67 @@
+"""The inputs in a bag, as the pipeline takes them: its angles may be those of ros2_control."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.bags.topic_names import Names
+from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
+from knee_contact_ros.messages.topics import (
+    DYNAMIC_JOINT_STATE,
+    DYNAMIC_JOINT_STATES,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    MESSAGE_TYPES,
+)
+from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
+from knee_contact_ros.pipeline.frames import ForceFrame
+from knee_contact_ros.system.errors import UsageError
+
+
+class BagInputs:
+    """A bag that is known to hold forces, and angles of one source."""
+
+    def __init__(self, bag: Path, source: str, names: Names) -> None:
+        """Open a bag; `source` is `knee.source`, `names` are those of the inputs in it.
+
+        Raises:
+            UsageError: as `BagReader`.
+        """
+        kind = {JOINT_STATES: MESSAGE_TYPES[JOINT_STATES], DYNAMIC_JOINT_STATES: DYNAMIC_JOINT_STATE}[source]
+        types = {f"/{source}": kind, f"/{JOINT_REACTION_FORCE}": MESSAGE_TYPES[JOINT_REACTION_FORCE]}
+        self.path = bag
+        self.reader = BagReader(bag, types, names)
+        self._source = source
+
+    def __enter__(self) -> BagInputs:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.reader.close()
+
+    def messages(self) -> Iterator[RawMessage]:
+        """All of both topics, in the order of log time; angles are JointStates."""
+        return self._as_joint_states(self.reader.raw_messages())
+
+    def angles(self) -> Iterator[RawMessage]:
+        """Those with angles, likewise."""
+        return self._as_joint_states(self.reader.raw_messages((f"/{self._source}",)))
+
+    def _as_joint_states(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
+        for message in messages:
+            if message.topic == f"/{DYNAMIC_JOINT_STATES}":
+                yield message._replace(topic=f"/{JOINT_STATES}", data=as_joint_state(message.data))
+            else:
+                yield message
+
+
+def learn_transforms(bag: Path, frame: ForceFrame) -> None:
+    """Learn all static transforms that a bag holds, if it holds any."""
+    with suppress(UsageError), BagReader(bag, {TF_STATIC: TF_MESSAGE}) as reader:
+        for message in reader.raw_messages():
+            with suppress(ValueError):  # live, the node tells; here the forces are refused, by the frame's name
+                for transform in decode_transforms(message.data):
+                    frame.learn(transform)

@@ -1,0 +1,130 @@
+"""What a robot has of its own: frames of its sensors, and joint states of ros2_control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from knee_contact_ros.msg import KneeContact
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages.transforms import Transform, decode_transforms, encode_transforms
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.pipeline.frames import isb_transform
+from tests.helpers.messages import RosMessages, header
+from tests.offline.test_bag_inputs import answers, dynamic
+from tests.ros.conftest import NodeProcess, Peer
+
+Start = Callable[..., NodeProcess]
+STEP = 5_000_000
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def send_force(peer: Peer, stamp: int, frame: str, force: tuple[float, float, float]) -> None:
+    x, y, z = force
+    wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=x, y=y, z=z))
+    peer.force.publish(WrenchStamped(header=header(RosMessages, stamp, frame), wrench=wrench))
+
+
+def refused(peer: Peer, reason: str) -> int:
+    return int(peer.diagnostics.get("knee_contact: refused samples", {}).get(reason, 0))
+
+
+def test_a_force_in_an_unknown_frame_is_refused_by_name(peer: Peer, start_node: Start) -> None:
+    node = start_node("-p", "frame.tibia:=tibia_isb")
+    peer.wait_for_node()
+    peer.send_angle(0, 0.1)
+    send_force(peer, 0, "elsewhere", (0.0, -700.0, 0.0))
+    peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
+    send_force(peer, STEP, "tibia_isb", (0.0, -700.0, 0.0))
+    peer.send_angle(STEP, 0.1)
+    peer.wait_until(lambda: len(peer.contacts) == 1)
+    assert (peer.contacts[0].header.frame_id, peer.contacts[0].load) == ("tibia_isb", 350.0)
+    assert "frame 'elsewhere', and no static transform leads to 'tibia_isb'" in node.stop()[1]
+
+
+def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
+    told: list[Transform] = []
+    peer.node.create_subscription(
+        messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
+    )
+    recording = tmp_path / "live.mcap"
+    node = start_node("-p", "frame.tibia:=shank_isb", "-p", f"record.path:={recording}")
+    peer.wait_for_node()
+    peer.wait_until(lambda: told)  # where the tibia frame lies in the robot's own
+    assert told == [isb_transform("shank_isb")]
+    peer.send_angle(0, 0.1)
+    send_force(peer, 0, "load_cell", (0.0, 0.0, 700.0))
+    peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
+    robot = Node("robot")
+    publisher = robot.create_publisher(messages.TFMessage, "/tf_static", LATCHED)
+    upside_down = Transform("shank", "load_cell", (0.0, 0.0, -0.3), (1.0, 0.0, 0.0, 0.0))
+    publisher.publish(encode_transforms([upside_down], 0))
+    stamp = STEP
+    while not peer.contacts:  # the transform is on its way
+        peer.send_angle(stamp, 0.1)
+        send_force(peer, stamp, "load_cell", (0.0, 0.0, 700.0))
+        peer.spin(0.05)
+        stamp += STEP
+    assert peer.contacts[0].header.frame_id == peer.wrenches[0].header.frame_id == "shank_isb"
+    assert peer.contacts[0].load == pytest.approx(350.0, abs=1e-9)  # one rotation's rounding of 700 N
+    answered, told_before = len(peer.contacts), refused(peer, "frame_changed")
+    send_force(peer, stamp, "shank", (0.0, 0.0, -700.0))
+    peer.wait_until(lambda: refused(peer, "frame_changed") == told_before + 1)
+    publisher.publish(encode_transforms([upside_down._replace(rotation=(0.0, 0.0, 0.0, 0.0))], 0))  # no rotation
+    for _ in range(3):
+        peer.send_angle(stamp, 0.1)
+        send_force(peer, stamp, "load_cell", (0.0, 0.0, 700.0))
+        stamp += STEP
+    peer.wait_until(lambda: len(peer.contacts) >= answered + 3)
+    robot.destroy_node()
+    code, output = node.stop()
+    assert code == 0
+    assert "forces are turned from load_cell to shank_isb" in output
+    assert "/tf_static: transform from 'shank' to 'load_cell'" in output
+    how = read_provenance(recording)
+    assert how is not None
+    solve(recording, how, tmp_path / "again.mcap", lambda *_: None)
+    paths = (tmp_path / "again.mcap", recording)
+    again, live = ([deserialize_message(data, KneeContact) for data in answers(path)] for path in paths)
+    for one in live:
+        one.status &= ~Status.INPUT_REJECTED  # what was refused is not recorded
+    assert again == live
+
+
+def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    messages = pytest.importorskip("control_msgs.msg", reason="the package control_msgs is not installed")
+    publisher = peer.node.create_publisher(messages.DynamicJointState, "dynamic_joint_states", QoSProfile(depth=1000))
+    node = start_node("-p", "knee.source:=dynamic_joint_states", "-p", f"record.path:={tmp_path / 'live.mcap'}")
+    peer.wait_until(publisher.get_subscription_count)
+    peer.wait_until(peer.force.get_subscription_count)
+    publisher.publish(b"\0\1\0\0\xff")
+    for i in range(20):
+        publisher.publish(dynamic(i * STEP, hip=9.9, knee=0.01 * i))
+        send_force(peer, i * STEP, "tibia_r", (0.0, -700.0, 0.0))
+    peer.wait_until(lambda: len(peer.contacts) == 20)
+    assert [contact.flexion_angle for contact in peer.contacts] == [0.01 * i for i in range(20)]
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: dynamic_joint_states", {}).get("received") == "21")
+    assert refused(peer, "undecodable") == 1
+    assert node.stop()[0] == 0
+    assert len(answers(tmp_path / "live.mcap")) == 20
+
+
+def test_what_is_not_installed_is_named(start_node: Start) -> None:
+    try:
+        import control_msgs.msg  # noqa: F401
+    except ImportError:
+        code, output = start_node("-p", "knee.source:=dynamic_joint_states").wait()
+        assert code == 2
+        assert "parameter knee.source: 'dynamic_joint_states' needs the ROS 2 package control_msgs" in output
+    else:
+        pytest.skip("control_msgs is installed")
