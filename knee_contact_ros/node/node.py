@@ -24,9 +24,10 @@ from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
+from knee_contact_ros.node.health import at_most_every
 from knee_contact_ros.node.parameters import NodeParameters
 from knee_contact_ros.node.qos_overrides import given_by_user
-from knee_contact_ros.node.session import Session, at_most_every
+from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.reading import NODE_NAME, check_parameter_file
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import joining
@@ -177,7 +178,7 @@ class KneeContactNode(LifecycleNode):
             session.stop()
             self.complete = session.close()
             session.destroy_endpoints()
-            self.get_logger().info(f"{session.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
+            self.get_logger().info(f"{session.health.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
 def run_node(arguments: list[str]) -> int:

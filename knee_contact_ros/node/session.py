@@ -9,7 +9,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -33,16 +32,11 @@ from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import (
     InputMeter,
     LagMeter,
-    PairingMeter,
-    TickMeter,
-    diagnostic_array,
-    diagnostic_entry,
-    diagnostic_status,
 )
+from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
 from knee_contact_ros.node.transforms import StaticTransformTopic
-from knee_contact_ros.parameters.compartments import BY_MOMENT
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
@@ -56,10 +50,6 @@ from knee_contact_ros.view.window import address
 OUTPUT_DEPTH = 100
 """Messages that a publisher keeps for subscribers that are slow"""
 DIAGNOSTICS_PERIOD = 1.0
-REFUSAL_LOG_PERIOD = 5.0
-SILENCE = 5.0
-"""How long [s] an input may be silent before the log says so"""
-SILENCE_LOG_PERIOD = 30.0
 
 
 COUNTED = reader("penetration_depth", "fidelity", "status")
@@ -84,15 +74,6 @@ def type_of_angles(source: str) -> Any:
     return DynamicJointState
 
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""Runs on when simulated time stands still, or the system's is set"""
-
-
-def at_most_every(period: float) -> dict[str, Any]:
-    """Arguments for a logger's call that is not to say something again within a period [s]."""
-    return {"throttle_duration_sec": period, "throttle_time_source_type": STEADY}
-
-
 def deserialize(data: bytes, topic: str) -> Any:
     """An input message the ordinary way."""
     return deserialize_message(data, ROS_TYPES[topic])
@@ -108,19 +89,14 @@ class Session:
             UsageError: a profile cannot be used or an output file cannot be written.
         """
         self.node = node
-        self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self.parameters = parameters
         self._curves = curve_texts(parameters, {})
         self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
         self.angles, self.forces = self._input_streams(parameters, qos_given)
         self.inputs = (self.angles, self.forces)
-        self.ticks = TickMeter()
-        self.pairing = PairingMeter(parameters.pairing.max_gap)
-        self._too_deep_before = 0
+        self.health = Health(node, parameters, self.pipeline)
         for doubt in self.pipeline.doubts.about_parameters:
             node.get_logger().warning(doubt)
-        self.lag = LagMeter(0.0)
-        self._missed_before = 0
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
         tell = Listeners(node.get_logger().error, node.get_logger().warning)
@@ -177,9 +153,9 @@ class Session:
         for stream in self.inputs:
             stream.meter.begin()
             stream.open()
-        self.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
+        self.health.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
         self._timers = [
-            self.node.create_timer(self.lag.period, self._on_wait_timer, clock=STEADY),
+            self.node.create_timer(self.health.lag.period, self._on_wait_timer, clock=STEADY),
             self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=STEADY),
         ]
 
@@ -199,7 +175,7 @@ class Session:
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Go on with parameters of which some have changed."""
-        self.parameters = parameters
+        self.parameters = self.health.parameters = parameters
         known = self.pipeline.doubts.about_parameters
         self.pipeline.retune(parameters)
         for doubt in self.pipeline.doubts.about_parameters:
@@ -276,7 +252,7 @@ class Session:
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; listen to publishers that could not be heard."""
-        self.lag.count()
+        self.health.lag.count()
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
         for stream in self.inputs:
@@ -296,7 +272,7 @@ class Session:
             self._wrench.publish(wrench)
             self.outputs.put(answer)
             depth, fidelity, status = COUNTED.unpack_from(answer.row)
-            self.ticks.count(fidelity, status, end - begin, latency + self.lag.now > self.parameters.deadline)
+            self.health.count(fidelity, status, end - begin, latency)
             pipeline.doubts.add(pair.load.stamp, pair.load.load, depth, status)
         if pipeline.last_refusal:
             text = f"sample refused: {pipeline.last_refusal}"
@@ -304,73 +280,6 @@ class Session:
             pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
-        """Report, name silent inputs in the log, and free what reference counting does not."""
-        silent = [stream for stream in self.inputs if time.monotonic() - stream.meter.last > SILENCE]
-        if silent:
-            names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
-            text = f"nothing received on {names} for {SILENCE:g} s or more"
-            self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
-        period = self.forces.meter.period
-        entries = [
-            diagnostic_entry(f"{self._name}: answers", *self.ticks.usability(self.parameters.diagnostics.timeout)),
-            *(self._input_status(stream) for stream in self.inputs),
-        ]
-        refused = self.pipeline.synchroniser.refused
-        counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
-        entries += [
-            diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else ""),
-            self._pairing_status(),
-            self._tick_status(period),
-            self._load_status(),
-        ]
-        entries += [
-            diagnostic_status(f"{self._name}: {name}", values, problem, lost)
-            for name, values, problem, lost in self.outputs.said()
-        ]
-        self._diagnostics.publish(diagnostic_array(self.node.get_clock().now().to_msg(), entries))
+        """Report, and free what reference counting does not."""
+        self._diagnostics.publish(self.health.report(self.inputs, self.outputs))
         gc.collect(0)
-
-    def _input_status(self, stream: InputStream) -> Any:
-        """What there is to say of an input."""
-        values, problem = stream.meter.report()
-        values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}
-        return diagnostic_entry(f"{self._name}: {stream.topic}", values, problem)
-
-    def _pairing_status(self) -> Any:
-        """What there is to say of the stamps; problems are logged."""
-        values, problem, lost = self.pairing.report(self.pipeline.synchroniser)
-        if problem:
-            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
-        return diagnostic_status(f"{self._name}: pairing", values, problem, lost)
-
-    def _load_status(self) -> Any:
-        """What there is to say of the load, and of its split where the frontal moment decides; problems are logged."""
-        doubts, values = self.pipeline.doubts, {}
-        problem = doubts.about_load
-        if doubts.ticks:
-            values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
-        if self.parameters.load.compartment in BY_MOMENT:
-            split = self.pipeline.split
-            values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
-            problem = problem or split.problem
-        if problem:
-            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
-        return diagnostic_status(f"{self._name}: load", values, problem)
-
-    def _tick_status(self, period: float) -> Any:
-        """What there is to say of the ticks, with forces a period [s] apart; a node that falls behind is logged too."""
-        missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
-        self._missed_before = self.ticks.missed
-        problem = f"{missed} answers came later than the deadline" if missed else ""
-        doubts = self.pipeline.doubts
-        if doubts.too_deep > self._too_deep_before:
-            self._too_deep_before, problem = doubts.too_deep, doubts.about_depth
-            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
-        if lag > self.parameters.deadline:
-            problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
-            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
-        values = self.ticks.values(period) | {
-            "lag max [ms]": f"{1e3 * lag:.1f}",
-            "decoded by ROS": str(self.pipeline.decoder.ordinary),
-        }
-        return diagnostic_status(f"{self._name}: ticks", values, problem)

@@ -58,10 +58,16 @@ class BagInputs:
                 yield message
 
 
-def learn_transforms(bag: Path, frame: ForceFrame) -> None:
-    """Learn all static transforms that a bag holds, if it holds any."""
+def transform_messages(bag: Path) -> list[bytes]:
+    """What a bag holds of `/tf_static`; nothing if it has no such topic, or another by that name."""
     with suppress(UsageError), BagReader(bag, {TF_STATIC: TF_MESSAGE}) as reader:
-        for message in reader.raw_messages():
-            with suppress(ValueError):  # live, the node tells; here the forces are refused, by the frame's name
-                for transform in decode_transforms(message.data):
-                    frame.learn(transform)
+        return [message.data for message in reader.raw_messages()]
+    return []
+
+
+def learn_transforms(bag: Path, frame: ForceFrame) -> None:
+    """Learn all static transforms that a bag holds."""
+    for data in transform_messages(bag):
+        with suppress(ValueError):  # live, the node tells; here the forces are refused, by the frame's name
+            for transform in decode_transforms(data):
+                frame.learn(transform)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from knee_contact_ros.node.diagnostics import LagMeter, PairingMeter, diagnostic_status
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.node.diagnostics import InputMeter, LagMeter, PairingMeter, TickMeter, diagnostic_status
 from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.synchronise import Synchroniser
@@ -74,3 +75,91 @@ def test_a_timer_that_comes_late_shows_by_how_much(monkeypatch: pytest.MonkeyPat
         meter.count()
         assert meter.now == late
     assert (meter.report(), meter.report()) == (0.625, 0.0)
+
+
+class Time:
+    """A clock that goes where it is set."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        monkeypatch.setattr("knee_contact_ros.node.diagnostics.time.monotonic", lambda: self.now)
+        monkeypatch.setattr("knee_contact_ros.node.diagnostics.time.time", lambda: 1000.0 + self.now)
+
+    def receive(self, meter: InputMeter, number: int, period: float, age: float = 0.0) -> None:
+        """Messages that come every period [s], with stamps so old [s]."""
+        for _ in range(number):
+            self.now += period
+            meter.count(round(1e9 * (1000.0 + self.now - age)))
+
+
+def test_an_input_is_judged_by_what_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not received, rate low, silent, timeout: levels as other topic monitors have them."""
+    clock = Time(monkeypatch)
+    meter = InputMeter(warn_rate=90.0, error_rate=40.0, max_gap=0.1, timeout=1.0, last=clock.now)
+    meter.begin()
+
+    def judged() -> tuple[bytes, str]:
+        _, (text, level) = meter.report()
+        return level, text
+
+    clock.now += 0.5
+    assert judged() == (DiagnosticStatus.STALE, "nothing received yet")
+    clock.receive(meter, 10, 0.05)  # the first second tells of no rate
+    assert judged() == (DiagnosticStatus.OK, "")
+    for period, level, text in (
+        (0.01, DiagnosticStatus.OK, ""),
+        (0.0125, DiagnosticStatus.WARN, "rate low: 80.0 Hz, below 90 Hz"),
+        (0.05, DiagnosticStatus.ERROR, "rate low: 20.0 Hz, below 40 Hz"),
+    ):
+        clock.receive(meter, 80, period)
+        assert judged() == (level, text)
+    clock.now += 0.5
+    assert judged() == (DiagnosticStatus.WARN, "silent for 0.5 s")
+    clock.now += 0.6
+    assert judged() == (DiagnosticStatus.STALE, "timeout: silent for 1.1 s")
+
+
+def test_periods_and_ages_are_told_as_topic_statistics_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Time(monkeypatch)
+    meter = InputMeter(last=clock.now)
+    clock.receive(meter, 3, 0.010, age=0.004)
+    clock.receive(meter, 1, 0.030, age=0.008)
+    meter.count()  # one that has no stamp
+    values, _ = meter.report()
+    told = {name: value for name, value in values.items() if " mean " in name or " max " in name or " std " in name}
+    assert told == {
+        "period mean [ms]": "12.000", "period max [ms]": "30.000", "period std [ms]": "9.798",
+        "message age mean [ms]": "5.000", "message age max [ms]": "8.000", "message age std [ms]": "1.732",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("bit", list(Status))
+def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Time(monkeypatch)
+    meter = TickMeter()
+    values, problem = meter.usability(1.0)
+    assert (values["usable"], values["because"], problem.level) == ("false", "no answer yet", DiagnosticStatus.STALE)
+    meter.count(0, bit, 1e-4, late=False)
+    values, problem = meter.usability(1.0)
+    harmless = bit is Status.INPUT_REJECTED
+    assert values["usable"] == ("true" if harmless else "false")
+    assert values["because"] == ("" if harmless else bit.name)
+    assert problem.level == (DiagnosticStatus.OK if harmless else DiagnosticStatus.WARN)
+    meter.count(0, Status.OK, 1e-4, late=False)
+    assert meter.usability(1.0)[0]["usable"] == "true"
+    clock.now += 1.1
+    values, problem = meter.usability(1.0)
+    assert (values["usable"], values["because"], problem.level) == (
+        "false",
+        "no answer for 1.1 s",
+        DiagnosticStatus.STALE,
+    )
+
+
+def test_ticks_longer_than_forces_are_apart_are_overruns() -> None:
+    meter = TickMeter()
+    for duration in (1e-4, 2e-3, 3e-3):
+        meter.count(0, Status.OK, duration, late=False)
+    assert meter.values(2.5e-3)["overruns"] == "1"
+    meter.count(0, Status.OK, 3e-3, late=False)
+    assert meter.values(2.5e-3)["overruns"] == "2"

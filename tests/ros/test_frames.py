@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from knee_contact_ros.messages.transforms import Transform, decode_transforms, e
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.pipeline.frames import isb_transform
 from tests.helpers.messages import RosMessages, header
-from tests.offline.test_bag_inputs import answers, dynamic
+from tests.offline.test_bag_inputs import PLAIN, answers, bag_of, dynamic, forces, plain_angles
 from tests.ros.conftest import NodeProcess, Peer
 
 Start = Callable[..., NodeProcess]
@@ -128,3 +130,18 @@ def test_what_is_not_installed_is_named(start_node: Start) -> None:
         assert "parameter knee.source: 'dynamic_joint_states' needs the ROS 2 package control_msgs" in output
     else:
         pytest.skip("control_msgs is installed")
+
+
+def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
+    messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
+    mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))
+    bag = bag_of(tmp_path / "bag.mcap", plain_angles(), forces("sensor"), PLAIN, encode_transforms([mounted], 0))
+    told: list[Transform] = []
+    peer.node.create_subscription(
+        messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
+    )
+    replay = subprocess.Popen([sys.executable, "-m", "knee_contact_ros.cli.main", "replay", str(bag), "--wait", "3"])
+    peer.wait_until(lambda: told)
+    assert told == [mounted]
+    replay.kill()
+    replay.wait()

@@ -20,7 +20,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
-from knee_contact_ros.node.session import SILENCE
+from knee_contact_ros.node.health import SILENCE
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
 

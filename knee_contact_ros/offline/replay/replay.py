@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -25,6 +25,8 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.messages.transforms import TF_STATIC
+from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_terminal, unwinding_on_signals
 from knee_contact_ros.offline.replay.lateness import Lateness
 from knee_contact_ros.offline.replay.player import Player
@@ -34,6 +36,7 @@ from knee_contact_ros.system.ros_graph import joining
 from knee_contact_ros.system.terminal import Bar, progress, say
 
 QOS = QoSProfile(depth=1000)
+LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LAST_ACKNOWLEDGEMENTS = 0.5
 """How long [s] subscribers have to acknowledge what was sent when a signal ends the replay"""
 
@@ -69,13 +72,22 @@ class Span(NamedTuple):
 class Replayer:
     """Publishers for the input topics of a bag."""
 
-    def __init__(self, node: Node, *, clock: bool = False) -> None:
-        """With `clock`, /clock can be published too."""
+    def __init__(self, node: Node, *, clock: bool = False, transforms: Sequence[bytes] = ()) -> None:
+        """With `clock`, /clock can be published too; `transforms` are the bag's `/tf_static`, said at once."""
         self.publishers = {
             f"/{JOINT_STATES}": node.create_publisher(JointState, JOINT_STATES, QOS),
             f"/{JOINT_REACTION_FORCE}": node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS),
         }
         self._clock = node.create_publisher(Clock, "/clock", QOS) if clock else None
+        if transforms:
+            try:
+                from tf2_msgs.msg import TFMessage
+            except ImportError:
+                say(f"the ROS 2 package tf2_msgs is not installed: {TF_STATIC} of the bag is left out", err=True)
+            else:
+                publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
+                for data in transforms:
+                    publisher.publish(data)
 
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
         """Wait until each topic has a subscriber; False if the time runs out."""
@@ -123,7 +135,7 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
             opened.callback(rclpy.shutdown)
             node = Node("knee_contact_replay")
             opened.callback(node.destroy_node)
-        replayer = Replayer(node, clock=timing.clock is not None)
+        replayer = Replayer(node, clock=timing.clock is not None, transforms=transform_messages(bag))
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
             say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
         time.sleep(timing.delay)

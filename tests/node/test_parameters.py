@@ -1,0 +1,48 @@
+"""What tools are told of a parameter."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from knee_contact_ros.node.parameters import described
+from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.system.errors import UsageError
+
+FREE_TEXTS = {
+    "knee.joint_name", "knee.height_joint_name", "femur.profile", "tibia.profile", "translation.table", "frame.tibia",
+    "record.path", "rerun.path", "rerun.knees",
+}  # fmt: skip
+"""Names and paths"""
+LIMITS_OF_OTHERS = {"tibia.radius", "contact.tibial_radius", "contact.exponent", "femur.scale", "tibia.scale"}
+"""Parameters that must fit others, too"""
+
+
+@pytest.mark.parametrize("name", known_parameters())
+def test_every_number_has_a_range_and_every_choice_a_list(name: str) -> None:
+    declaration = known_parameters()[name]
+    descriptor = described(name, declaration)
+    assert descriptor.description
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    if isinstance(declaration.default, str):
+        assert not ranges
+        assert bool(descriptor.additional_constraints) != (name in FREE_TEXTS)
+    elif not isinstance(declaration.default, bool):
+        assert len(ranges) == 1
+        assert ranges[0].from_value <= declaration.default <= ranges[0].to_value
+
+
+@pytest.mark.parametrize("name", sorted(set(known_parameters()) - LIMITS_OF_OTHERS))
+def test_a_range_is_that_of_the_check(name: str) -> None:
+    """Its ends are allowed, or the descriptor says that they are not; what lies beyond never is."""
+    descriptor = described(name, known_parameters()[name])
+    for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
+        kind = type(known_parameters()[name].default)
+        for end, beyond in ((limits.from_value, -1), (limits.to_value, 1)):
+            if math.isinf(end) or end == 2**63 - 1:
+                continue
+            if not descriptor.additional_constraints:
+                load_parameters({name: kind(end)})
+            with pytest.raises(UsageError, match=name):
+                load_parameters({name: kind(end + beyond * max(abs(end), 1) * (1 if kind is int else 1e-6))})
