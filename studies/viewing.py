@@ -98,7 +98,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     outputs = Outputs(
         Knee(parameters, pipeline.model, ABSOLUTE_NAMES, {}), Listeners(complaints.append, complaints.append)
     )
-    outputs.wait_until_open()
+    outputs.wait_until_known()
     with ExitStack() as stack:
         if looked_at:
             stack.enter_context(viewer(parameters.rerun.port))

@@ -145,30 +145,25 @@ def too_little(free: float, least: float) -> str:
     return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
 
 
-def refuse(path: Path, settings: Settings) -> None:
-    """Refuse a recording that cannot be written, or for which there is no room; only looks, and quickly.
+def refuse(path: Path, min_free: float) -> None:
+    """Refuse a recording that cannot be written, or that would leave less than so much space [B]; looks, and quickly.
 
     Raises:
         UsageError: see `refuse_impossible`, or the disk is nearly full.
     """
     refuse_impossible(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
-    if shortage := too_little(disk_usage(folder).free, settings.min_free):
+    if shortage := too_little(disk_usage(folder).free, min_free):
         raise UsageError(f"cannot write {path}: {shortage}")
 
 
 def sink_for(knee: Knee) -> Sink | None:
-    """A process that records to MCAP.
-
-    Raises:
-        UsageError: see `refuse`.
-    """
+    """A process that records to MCAP."""
     record = knee.parameters.record
     if not record.path:
         return None
     limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
     settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
-    refuse(Path(record.path), settings)
     job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings))
     return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False)
 
@@ -181,7 +176,7 @@ def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, s
     Raises:
         UsageError: see `refuse` and `BagWriter`.
     """
-    refuse(path, settings)
+    refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, go_on=True)
     remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
     remarks += map(cut_off, leftovers(path.parent))

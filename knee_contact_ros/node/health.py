@@ -117,16 +117,17 @@ class Health:
         """What there is to say of the ticks, with forces a period [s] apart; a node that falls behind is logged too."""
         missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
         self._missed_before = self.ticks.missed
-        problem = f"{missed} answers came later than the deadline" if missed else ""
+        problems = [f"{missed} answers came later than the deadline"] if missed else []
         doubts = self._pipeline.doubts
         if doubts.too_deep > self._too_deep_before:
-            self._too_deep_before, problem = doubts.too_deep, doubts.about_depth
-            self._node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
+            self._too_deep_before = doubts.too_deep
+            problems.append(doubts.about_depth)
+            self._node.get_logger().warning(problems[-1], **at_most_every(SILENCE_LOG_PERIOD))
         if lag > self.parameters.deadline:
-            problem = f"the node is behind by up to {1e3 * lag:.0f} ms"
-            self._node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
+            problems.append(f"the node is behind by up to {1e3 * lag:.0f} ms")
+            self._node.get_logger().warning(problems[-1], **at_most_every(REFUSAL_LOG_PERIOD))
         values = self.ticks.values(period) | {
             "lag max [ms]": f"{1e3 * lag:.1f}",
             "decoded by ROS": str(self._pipeline.decoder.ordinary),
         }
-        return diagnostic_status(f"{self._name}: ticks", values, problem)
+        return diagnostic_status(f"{self._name}: ticks", values, "; ".join(problems))

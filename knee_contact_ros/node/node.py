@@ -116,7 +116,7 @@ class KneeContactNode(LifecycleNode):
                 "making the model ready; the first time on a machine it compiles for half a minute or more"
             )
             with self._stop.interrupting():
-                self.session.outputs.wait_until_open()
+                self.session.outputs.wait_until_known()
                 self.session.pipeline.compile()
             self.node_parameters.user = self.session.retune
         except BaseException:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
+from knee_contact_ros.bags.answer_recorder import refuse
 from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
@@ -23,12 +24,12 @@ class Outputs:
     """Takes answers off the tick path: every output is a process of its own, and nothing here waits but `close`."""
 
     def __init__(self, knee: Knee, tell: Listeners) -> None:
-        """Begin all outputs that the parameters ask for; `wait_until_open` then says whether they are open.
+        """Begin all outputs that the parameters ask for.
 
-        `tell` says who is told, from another thread, of an output that stops.
+        `tell` says who is told, from another thread, of an output that cannot be opened or stops.
 
         Raises:
-            UsageError: one cannot be opened.
+            UsageError: parameters ask for one that there cannot be.
         """
         self._tell = tell
         self._sinks: dict[str, SinkProcess] = {}
@@ -37,17 +38,16 @@ class Outputs:
         described = [(sink_of(section, knee), queue_of(section, knee.parameters)) for section in sections_of_outputs()]
         for sink, queue in described:  # begun when all can be
             if sink:
-                self._sinks[sink.title] = SinkProcess(sink, queue, tell, awaited=True)
+                self._sinks[sink.title] = SinkProcess(sink, queue, tell)
 
-    def wait_until_open(self) -> None:
-        """Wait until all outputs are open; if one cannot be, or the waiting is broken off, none is left behind.
+    def wait_until_known(self) -> None:
+        """Wait until all outputs are open, or cannot be: that is told, and the node goes on without them.
 
-        Raises:
-            UsageError: one cannot be opened.
+        If the waiting is broken off, none is left behind.
         """
         try:
             for sink in self._sinks.values():
-                sink.wait_until_open()
+                sink.wait_until_known()
         except BaseException:
             sinks, self._sinks = self._sinks, {}
             deadline = time.monotonic() + PATIENCE
@@ -86,10 +86,11 @@ class Outputs:
             raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
         if len(self._ending) >= MOST_ENDING:
             raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
+        refuse(Path(path), knee.parameters.record.min_free * MB)
         sink, name = sink_of("record", knee), next(all_names(Path(path)))
         assert sink  # noqa: S101  (there is a path)
         queue = queue_of("record", knee.parameters)
-        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._tell, awaited=False)
+        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._tell)
         return name
 
     def stop_recording(self, ending: Ending) -> str:

@@ -26,6 +26,7 @@ FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
 """x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; quaternion x, y, z, w"""
 FORCE_TURNED = "force_turned"
 """Name of the metadata record that tells how forces are turned from there on"""
+MOST_FRAMES = 10_000
 UNIT = 1e-3
 """By how much the length of a quaternion may differ from 1"""
 
@@ -46,7 +47,8 @@ class StaticTransforms:
         """Learn where a frame lies; whether that is news.
 
         Raises:
-            ValueError: a number is not finite, the quaternion is none, or a name is missing or is that of both frames.
+            ValueError: a number is not finite, the quaternion is none, a name is missing or is that of both frames, or
+                there are too many.
         """
         parent, child, translation, rotation = transform
         length = float(np.linalg.norm(rotation))
@@ -54,6 +56,8 @@ class StaticTransforms:
             raise ValueError(f"transform from {parent!r} to {child!r}: {translation}, {rotation} are no pose")
         if not parent or not child or parent == child:
             raise ValueError(f"a transform from {parent!r} to {child!r} has no meaning")
+        if child not in self._parents and len(self._parents) >= MOST_FRAMES:
+            raise ValueError(f"a transform to {child!r} is one more than the {MOST_FRAMES} that are remembered")
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = Rotation.from_quat(rotation).as_matrix(), translation
         known = self._parents.get(child)

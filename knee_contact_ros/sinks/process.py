@@ -79,11 +79,8 @@ class SinkProcess:
     The construction only begins: answers are taken at once, and whether the output could be opened is known later.
     """
 
-    def __init__(self, sink: Sink, queue: Queue, tell: Listeners, awaited: bool) -> None:
-        """Begin.
-
-        That it cannot be opened is not told if that is `awaited`: then `wait_until_open` says so.
-        """
+    def __init__(self, sink: Sink, queue: Queue, tell: Listeners) -> None:
+        """Begin."""
         self.process: Process | None = None
         """None: not started yet, or it could not be"""
         self.name = sink.name
@@ -95,7 +92,7 @@ class SinkProcess:
         self.given_up = False
         """Whether the output is not, and will not be, complete because that took too long"""
         self._sink, self._queue, self._part = sink, queue, attrgetter(sink.part)
-        self._to_tell, self._awaited = tell, awaited
+        self._to_tell = tell
         self._waiting: deque[Item] = deque()
         self._room, self._room_size, _ = queue
         self._put_size = self._sent_size = 0  # [B] by one thread each
@@ -163,29 +160,19 @@ class SinkProcess:
         """Whether it is known if the output could be opened."""
         return self._known.is_set()
 
+    @property
     def is_open(self) -> bool:
-        """Whether the output is open; False: that is not known yet.
-
-        Raises:
-            UsageError: it could not be opened.
-        """
-        if self._known.is_set() and not self._opened:
-            raise UsageError(self.failure)
+        """Whether the output could be opened; False: not, or that is not known yet."""
         return self._opened
 
     def is_over(self) -> bool:
         """Whether nothing more comes of it: the output is complete, or has stopped."""
         return not self._thread.is_alive()
 
-    def wait_until_open(self) -> None:
-        """Wait until the output is open.
-
-        Raises:
-            UsageError: it could not be opened.
-        """
+    def wait_until_known(self) -> None:
+        """Wait until the output is open, or cannot be; `failure` says why not."""
         if not self._known.wait(START):
             self._give_up(f"its process did not start within {START:g} s")
-        self.is_open()
 
     def end(self, ending: Ending) -> None:
         """Have the output completed, without waiting for it; what is put afterwards goes nowhere."""
@@ -362,13 +349,12 @@ class SinkProcess:
                 trouble = f"{self.label} cannot be opened: {trouble}"
             if lost and self.given_up:
                 trouble += f"; {lost} answers had not been handed to its process"
-            self._tell(trouble, quiet=self._awaited and not self._opened)
+            self._tell(trouble)
         self._known.set()
 
-    def _tell(self, failure: str, quiet: bool = False) -> None:
+    def _tell(self, failure: str) -> None:
         self.failure = failure
-        if not quiet:
-            self._to_tell.failure(failure)
+        self._to_tell.failure(failure)
 
 
 def size_of(item: Item) -> int:

@@ -12,7 +12,6 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_impossible
 
 VIEWER = "knee_contact_ros.view.output"
 """Imported by its process alone: Rerun is large"""
@@ -57,7 +56,7 @@ def sink_for(knee: Knee) -> Sink | None:
     """A process that writes a Rerun file or serves a scene; see `output.py`.
 
     Raises:
-        UsageError: the knee's name is none of those that share the viewer, or the file cannot be written.
+        UsageError: the knee's name is none of those that share the viewer.
     """
     rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
     if rerun.mode == "off":
@@ -68,8 +67,6 @@ def sink_for(knee: Knee) -> Sink | None:
             f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
         )
     path = Path(rerun.path) if rerun.mode == "file" else None
-    if path:
-        refuse_impossible(path)
     serving = Serving(rerun.port, rerun.mode == "spawn", knees)
     job = Job(VIEWER, (path, serving, drawing_of(knee.model, name, knee.parameters.body_weight)))
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"

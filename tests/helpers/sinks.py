@@ -117,14 +117,15 @@ class Started:
     def unawaited(self, job: Job) -> SinkProcess:
         """A sink that nobody waits for."""
         sink = Sink("output", "output", "", job, "records", gaps_allowed=False)
-        return self.begun(sink, wait=False, awaited=False)
+        return self.begun(sink, wait=False)
 
-    def begun(self, sink: Sink, wait: bool, queue: Queue = QUEUE, awaited: bool = True) -> SinkProcess:
-        """A sink; nobody waits for it, everybody, or at least the test."""
-        process = SinkProcess(sink, queue, self._tell, awaited)
+    def begun(self, sink: Sink, wait: bool, queue: Queue = QUEUE) -> SinkProcess:
+        """A sink; with `wait` an open one."""
+        process = SinkProcess(sink, queue, self._tell)
         self.sinks.append(process)
         if wait:
-            process.wait_until_open()
+            process.wait_until_known()
+            assert process.is_open, process.failure
         return process
 
 

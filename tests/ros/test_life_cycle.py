@@ -40,7 +40,7 @@ def has_received(peer: Peer, topic: str, number: int) -> bool:
 
 
 def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node("-p", "autostart:=false", "-p", "record.path:=/proc/no/where.mcap")
+    node = start_node("-p", "autostart:=false", "-p", f"record.path:={tmp_path / 'first.mcap'}")
 
     def set_parameter(name: str, value: object) -> tuple[bool, str]:
         parameter = Parameter(name, value=value).to_parameter_msg()
@@ -58,9 +58,6 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert not change_state(peer, Transition.TRANSITION_CONFIGURE)  # there is no such profile
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert set_parameter("femur.geometry", "circle") == (True, "")
-    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)  # nor such a folder
-    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
-    assert set_parameter("record.path", str(tmp_path / "first.mcap")) == (True, "")
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     refusal = "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
     assert set_parameter("femur.geometry", "profile") == (False, refusal)
@@ -90,8 +87,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     first = answers_in(tmp_path / "first.mcap")
     assert [answer.penetration_depth for answer in first] == undamped.penetration_depth.tolist()
     assert answers_in(tmp_path / "second.mcap") == peer.contacts
-    _, output = node.stop()
-    assert output.count("cannot write /proc/no/where.mcap") == 1
+    node.stop()
 
 
 def answer_and_rest(peer: Peer) -> None:

@@ -24,6 +24,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
+from tests.helpers.viewer import free_port
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
 from tests.ros.faults import many_joints
 from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
@@ -211,8 +212,6 @@ def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) ->
         (["-p", "contact.damping:=much"], "parameter contact.damping: 'much' is not allowed"),
         (["-p", "contact.dampin:=1.0"], "unknown parameter contact.dampin; did you mean contact.damping?"),
         (["-p", "femur.geometry:=profile", "-p", "femur.profile:=nowhere.csv"], "cannot read nowhere.csv"),
-        (["-p", "record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap"),
-        (["-p", "rerun.mode:=file", "-p", "rerun.path:=/dev/null/no.rrd"], "cannot write /dev/null/no.rrd"),
         (["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot read the parameter file"),
         (["-p", "record.path:=/tmp/kn\udce9e.mcap"], r"'record.path:=/tmp/kn\udce9e.mcap' is no UTF-8"),
         (["-p", "qos_overrides./knee_contact.publisher.depth:=seven"], "knee_contact.publisher.depth: 'seven' is not"),
@@ -247,12 +246,28 @@ def test_what_is_there_is_not_overwritten(peer: Peer, start_node: Start, tmp_pat
     assert names == {"out.mcap", "out_1.mcap", "metadata.yaml", "out.rrd", "out_1.rrd"}
 
 
-def test_outputs_are_opened_all_or_none(start_node: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("output", "arguments", "words"),
+    [
+        ("recorder", ["record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap: "),
+        ("viewer", ["rerun.mode:=file", "rerun.path:=/dev/null/no.rrd"], "cannot write /dev/null/no.rrd: Not a dir"),
+        ("viewer", ["rerun.mode:=serve", "rerun.port:={taken}"], "rerun.port: {taken} on 127.0.0.1: Address already"),
+        ("viewer", ["rerun.mode:=spawn", "rerun.port:={free}"], "no screen for a viewer (DISPLAY is not set)"),
+    ],
+)
+def test_no_output_keeps_the_node_from_computing(
+    peer: Peer, start_node: Start, output: str, arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Told once as an error, and in /diagnostics for as long as it lasts."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        code, output = start_node(
-            "-p", f"record.path:={tmp_path / 'new.mcap'}", "-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}",
-        ).wait()  # fmt: skip
-    assert code == 2
-    assert f"parameter rerun.port: {port} on 127.0.0.1: Address already in use" in output
-    assert not list(tmp_path.iterdir())
+        ports = {"taken": taken.getsockname()[1], "free": free_port()}
+        node = start_node(*(part for rule in arguments for part in ("-p", rule.format(**ports))))
+        peer.wait_for_node()
+        send_all(peer)
+        peer.wait_until(lambda: words.format(**ports) in peer.problems.get(f"knee_contact: {output}", ""))
+        code, said = node.stop()
+    assert code == 0
+    assert ["[ERROR]" in line for line in said.splitlines() if words.format(**ports) in line] == [True]
+    assert "Traceback" not in said

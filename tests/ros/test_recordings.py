@@ -112,20 +112,34 @@ def test_disks_in_trouble_end_recordings_and_not_the_node(
     assert not folder.exists()
 
 
-def test_a_disk_that_cannot_be_written_is_refused_at_the_start(start_node: Start, small_disk: Path) -> None:
+def test_a_disk_that_cannot_be_written_costs_the_recording_only(
+    peer: Peer, start_node: Start, small_disk: Path
+) -> None:
+    """And when it can be written again, a recording may be begun."""
     remount(small_disk, "ro")
-    code, said = start_node("-p", f"record.path:={small_disk}/knee.mcap", "-p", "record.min_free:=0.0").wait()
-    assert code == 2
-    assert f"cannot write {small_disk}/knee.mcap: Read-only file system" in said
+    node = start_node("-p", f"record.path:={small_disk}/knee.mcap", "-p", "record.min_free:=0.0")
+    peer.wait_for_node()
+    walk(peer, 0, 20)
+    words = f"cannot write {small_disk}/knee.mcap: Read-only file system"
+    peer.wait_until(lambda: words in problem(peer))
+    answer = call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request())
+    assert (answer.success, answer.message) == (False, words)
+    remount(small_disk, "rw")
+    assert call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request()).success
+    walk(peer, 20, 20)
+    code, said = node.stop()
+    assert code == 0
+    assert said.count(words) == 1
     assert "Traceback" not in said
+    assert (small_disk / "knee.mcap").exists()
 
 
 def test_a_recording_ends_whole_before_the_disk_is_full(peer: Peer, start_node: Start, small_disk: Path) -> None:
-    code, said = start_node("-p", f"record.path:={small_disk}/new/knee.mcap").wait()
-    assert code == 2
-    assert [line for line in said.splitlines() if f"cannot write {small_disk}/new/knee.mcap: 1.0 MB are free" in line]
-    assert "parameter record.min_free keeps 100 MB" in said
-    assert "Traceback" not in said
+    node = start_node("-p", f"record.path:={small_disk}/new/knee.mcap")
+    peer.wait_for_node()
+    peer.wait_until(lambda: f"cannot write {small_disk}/new/knee.mcap: 1.0 MB are free" in problem(peer))
+    assert "parameter record.min_free keeps 100 MB" in problem(peer)
+    assert "Traceback" not in node.stop()[1]
     assert list(small_disk.iterdir()) == []
 
     node = start_node("-p", f"record.path:={small_disk}/knee.mcap", "-p", "record.min_free:=0.5")
