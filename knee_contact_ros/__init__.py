@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["UsageError", "load_model"]
 
 if TYPE_CHECKING:
