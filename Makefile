@@ -5,11 +5,13 @@ BIN := $(VENV)/bin
 BUILD_FILES := pyproject.toml setup.py CMakeLists.txt package.xml $(wildcard cmake/*.cmake) $(wildcard msg/*.msg)
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 
-.PHONY: help demo test lint studies clean
+.PHONY: help demo test test-package lint docs studies clean
 help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
+	@echo "make test-package  build source distribution and wheel, install them in a new environment and use them (a minute)"
 	@echo "make lint   formatter, linters and type checker"
+	@echo "make docs   all pages and the interface as a site, in site/index.html; a broken link ends it"
 	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, and the reproduction of the paper (over an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
@@ -19,11 +21,21 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest --numprocesses 4 --dist loadgroup $(ARGS)
 
+test-package: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest tests/packaging/check_distributions.py $(ARGS)
+
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(VENV)/.installed-dev
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs -D root_doc=README -d build/docs . site
+	@echo "== Links to elsewhere, which are not looked up:"
+	@$(BIN)/sphinx-build --quiet -b linkcheck -c docs -D root_doc=README -D linkcheck_ignore=.* -d build/docs . build/links
+	@grep --only-matching '"uri": "http[^"]*' build/links/output.json | cut --characters 9- | sort --unique
+	@echo "== site/index.html"
 
 studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.accuracy
@@ -36,7 +48,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.reproduction
 
 clean:
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+	rm -rf $(VENV) build site *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
 $(BIN)/uv:
 	@for tool in $(PYTHON) cc c++; do command -v $$tool >/dev/null || \

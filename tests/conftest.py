@@ -8,12 +8,14 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 from knee_contact_ros.system.resources import share_folder
 from tests import ROOT
+from tests.helpers.browser import started_browser
 from tests.helpers.sinks import Started
 
 settings.register_profile("no timed tests", deadline=None)
@@ -40,6 +42,13 @@ def reference_data() -> Path:
     if not REFERENCE_DATA.is_dir():
         pytest.skip("the reference data are not on this machine")
     return REFERENCE_DATA
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A browser without a screen (selenium's driver)."""
+    with started_browser() as driver:
+        yield driver
 
 
 @pytest.fixture

@@ -87,8 +87,8 @@ def solve(
 def recover(source: Path, output: Path, overwrite: bool) -> None:
     """Make a cut-off recording whole again.
 
-    Writes all that can be read of the MCAP file IN (ours: *.mcap.partial) to OUT.mcap, and says what is missing. IN
-    stays as it is.
+    Writes all that can be read of the MCAP file IN (ours end in .mcap.partial) to OUT.mcap, and says what is missing.
+    IN stays as it is.
     """
     from knee_contact_ros.bags.recover import recover as recover_file
     from knee_contact_ros.cli.recovery_table import show_recovery

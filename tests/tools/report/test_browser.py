@@ -2,37 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from knee_contact_ros.cli.main import main
+from tests.helpers.browser import requested
 
-BROWSER, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
 WIDTHS = (1600, 420)
 """[px] of a desk's screen and of a telephone's"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if not (BROWSER and DRIVER):
-        pytest.skip("chromium and chromedriver are not on this machine (Debian: apt install chromium-driver)")
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed (dependency group dev)")
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for argument in ("--headless=new", "--disable-gpu", "--disable-dev-shm-usage"):
-        options.add_argument(argument)
-    if os.geteuid() == 0:
-        options.add_argument("--no-sandbox")  # it cannot be had as root
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
-    yield driver
-    driver.quit()
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +49,3 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
     for words in ("largest depth", "1265.2", "heel strike", "contact.stiffness", "impulse of stance [BW s]"):
         assert words in text
     assert requested(browser) == {page.as_uri()}
-
-
-def requested(browser: Any) -> set[str]:
-    """Addresses that the page has asked for, but for data that it holds itself."""
-    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    sent = (each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent")
-    return {address for address in sent if not address.startswith("data:")}

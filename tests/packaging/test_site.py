@@ -1,0 +1,102 @@
+"""The pages as a site: every link and anchor is right, and all of it works without a network."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests import ROOT
+from tests.helpers.browser import requested
+
+for module in ("sphinx", "myst_parser", "furo", "sphinx_click"):
+    pytest.importorskip(module, reason="the site's generator is not installed (dependency group docs)")
+
+pytestmark = pytest.mark.xdist_group("site")  # one process, so that it is built once
+
+NOT_OURS = ("build", "install", "log", "site")
+PATH_OF_A_TEST = re.compile(r"`(tests/[\w/.]+)`")
+FRONT = "README.html"
+
+
+def build(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
+    """As `make docs` does."""
+    options = ["--quiet", "--fail-on-warning", "--keep-going", "-c", ROOT / "docs", "-D", "root_doc=README"]
+    command = [sys.executable, "-m", "sphinx", *options, "-d", site.parent / "doctrees", source, site]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All of it, from this tree."""
+    folder = tmp_path_factory.mktemp("site") / "site"
+    told = build(ROOT, folder)
+    assert told.returncode == 0, told.stderr
+    return folder
+
+
+def test_every_page_is_on_it(site: Path) -> None:
+    pages = {page.relative_to(ROOT) for kind in ("*.md", "*.rst") for page in ROOT.rglob(kind)}
+    ours = {page for page in pages if not page.parts[0].startswith((".", *NOT_OURS))}
+    assert Path("README.md") in ours
+    assert {page for page in ours if not (site / page.with_suffix(".html")).is_file()} == set()
+
+
+def test_the_parameters_stand_on_it_with_their_limits(site: Path) -> None:
+    text = re.sub(r"<[^>]+>", "", (site / "docs" / "api" / "parameters.html").read_text(encoding="utf-8"))
+    assert re.search(
+        r"load\.compartment_spacing\s+0\.04\s+\[m\] from the medial to the lateral[^;]*;[^;]*0\.005 to 0\.2", text
+    )
+
+
+@pytest.mark.parametrize(
+    "page", [FRONT, "docs/choosing-fidelity.html", "docs/api/python.html", "docs/api/commands.html"]
+)
+def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -> None:
+    browser.get_log("browser"), browser.get_log("performance")  # those of before
+    browser.get((site / page).as_uri())
+    assert browser.get_log("browser") == []
+    asked = requested(browser)
+    assert len(asked) > 3  # the page, its styles and scripts
+    assert {address for address in asked if not address.startswith(site.as_uri())} == set()
+    pictures = browser.execute_script("return [...document.images].map(i => i.naturalWidth)")
+    assert all(width > 0 for width in pictures)
+
+
+def test_search_finds_without_a_server(browser: Any, site: Path) -> None:
+    browser.get((site / "search.html").as_uri() + "?q=penetration_depth")
+    found = "return [...document.querySelectorAll('#search-results li a')].map(a => a.getAttribute('href'))"
+    browser.set_script_timeout(30)
+    links = browser.execute_async_script(
+        "const done = arguments[0];"
+        "const look = () => {" + found.replace("return ", "const links = ") + ";"
+        "links.length ? done(links) : setTimeout(look, 100); }; look();"
+    )
+    assert any(link.startswith("docs/api/python.html#") for link in links)
+
+
+@pytest.mark.parametrize(("link", "told"), [
+    ("there.md#no-such-heading", "no-such-heading"),
+    ("absent.md", "absent.md"),
+    ("config/absent.yaml", "config/absent.yaml"),
+    ("#nowhere", "nowhere"),
+])  # fmt: skip
+def test_a_broken_link_is_told(tmp_path: Path, link: str, told: str) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "there.md").write_text("# There\n", encoding="utf-8")
+    (source / "README.md").write_text(f"# Front\n\n[a link]({link})\n", encoding="utf-8")
+    done = build(source, tmp_path / "site")
+    assert done.returncode != 0
+    (line,) = (line for line in done.stderr.splitlines() if "xref_missing" in line)
+    assert told in line
+
+
+def test_the_quality_declaration_names_tests_that_are_there() -> None:
+    named = PATH_OF_A_TEST.findall((ROOT / "QUALITY_DECLARATION.md").read_text(encoding="utf-8"))
+    assert len(named) > 20
+    assert [name for name in named if not (ROOT / name).exists()] == []
