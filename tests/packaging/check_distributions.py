@@ -1,0 +1,150 @@
+"""Source distribution and wheel, as a user gets them: `make test-package`.
+
+Built from the files that git knows (those not yet added too), the wheel from the source distribution; installed into a
+new environment outside the tree. It takes a minute and downloads what is not in uv's cache, so `make test` leaves it
+out.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+from typing import NamedTuple
+from zipfile import ZipFile
+
+import pytest
+
+from knee_contact_ros import __version__
+from tests import ROOT
+
+PACKAGE = "knee_contact_ros"
+UV = Path(sys.prefix) / "bin" / "uv"
+NOT_SHIPPED = ("tests", ".ci", ".gitignore", "MANIFEST.in")
+SHARED = ("bags", "config", "examples", "launch")
+OF_THIS_ENVIRONMENT = (
+    "VIRTUAL_ENV", "PYTHONPATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH",
+    "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # the ROS wheels set these in every process that imports one
+)  # fmt: skip
+PATIENCE = 600
+"""[s]"""
+
+
+class Distributions(NamedTuple):
+    """What is built."""
+
+    files: set[str]
+    """Those it is built from, relative to the tree"""
+    source: Path
+    wheel: Path
+
+
+def run(*command: str | Path, folder: Path) -> str:
+    """What a command prints; it knows nothing of this environment, and must end well."""
+    environment = {name: value for name, value in os.environ.items() if name not in OF_THIS_ENVIRONMENT}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
+    """Built from a clean copy of the tree."""
+    if not UV.exists() or not shutil.which("git") or not (ROOT / ".git").exists():
+        pytest.skip("needs uv beside Python, git, and the tree under git")
+    folder = tmp_path_factory.mktemp("distributions")
+    listed = run("git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", folder=ROOT)
+    files = {name for name in listed.split("\0") if name and (ROOT / name).is_file()}
+    for name in files:
+        copy = folder / "tree" / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, copy)
+    run(UV, "build", "--quiet", "--sdist", "--out-dir", folder, "tree", folder=folder)
+    (source,) = folder.glob("*.tar.gz")
+    run(UV, "build", "--quiet", "--wheel", "--python", sys.executable, "--out-dir", folder, source, folder=folder)
+    (wheel,) = folder.glob("*.whl")
+    return Distributions(files, source, wheel)
+
+
+@pytest.fixture(scope="module")
+def installed(distributions: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The programs of a new environment that has the wheel and what it asks for, and nothing else."""
+    folder = tmp_path_factory.mktemp("installed")
+    run(UV, "venv", "--quiet", "--python", sys.executable, "venv", folder=folder)
+    programs = folder / "venv" / "bin"
+    run(UV, "pip", "install", "--quiet", "--python", programs / "python", distributions.wheel, folder=folder)
+    return programs
+
+
+def test_the_source_distribution_has_what_git_has(distributions: Distributions) -> None:
+    with tarfile.open(distributions.source) as archive:
+        packed = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
+    wanted = {name for name in distributions.files if name.split("/")[0] not in NOT_SHIPPED}
+    assert wanted - packed == set()
+    assert not [name for name in packed if name.startswith("tests/") or "__pycache__" in name]
+
+
+def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(distributions: Distributions) -> None:
+    with ZipFile(distributions.wheel) as archive:
+        packed = set(archive.namelist())
+    data = f"{PACKAGE}-{__version__}.data/data/"
+    ours = {name for name in distributions.files if name.startswith(f"{PACKAGE}/")}
+    shared = {f"{data}share/{PACKAGE}/{name}" for name in distributions.files if name.split("/")[0] in SHARED}
+    message = {
+        f"{data}share/{PACKAGE}/{name}" for name in ("package.xml", "msg/KneeContact.msg", "msg/KneeContact.idl")
+    }
+    assert {name for name in packed if name.startswith(f"{PACKAGE}/")} == ours
+    assert f"{PACKAGE}/py.typed" in ours
+    assert (shared | message) - packed == set()
+    tops = tuple(
+        f"{data}{top}" for top in (f"share/{PACKAGE}/", "share/ament_index/", f"lib/lib{PACKAGE}__", "lib/python")
+    )
+    others = {name for name in packed - ours if not name.startswith((*tops, f"{PACKAGE}-{__version__}.dist-info/"))}
+    assert others == set()
+
+
+def test_package_indexes_take_both(distributions: Distributions) -> None:
+    told = run(sys.executable, "-m", "twine", "check", "--strict", *distributions[1:], folder=ROOT)
+    assert told.count("PASSED") == 2
+
+
+def test_the_command_tells_its_version_and_help(installed: Path) -> None:
+    assert run(installed / "knee-contact", "--version", folder=installed) == f"knee-contact {__version__}\n"
+    assert "Usage: knee-contact" in run(installed / "knee-contact", "--help", folder=installed)
+
+
+def test_python_finds_model_message_and_files(installed: Path) -> None:
+    code = """
+import knee_contact_ros
+from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.system.resources import share_folder
+
+model = knee_contact_ros.load_model(share_folder() / "config" / "osteoarthritis.yaml")
+series = model.run([0.0, 0.01], [0.1, 0.1], [500.0, 600.0])
+assert (series.penetration_depth > 0.0).all(), series
+print(knee_contact_ros.__file__, share_folder(), KneeContact().status, sep="\\n")
+"""
+    module, share, status = run(installed / "python", "-c", code, folder=installed).split()
+    assert Path(module).is_relative_to(installed.parent)
+    assert Path(share).is_relative_to(installed.parent)
+    assert status == "0"
+
+
+def test_a_bag_is_solved_to_the_same_bytes(installed: Path, tmp_path: Path) -> None:
+    bag = installed.parent / "share" / PACKAGE / "bags" / "gait2354_right"
+    recordings = []
+    for name, programs in (("installed", installed), ("tree", UV.parent)):
+        recordings.append(tmp_path / name / "solved.mcap")
+        run(programs / "knee-contact", "solve", bag, "--output", recordings[-1], folder=tmp_path)
+    assert recordings[0].read_bytes() == recordings[1].read_bytes()
+
+
+def test_the_node_runs(installed: Path, tmp_path: Path) -> None:
+    told = run(installed / "knee-contact", "demo", "--output", "demo", folder=tmp_path)
+    assert "1613.8" in told  # the largest load of the gait [N]
+    assert (tmp_path / "demo" / "knee_contact.rrd").stat().st_size > 0
