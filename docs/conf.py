@@ -28,6 +28,7 @@ rosdoc2_settings = {"allow_other_extensions": True}
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = [".*", "build", "install", "log", "site", "knee_contact_ros", "scripts", "studies", "tests"]
 
+napoleon_numpy_docstring = False
 myst_heading_anchors = 4  # as code hosts give them
 default_role = "py:obj"  # `name` in a docstring
 autodoc_member_order = "bysource"
@@ -100,9 +101,9 @@ def complete(app: Any, page: str, source: list[str]) -> None:
 
 
 def undivided(_app: Any, what: str, _name: str, _item: Any, _options: Any, lines: list[str]) -> None:
-    """A colon in an attribute's first line is one of a sentence; napoleon takes what is before it for a type."""
-    if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+    """A colon in an attribute's first line is one of a sentence; napoleon would take what is before it for a type."""
+    if lines and what in ("attribute", "data", "property"):
+        lines[0] = f": {lines[0]}"  # with no type
 
 
 def setup(app: Any) -> None:

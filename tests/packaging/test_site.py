@@ -53,6 +53,13 @@ def test_the_parameters_stand_on_it_with_their_limits(site: Path) -> None:
     )
 
 
+def test_what_is_public_stands_on_it_with_its_docstring(site: Path) -> None:
+    text = re.sub(r"<[^>]+>", "", (site / "docs" / "api" / "python.html").read_text(encoding="utf-8"))
+    assert "knee_contact_ros.load_model(" in text
+    assert "Start a run that takes one tick at a time." in text
+    assert "tibia frame (when apart: the point closest" in text  # a colon begins no type
+
+
 @pytest.mark.parametrize(
     "page", [FRONT, "docs/choosing-fidelity.html", "docs/api/python.html", "docs/api/commands.html"]
 )
@@ -69,12 +76,12 @@ def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -
 
 def test_search_finds_without_a_server(browser: Any, site: Path) -> None:
     browser.get((site / "search.html").as_uri() + "?q=penetration_depth")
-    found = "return [...document.querySelectorAll('#search-results li a')].map(a => a.getAttribute('href'))"
-    browser.set_script_timeout(30)
     links = browser.execute_async_script(
         "const done = arguments[0];"
-        "const look = () => {" + found.replace("return ", "const links = ") + ";"
-        "links.length ? done(links) : setTimeout(look, 100); }; look();"
+        "const look = () => {"
+        "  const links = [...document.querySelectorAll('#search-results li a')].map(a => a.getAttribute('href'));"
+        "  if (links.length) done(links); else setTimeout(look, 100); };"
+        "look();"
     )
     assert any(link.startswith("docs/api/python.html#") for link in links)
 
