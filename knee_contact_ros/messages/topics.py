@@ -6,6 +6,8 @@ JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"
 KNEE_CONTACT = "knee_contact"
 KNEE_CONTACT_WRENCH = "knee_contact/wrench"
+KNEE_CONTACT_MARKERS = "knee_contact/markers"
+"""For RViz, and not recorded: it is computed from answers"""
 
 MESSAGE_TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",

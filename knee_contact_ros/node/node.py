@@ -2,7 +2,8 @@
 
 Subscribes to `joint_states` (sensor_msgs/JointState) and `joint_reaction_force` (geometry_msgs/WrenchStamped, what the
 femur exerts on the tibia, tibia frame). Publishes `knee_contact` (knee_contact_ros/KneeContact) and
-`knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, and `/diagnostics` once a second.
+`knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, `/diagnostics` once a second, and while
+somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray).
 Parameters: `parameters/schema.py`.
 
 It is a managed node: configure reads the parameters and opens the outputs, activate starts the stream. With the

@@ -15,6 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
 from knee_contact_ros.core.types import reader
@@ -26,7 +27,9 @@ from knee_contact_ros.messages.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
+    KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_WRENCH,
+    knee_name,
 )
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import (
@@ -34,6 +37,7 @@ from knee_contact_ros.node.diagnostics import (
     LagMeter,
 )
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
+from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
 from knee_contact_ros.node.transforms import StaticTransformTopic
@@ -45,6 +49,8 @@ from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.markers import KneeMarkers
+from knee_contact_ros.view.outlines import drawing_of
 from knee_contact_ros.view.window import address
 
 OUTPUT_DEPTH = 100
@@ -99,18 +105,27 @@ class Session:
             node.get_logger().warning(doubt)
         topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        drawing = drawing_of(self.pipeline.model, knee_name(names[KNEE_CONTACT]), parameters.body_weight)
+        shown = KneeMarkers(drawing)
         tell = Listeners(node.get_logger().error, node.get_logger().warning)
         by_user = QoSOverridingOptions.with_default_policies()
-        offered = {KNEE_CONTACT: KneeContact, KNEE_CONTACT_WRENCH: WrenchStamped, "/diagnostics": DiagnosticArray}
+        offered = {
+            KNEE_CONTACT: (KneeContact, OUTPUT_DEPTH),
+            KNEE_CONTACT_WRENCH: (WrenchStamped, OUTPUT_DEPTH),
+            "/diagnostics": (DiagnosticArray, OUTPUT_DEPTH),
+            KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
+        }
         try:
-            self._contact, self._wrench, self._diagnostics = (  # each with a profile of its own: overrides change it
+            self._publishers = [  # each with a profile of its own: overrides change it
                 node.create_lifecycle_publisher(
-                    message_type, topic, QoSProfile(depth=OUTPUT_DEPTH), qos_overriding_options=by_user
+                    message_type, topic, QoSProfile(depth=depth), qos_overriding_options=by_user
                 )
-                for topic, message_type in offered.items()
-            )
+                for topic, (message_type, depth) in offered.items()
+            ]
         except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
+        self._contact, self._wrench, self._diagnostics, markers = self._publishers
+        self._markers = MarkerTopic(markers, shown)
         self._transforms = StaticTransformTopic(node, self.pipeline.frame)
         self._services: list[Any] = []
         acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
@@ -157,6 +172,7 @@ class Session:
         self._timers = [
             self.node.create_timer(self.health.lag.period, self._on_wait_timer, clock=STEADY),
             self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=STEADY),
+            self.node.create_timer(MARKER_PERIOD, self._markers.publish, clock=STEADY),
         ]
 
     def stop(self) -> None:
@@ -195,7 +211,7 @@ class Session:
         self._transforms.close()
 
     def _destroy_publishers(self) -> None:
-        for publisher in (self._contact, self._wrench, self._diagnostics):
+        for publisher in self._publishers:
             self.node.destroy_lifecycle_publisher(publisher)
 
     def _on_joint_state(self, data: bytes) -> None:
@@ -271,6 +287,7 @@ class Session:
             _, _, wrench = answer.records[-1]
             self._wrench.publish(wrench)
             self.outputs.put(answer)
+            self._markers.newest = (pair.load, answer.row)
             depth, fidelity, status = COUNTED.unpack_from(answer.row)
             self.health.count(fidelity, status, end - begin, latency)
             pipeline.doubts.add(pair.load.stamp, pair.load.load, depth, status)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.view.outlines import KneeOutlines
+from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 from knee_contact_ros.view.plots import (
     BODY_WEIGHTS,
     CONTACT_POINT,
@@ -19,7 +19,7 @@ from knee_contact_ros.view.plots import (
     SLIDING,
     Plot,
 )
-from knee_contact_ros.view.sagittal import ARROW, LEGEND, MM, NEWTONS_PER_MM, PATH, SAGITTAL, extent_of
+from knee_contact_ros.view.sagittal import ARROW, LEGEND, MM, PATH, SAGITTAL, extent_of
 from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
 PATH_SPAN = 1.5

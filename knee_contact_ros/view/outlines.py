@@ -19,6 +19,8 @@ NICENESS = 10
 """A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
 PLATEAU_REACH = 0.04
 """How far [m] the tibial surface is drawn to both sides."""
+NEWTONS_PER_MM = 50.0
+"""Scale of the force arrow"""
 FLEXIONS = np.radians(np.arange(0.0, 81.0, 5.0))
 """Angles [rad] between which a walking knee's contact is looked for"""
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, FORCE, NAME_OF_STATE, OF_STATE, SURFACE, WAY
-from knee_contact_ros.view.outlines import KneeOutlines
+from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 from knee_contact_ros.view.overlap import overlaps
 
 MM = 1e3
@@ -22,8 +22,6 @@ ON_SCREEN = np.array([MM, -MM])
 """From [m] in the tibia frame to mm on the screen"""
 PICTURE_PERIOD = 5_000_000
 """[ns] of stamps in which there is one picture: more than a screen can show"""
-NEWTONS_PER_MM = 50.0
-"""Scale of the force arrow"""
 WIDE, NARROW, POINT_SIZE, PATH_SIZE = -1.5, -0.8, -4.5, -1.2
 """Half widths on the screen, whatever the magnification: negative in Rerun"""
 ON_TOP, ABOVE = 40.0, 35.0

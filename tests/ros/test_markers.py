@@ -1,0 +1,145 @@
+"""The markers for RViz, over a real topic: while somebody looks, and where the answers say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from visualization_msgs.msg import Marker, MarkerArray
+
+from knee_contact_ros.messages.topics import KNEE_CONTACT_MARKERS
+from knee_contact_ros.node.markers import MARKER_DEPTH, MarkerTopic
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, SURFACE
+from knee_contact_ros.view.markers import LENGTH, KneeMarkers
+from knee_contact_ros.view.outlines import drawing_of
+from tests.helpers.markers import drawn, place_of, sagitta
+from tests.helpers.messages import raw_inputs
+from tests.ros.conftest import NodeProcess, Peer, change_state
+
+Start = Callable[..., NodeProcess]
+STEP = 50_000_000
+"""Between two samples [ns]: longer than between two pictures, so that every answer is shown"""
+NAMES = ["tibia", "femur", "contact_point", "contact_force_on_femur"]
+
+
+class Screen:
+    """What a viewer gets."""
+
+    def __init__(self, peer: Peer, topic: str = KNEE_CONTACT_MARKERS) -> None:
+        self._peer = peer
+        self.pictures: list[Any] = []
+        peer.wait_until(lambda: peer.node.count_publishers(topic))
+        self._subscription = peer.node.create_subscription(MarkerArray, topic, self.pictures.append, 10)
+        peer.spin(0.5)  # the node has to know of it, and nothing says when
+
+    def shown(self, stamp: int) -> dict[str, Any]:
+        """The markers of the answer at a stamp [ns], by name, when they have come."""
+        self._peer.wait_until(lambda: self.pictures and stamp_of(self.pictures[-1]) >= stamp)
+        assert stamp_of(self.pictures[-1]) == stamp
+        return {marker.ns: marker for marker in self.pictures[-1].markers}
+
+    def close(self) -> None:
+        """Look no more."""
+        self._peer.node.destroy_subscription(self._subscription)
+
+
+def stamp_of(picture: Any) -> int:
+    (stamp,) = {1_000_000_000 * m.header.stamp.sec + m.header.stamp.nanosec for m in picture.markers}
+    return int(stamp)
+
+
+def bytes_of(marker: Any) -> tuple[int, ...]:
+    return tuple(round(255.0 * part) for part in (marker.color.r, marker.color.g, marker.color.b))
+
+
+def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start, config: Path) -> None:
+    start_node("--params-file", config / "osteoarthritis.yaml")
+    peer.wait_for_node()
+    screen = Screen(peer)
+    seen = set()
+    for number in range(60):
+        stamp = number * STEP
+        peer.send(stamp, 0.02 * number, 450.0 * (number % 9) - 200.0)
+        peer.wait_until(lambda number=number: len(peer.contacts) == number + 1)
+        contact, markers = peer.contacts[-1], screen.shown(stamp)
+        assert list(markers) == [f"knee/{name}" for name in NAMES]
+        assert {marker.header.frame_id for marker in markers.values()} == {contact.header.frame_id} == {"tibia_r"}
+        tibia, femur, point, force = markers.values()
+        assert {bytes_of(tibia), bytes_of(femur)} == {SURFACE}
+        assert bytes_of(point) == (APART, CARTILAGE, BONE)[contact.contact_state]
+        assert place_of(point).tolist() == [contact.contact_point.x, contact.contact_point.y, contact.contact_point.z]
+        lowest = drawn(femur)[:, 1].min()
+        assert drawn(tibia)[:, 1].tolist() == [0.0, 0.0]
+        assert 0.0 <= lowest + contact.penetration_depth - contact.gap <= 1.01 * sagitta(drawn(femur))
+        if contact.contact_force:
+            begin, end = drawn(force)
+            assert (force.action, begin.tolist()) == (Marker.ADD, place_of(point).tolist())
+            assert end - begin == pytest.approx([0.0, LENGTH * contact.contact_force, 0.0], rel=1e-12, abs=1e-15)
+        else:
+            assert force.action == Marker.DELETE
+        seen.add(contact.contact_state)
+    assert seen == {0, 1, 2}
+
+
+def test_both_knees_have_names_of_their_own(peer: Peer, start_node: Start) -> None:
+    for side in ("left", "right"):
+        start_node("-r", f"__ns:=/{side}", "-r", "joint_states:=/joint_states",
+                   "-r", "joint_reaction_force:=/joint_reaction_force")  # fmt: skip
+    peer.wait_until(lambda: peer.angle.get_subscription_count() == 2 and peer.force.get_subscription_count() == 2)
+    screens = {side: Screen(peer, f"/{side}/{KNEE_CONTACT_MARKERS}") for side in ("left", "right")}
+    peer.send(STEP, 0.2, 900.0)
+    for side, screen in screens.items():
+        assert list(screen.shown(STEP)) == [f"{side}/{name}" for name in NAMES]
+
+
+def test_an_inactive_node_shows_nothing(peer: Peer, start_node: Start) -> None:
+    start_node()
+    peer.wait_for_node()
+    screen = Screen(peer)
+    peer.send(STEP, 0.2, 900.0)
+    screen.shown(STEP)
+    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    number = len(screen.pictures)
+    peer.send(2 * STEP, 0.2, 900.0)
+    peer.spin(0.5)
+    assert len(screen.pictures) == number
+    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    peer.wait_until(lambda: peer.force.get_subscription_count() and peer.angle.get_subscription_count())
+    peer.send(3 * STEP, 0.2, 900.0)
+    screen.shown(3 * STEP)
+
+
+def test_nothing_is_made_unless_somebody_looks_and_then_once(
+    peer: Peer, right_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The topic in this process, so that calls of its publisher can be counted."""
+    pipeline = Pipeline(load_parameters({}), compiled=False)
+    publisher = peer.node.create_publisher(MarkerArray, KNEE_CONTACT_MARKERS, MARKER_DEPTH)
+    published, publish = [], publisher.publish
+    monkeypatch.setattr(publisher, "publish", lambda data: (published.append(data), publish(data)))
+    topic = MarkerTopic(publisher, KneeMarkers(drawing_of(pipeline.model, "knee", 700.0)))
+    topic.publish()
+    for name, _, data in raw_inputs(right_bag)[:60]:
+        take = pipeline.take_joint_state if name == "/joint_states" else pipeline.take_joint_reaction_force
+        for pair in take(data):
+            topic.newest = (pair.load, pipeline.answer(pair, pipeline.compute(pair)).row)
+            topic.publish()
+    assert topic.newest
+    assert not published
+    screen = Screen(peer)
+    peer.wait_until(publisher.get_subscription_count)
+    newest = topic.newest
+    for _ in range(3):
+        topic.publish()
+    assert len(published) == 1
+    screen.shown(newest[0].stamp)
+    screen.close()
+    peer.wait_until(lambda: not publisher.get_subscription_count())
+    topic.newest = newest
+    topic.publish()
+    assert len(published) == 1
