@@ -34,19 +34,8 @@ class Action(IntEnum):
     DELETE = 2
 
 
-class Pose(NamedTuple):
-    """Where a marker's own frame lies in the message's."""
-
-    x: float = 0.0
-    """[m]"""
-    y: float = 0.0
-    """[m]"""
-    turn: float = 0.0
-    """[rad] about z, from x to y"""
-
-
 class Marker(NamedTuple):
-    """One marker, the only one of its name."""
+    """What does not change of a marker; it is the only one of its name."""
 
     name: str
     """Its namespace"""
@@ -54,16 +43,26 @@ class Marker(NamedTuple):
     scale: tuple[float, float, float]
     """[m] as the shape has it: a line's width; diameters; those of an arrow's shaft and head, and its head's length"""
     colour: Colour
-    pose: Pose = Pose()
-    points: bytes = b""
-    """Of a line or an arrow; see `points_of`"""
-    action: Action = Action.ADD
+    points: NDArray[np.float64] = np.empty((0, 2))
+    """Of a line or an arrow, in its own frame, shape (n, 2) [m]"""
 
 
-KIND = struct.Struct("<3i")
-"""Number, shape and action"""
-BODY = struct.Struct("<7d3d4fiI?3xI")
-"""From a multiple of 8 B on: pose, scale, colour, lifetime, whether locked to its frame, number of points"""
+class _Places(NamedTuple):
+    """Where the parts of a marker lie in the message [B]."""
+
+    stamp: int
+    action: int
+    pose: int
+    colour: int
+    points: int
+
+
+STAMP = struct.Struct("<iI")
+KIND = struct.Struct("<2i")
+"""Number and shape, before the action"""
+ACTION = struct.Struct("<i")
+POSE, SCALE, COLOUR, REST = struct.Struct("<7d"), struct.Struct("<3d"), struct.Struct("<4f"), struct.Struct("<iI?3xI")
+"""From a multiple of 8 B on; the rest is lifetime, whether locked to its frame, number of points"""
 POINT = struct.Struct("<3d")
 NONE, EMPTY = struct.pack("<I", 0), struct.pack("<I4x", 1)
 """A sequence without elements; a text without letters, which ends with a 0"""
@@ -71,47 +70,76 @@ NOTHING_MORE = NONE + EMPTY + bytes(8) + 2 * EMPTY + 2 * NONE + 3 * EMPTY + NONE
 """The points' colours; texture: name, stamp, frame, format, data, places; text; mesh: name, file, data, materials"""
 
 
-def points_of(plane: NDArray[np.float64]) -> bytes:
-    """Points of the plane z = 0, shape (n, 2) [m], as a marker takes them."""
-    return np.column_stack([plane, np.zeros(len(plane))]).astype("<f8").tobytes()
-
-
-def encode_markers(stamp: int, frame_id: str, markers: Sequence[Marker]) -> bytes:
-    """Bytes of the message; stamp in [ns].
+class MarkerMessage:
+    """A message that is laid out once; what moves is written over. All is drawn in the plane z = 0 of its frame.
 
     The markers are locked to their frame: a viewer draws them where it is now, not where it was at the stamp.
-
-    Raises:
-        ValueError: the stamp is beyond what ROS can hold.
     """
-    check_stamp(stamp)
-    header = struct.pack("<iI", *divmod(stamp, SECOND)) + _text(frame_id)
-    data = bytearray(HEADER + struct.pack("<I", len(markers)))
-    for marker in markers:
-        data += _padding(data, 4) + header
-        data += _text(marker.name)
-        data += KIND.pack(0, marker.shape, marker.action)
-        data += _padding(data, 8)
-        data += _body(marker)
-        data += marker.points
-        data += NOTHING_MORE
-    return bytes(data)
 
+    def __init__(self, frame_id: str, markers: Sequence[Marker]) -> None:
+        """Lay it out, at stamp 0 and with each marker's own frame at the origin."""
+        self.frame_id = frame_id
+        self._data = bytearray(HEADER + struct.pack("<I", len(markers)))
+        self._places = [self._lay_out(marker) for marker in markers]
 
-def _body(marker: Marker) -> bytes:
-    x, y, turn = marker.pose
-    half = 0.5 * turn
-    return BODY.pack(
-        x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half), *marker.scale, *marker.colour, 1.0,
-        LIFETIME, 0, True, len(marker.points) // POINT.size,
-    )  # fmt: skip
+    def set_stamp(self, stamp: int) -> None:
+        """Give all markers a stamp [ns].
+
+        Raises:
+            ValueError: it is beyond what ROS can hold.
+        """
+        check_stamp(stamp)
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        for places in self._places:
+            STAMP.pack_into(self._data, places.stamp, seconds, nanoseconds)
+
+    def move(self, number: int, x: float, y: float, turn: float) -> None:
+        """Put a marker's own frame to a place [m], turned about z by an angle [rad] from x to y."""
+        half = 0.5 * turn
+        POSE.pack_into(self._data, self._places[number].pose, x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+
+    def paint(self, number: int, colour: Colour) -> None:
+        """Give a marker another colour."""
+        COLOUR.pack_into(self._data, self._places[number].colour, *colour, 1.0)
+
+    def place(self, number: int, *points: tuple[float, float]) -> None:
+        """Give a marker other points [m], not more than it has."""
+        begin = self._places[number].points
+        for x, y in points:
+            POINT.pack_into(self._data, begin, x, y, 0.0)
+            begin += POINT.size
+
+    def show(self, number: int, shown: bool) -> None:
+        """Have a viewer show a marker, or delete it."""
+        ACTION.pack_into(self._data, self._places[number].action, Action.ADD if shown else Action.DELETE)
+
+    def tobytes(self) -> bytes:
+        """The message."""
+        return bytes(self._data)
+
+    def _lay_out(self, marker: Marker) -> _Places:
+        points = np.column_stack([marker.points, np.zeros(len(marker.points))])
+        stamp = self._add(STAMP.pack(0, 0), 4)
+        self._add(_text(self.frame_id), 4)
+        self._add(_text(marker.name), 4)
+        self._add(KIND.pack(0, marker.shape), 4)
+        action = self._add(ACTION.pack(Action.ADD), 4)
+        pose = self._add(POSE.pack(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 8)
+        self._add(SCALE.pack(*marker.scale), 8)
+        colour = self._add(COLOUR.pack(*marker.colour, 1.0), 4)
+        self._add(REST.pack(LIFETIME, 0, True, len(points)), 4)
+        place = self._add(points.astype("<f8").tobytes(), 8 if len(points) else 4)  # nothing needs no padding
+        self._add(NOTHING_MORE, 4)
+        return _Places(stamp, action, pose, colour, place)
+
+    def _add(self, part: bytes, size: int) -> int:
+        """Append what begins at a multiple of a size; where it begins."""
+        self._data += bytes((len(HEADER) - len(self._data)) % size)
+        begin = len(self._data)
+        self._data += part
+        return begin
 
 
 def _text(text: str) -> bytes:
-    """A text and what makes the next 4 B begin in time."""
-    encoded = text.encode()
-    return struct.pack("<I", len(encoded) + 1) + encoded + bytes(4 - len(encoded) % 4)
-
-
-def _padding(data: bytes | bytearray, size: int) -> bytes:
-    return bytes((len(HEADER) - len(data)) % size)
+    encoded = text.encode() + b"\x00"
+    return struct.pack("<I", len(encoded)) + encoded

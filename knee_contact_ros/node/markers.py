@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from knee_contact_ros.messages.marker_out import encode_markers
 from knee_contact_ros.pipeline.samples import LoadSample
 from knee_contact_ros.view.markers import KneeMarkers
 
@@ -29,4 +28,4 @@ class MarkerTopic:
         if self.newest and self.publisher.get_subscription_count():
             load, row = self.newest
             self.newest = None
-            self.publisher.publish(encode_markers(load.stamp, load.frame_id, self._markers.of(row)))
+            self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))

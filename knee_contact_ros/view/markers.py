@@ -5,14 +5,16 @@ The model is planar, and so is what is drawn: all of it lies at z = 0.
 
 from __future__ import annotations
 
+import numpy as np
+
 from knee_contact_ros.core.types import ContactState, reader
-from knee_contact_ros.messages.marker_out import POINT, Action, Colour, Marker, Pose, Shape, points_of
+from knee_contact_ros.messages.marker_out import Colour, Marker, MarkerMessage, Shape
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 
 LENGTH = 1e-3 / NEWTONS_PER_MM
 """Of the arrow, by its force [m/N]"""
-LINE, POINT_SIZE, ARROW = (7e-4, 0.0, 0.0), (3e-3, 3e-3, 3e-3), (1.2e-3, 3e-3, 4e-3)
+LINE, BALL, ARROW = (7e-4, 0.0, 0.0), (3e-3, 3e-3, 3e-3), (1.2e-3, 3e-3, 4e-3)
 """[m] see `Marker.scale`"""
 SHOWN = reader(
     "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "femoral_height", "contact_state",
@@ -30,23 +32,38 @@ SURFACE, FORCE = _colour(colours.SURFACE), _colour(colours.FORCE)
 OF_STATE = {state.value: _colour(tuple(colours.OF_STATE[state].tolist())) for state in ContactState}
 
 
+FEMUR, POINT, FORCE_ON_FEMUR = 1, 2, 3
+"""Places in the message, behind the tibia, which does not move"""
+
+
 class KneeMarkers:
-    """Makes the markers of an answer; their names begin with the knee's."""
+    """Makes the markers of answers; their names begin with the knee's."""
 
     def __init__(self, drawing: KneeOutlines) -> None:
         """Prepare what does not change."""
         knee = drawing.knee
-        self._femur = Marker(f"{knee}/femur", Shape.LINE_STRIP, LINE, SURFACE, points=points_of(drawing.femur))
-        self._tibia = Marker(f"{knee}/tibia", Shape.LINE_STRIP, LINE, SURFACE, points=points_of(drawing.tibia))
-        self._point = Marker(f"{knee}/contact_point", Shape.SPHERE, POINT_SIZE, OF_STATE[ContactState.SEPARATED])
-        self._force = Marker(f"{knee}/contact_force_on_femur", Shape.ARROW, ARROW, FORCE)
+        self._markers = [
+            Marker(f"{knee}/tibia", Shape.LINE_STRIP, LINE, SURFACE, drawing.tibia),
+            Marker(f"{knee}/femur", Shape.LINE_STRIP, LINE, SURFACE, drawing.femur),
+            Marker(f"{knee}/contact_point", Shape.SPHERE, BALL, OF_STATE[ContactState.SEPARATED]),
+            Marker(f"{knee}/contact_force_on_femur", Shape.ARROW, ARROW, FORCE, np.zeros((2, 2))),
+        ]
+        self._message = MarkerMessage("", self._markers)
 
-    def of(self, row: bytes) -> tuple[Marker, ...]:
-        """The markers of an answer, given the bytes of its row; where there is no force, its arrow is deleted."""
+    def encode(self, stamp: int, frame_id: str, row: bytes) -> bytes:
+        """Bytes of the MarkerArray of an answer; stamp in [ns], the row's own is not looked at.
+
+        Raises:
+            ValueError: the stamp is beyond what ROS can hold.
+        """
+        if frame_id != self._message.frame_id:
+            self._message = MarkerMessage(frame_id, self._markers)
         angle, force, x, y, height, state, femoral_x, normal_x, normal_y = SHOWN.unpack_from(row)
-        femur = self._femur._replace(pose=Pose(femoral_x, height, angle))
-        point = self._point._replace(colour=OF_STATE[state], pose=Pose(x, y))
-        length = LENGTH * force
-        tip = POINT.pack(x + length * normal_x, y + length * normal_y, 0.0)
-        action = Action.ADD if force else Action.DELETE
-        return self._tibia, femur, point, self._force._replace(points=POINT.pack(x, y, 0.0) + tip, action=action)
+        message, length = self._message, LENGTH * force
+        message.set_stamp(stamp)
+        message.move(FEMUR, femoral_x, height, angle)
+        message.move(POINT, x, y, 0.0)
+        message.paint(POINT, OF_STATE[state])
+        message.place(FORCE_ON_FEMUR, (x, y), (x + length * normal_x, y + length * normal_y))
+        message.show(FORCE_ON_FEMUR, force != 0.0)
+        return message.tobytes()

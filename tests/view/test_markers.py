@@ -13,7 +13,6 @@ from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Contact, ContactState
-from knee_contact_ros.messages.marker_out import encode_markers
 from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.view.colours import OF_STATE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
@@ -35,10 +34,13 @@ FEMUR, TIBIA, POINT, FORCE = (f"knee/{name}" for name in ("femur", "tibia", "con
 
 def shown(model: KneeModel, answer: Contact) -> dict[str, Any]:
     """The markers of an answer, by name, as a reader of the bytes has them."""
-    markers = KneeMarkers(drawing_of(model, "knee", 700.0)).of(answer.tobytes())
-    message: Any = typestore().deserialize_cdr(
-        encode_markers(answer.stamp, "tibia", markers), "visualization_msgs/msg/MarkerArray"
-    )
+    return read(KneeMarkers(drawing_of(model, "knee", 700.0)), "tibia", answer)
+
+
+def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
+    data = markers.encode(answer.stamp, frame_id, answer.tobytes())
+    message: Any = typestore().deserialize_cdr(data, "visualization_msgs/msg/MarkerArray")
+    assert {marker.header.frame_id for marker in message.markers} == {frame_id}
     assert len({marker.ns for marker in message.markers}) == len(message.markers) == 4
     return {marker.ns: marker for marker in message.markers}
 
@@ -91,3 +93,14 @@ def test_a_pull_points_the_other_way() -> None:
     begin, end = drawn(markers[FORCE])
     assert markers[FORCE].action == 0
     assert end - begin == pytest.approx([0.0, -1e-3, 0.0])
+
+
+def test_nothing_is_left_of_the_answer_before() -> None:
+    """One message is written over again and again, in other frames too."""
+    markers = KneeMarkers(drawing_of(knee_contact_ros.load_model({}), "knee", 700.0))
+    apart = {"contact_force": 0.0, "contact_state": 0, "flexion_angle": 1.0, "femoral_height": 0.04}
+    answers = [contact(), contact(**apart), contact(stamp=5, contact_point=(0.02, 0.01, 0.0)), contact(contact_state=2)]
+    for frame_id in ("tibia_l", "tibia_l", "a longer name", "tibia_r"):
+        for answer in answers:
+            alone = KneeMarkers(drawing_of(knee_contact_ros.load_model({}), "knee", 700.0))
+            assert str(read(markers, frame_id, answer)) == str(read(alone, frame_id, answer))
