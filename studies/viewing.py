@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gc
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -31,6 +30,7 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
@@ -182,13 +182,6 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     grown = snapshot(os.getpid()).family[0].resident - begun
     outlet.close()
     return Size(outlet.path.stat().st_size / ticks, grown / (ticks - first))
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 def modes(folder: Path, number: int) -> dict[str, tuple[dict[str, Any], bool]]:

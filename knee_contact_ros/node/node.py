@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy.experimental import EventsExecutor
+from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
@@ -31,6 +31,7 @@ from knee_contact_ros.node.qos_overrides import given_by_user
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.reading import NODE_NAME, check_parameter_file
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
 
 SPIN_PERIOD = 0.1
@@ -203,8 +204,7 @@ def run_node(arguments: list[str]) -> int:
             node = KneeContactNode(stop)
         if node.node_parameters.read().autostart:
             start(node)
-        executor = EventsExecutor()
-        executor.add_node(node)
+        executor = executor_of(node)
         while not stop.asked:
             spin(executor, node)
     finally:
@@ -215,7 +215,7 @@ def run_node(arguments: list[str]) -> int:
     return 0 if node.complete else 1
 
 
-def spin(executor: EventsExecutor, node: KneeContactNode) -> None:
+def spin(executor: Executor, node: KneeContactNode) -> None:
     """Do what there is to do; what fails without a reason that we know is told, and the node goes on."""
     try:
         executor.spin_once(timeout_sec=SPIN_PERIOD)

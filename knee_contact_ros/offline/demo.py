@@ -18,8 +18,6 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import Executor
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -41,12 +39,14 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.ros_graph import joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
+from knee_contact_ros.view.window import NOT_INSTALLED, viewer
 
 NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
@@ -157,8 +157,7 @@ def play(
     with joining():
         rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("knee_contact_demo")
-    executor: Executor = EventsExecutor()
-    executor.add_node(node)
+    executor = executor_of(node)
     try:
         node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
         node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
@@ -206,18 +205,17 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -
 
 @contextmanager
 def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
-    """The node in a process of its own, which records and draws in the folder `work`; see `child_process`.
+    """The node in a process of its own, which records, and draws if Rerun is installed, in the folder `work`.
+
+    See `child_process`.
 
     On a busy machine its files are complete some time after it has ended: they are waited for.
     """
     arguments = ["-m", "knee_contact_ros.cli.main", "node", "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
-    for name, value in {
-        "record.path": work / RECORDING,
-        "rerun.mode": "file",
-        "rerun.path": work / RERUN_FILE,
-    }.items():
+    drawing = {"rerun.mode": "file", "rerun.path": work / RERUN_FILE} if viewer() else {}
+    for name, value in {"record.path": work / RECORDING, **drawing}.items():
         arguments += ["-p", f'{name}:="{value}"']
     with child_process("the node", arguments, work / NODE_LOG, patience) as node:
         yield node
@@ -250,11 +248,10 @@ def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
 
 def result_files(output: Path, companion: bool) -> dict[str, str]:
     """Where the results are, and how to look at them."""
-    files = {
-        "Recording": str(output / RECORDING.parent),
-        "Rerun file": str(output / RERUN_FILE),
-        "Node's log": str(output / NODE_LOG),
-    }
+    files = {"Recording": str(output / RECORDING.parent), "Node's log": str(output / NODE_LOG)}
     if companion:
         files["Companion's log"] = str(output / COMPANION_LOG)
-    return files | {"To see it": f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"}
+    if not viewer():
+        return files | {"Not drawn": NOT_INSTALLED}
+    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
+    return files | {"Rerun file": str(output / RERUN_FILE), "To see it": to_see}

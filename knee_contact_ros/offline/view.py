@@ -19,15 +19,15 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.output_files import refuse_existing
+from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
 from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view.file_server import served
-from knee_contact_ros.view.outlets import RerunFile, refuse_taken
+from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import (
     ANY_PORT,
-    LOCALHOST,
     connect_command,
     ending,
     executable,

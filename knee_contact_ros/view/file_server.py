@@ -11,8 +11,8 @@ from threading import Thread
 from typing import Any
 from urllib.parse import quote, urlsplit
 
+from knee_contact_ros.system.ports import LOCALHOST
 from knee_contact_ros.view.visitors import is_allowed
-from knee_contact_ros.view.window import LOCALHOST
 
 
 @contextmanager

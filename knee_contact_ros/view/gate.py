@@ -7,8 +7,8 @@ from contextlib import suppress
 from email import message_from_bytes
 from threading import Thread
 
+from knee_contact_ros.system.ports import LOCALHOST
 from knee_contact_ros.view.visitors import is_allowed
-from knee_contact_ros.view.window import LOCALHOST
 
 HTTP_2 = b"PRI * HTTP/2.0\r\n\r\n"
 """How programs begin; a browser does so behind encryption only"""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
 import rerun as rr
 
-from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import claim, open_claimed, take_name
+from knee_contact_ros.system.ports import free_port, refuse_taken
 from knee_contact_ros.view.gate import Gate
 from knee_contact_ros.view.layout import blueprint
 from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.piped import PipedFile
 from knee_contact_ros.view.visitors import unguessable_address
-from knee_contact_ros.view.window import LOCALHOST
 
 APPLICATION = "knee_contact_ros"
 SERVED_MEMORY = "64MB"
@@ -101,7 +99,7 @@ class Served:
         Raises:
             UsageError: the port is taken.
         """
-        refuse_taken(port)
+        refuse_taken(port, "parameter rerun.port")
         self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         inner = unguessable_address()
         inner_port = free_port(inner)
@@ -120,24 +118,3 @@ class Served:
         self._gate.close()
 
     discard = close
-
-
-def free_port(address: str) -> int:
-    """A port that nobody listens on at an address of this machine."""
-    with socket.socket() as probe:
-        probe.bind((address, 0))
-        return int(probe.getsockname()[1])
-
-
-def refuse_taken(port: int, name: str = "parameter rerun.port") -> None:
-    """Tell that a port cannot be listened on; `name` is what gave it.
-
-    Raises:
-        UsageError: it cannot.
-    """
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: closed connections linger
-        try:
-            probe.bind((LOCALHOST, port))
-        except OSError as error:
-            raise UsageError(f"{name}: {port} on {LOCALHOST}: {error.strerror}") from None

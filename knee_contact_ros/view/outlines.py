@@ -12,6 +12,7 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.window import executable
 
 VIEWER = "knee_contact_ros.view.output"
 """Imported by its process alone: Rerun is large"""
@@ -58,11 +59,12 @@ def sink_for(knee: Knee) -> Sink | None:
     """A process that writes a Rerun file or serves a scene; see `output.py`.
 
     Raises:
-        UsageError: the knee's name is none of those that share the viewer.
+        UsageError: Rerun is not installed, or the knee's name is none of those that share the viewer.
     """
     rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
     if rerun.mode == "off":
         return None
+    executable(f"parameter rerun.mode: {rerun.mode}: ")
     knees = tuple(one.strip() for one in rerun.knees.split(",")) if rerun.knees else ()
     if knees and (name not in knees or "" in knees):
         raise UsageError(

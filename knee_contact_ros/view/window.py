@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.ports import LOCALHOST
 from knee_contact_ros.system.processes import Process, start
 from knee_contact_ros.view.visitors import unguessable_address
 
-LOCALHOST = "127.0.0.1"
+NOT_INSTALLED = "rerun-sdk is not installed: pip install 'knee-contact-ros[viewer]'"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY = "1GB"
 """What a viewer beside a node may take; older data goes first"""
@@ -52,17 +53,26 @@ def address(port: int) -> str:
     return f"rerun+http://{LOCALHOST}:{port}/proxy"
 
 
-def executable() -> Path:
+def viewer() -> Path | None:
     """Rerun's viewer, wherever Python finds its package: in the environment, or in the user's own packages.
 
-    Raises:
-        UsageError: it is not there.
+    Rerun's library for Python is in the same package: without the one there is none of the other.
     """
     package = find_spec("rerun_cli")
-    for folder in package.submodule_search_locations or () if package else ():
-        if (path := Path(folder) / "rerun").exists():
-            return path
-    raise UsageError("Rerun's viewer is not installed: pip install rerun-sdk")
+    folders = package.submodule_search_locations or () if package else ()
+    return next((path for folder in folders if (path := Path(folder) / "rerun").exists()), None)
+
+
+def executable(wanted: str = "") -> Path:
+    """Rerun's viewer; `wanted` is what asks for it.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    path = viewer()
+    if path is None:
+        raise UsageError(f"{wanted}{NOT_INSTALLED}")
+    return path
 
 
 def hidden() -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from rosbags.rosbag2 import Reader
 from knee_contact_ros.bags.writer import Limits
 from tests import ROOT
 from tests.bags.test_split import MS, TICK, record
+from tests.helpers.needs import needs_viewer
 
 VALIDATOR = ROOT.parent / "shared" / "tools" / "check_mcap"
 NUMBER = 500
@@ -69,6 +70,7 @@ def test_mcaps_own_readers_read_every_file(recording: Path) -> None:
         assert stamps == list(range(NUMBER))
 
 
+@needs_viewer
 def test_rerun_takes_every_file(recording: Path, tmp_path: Path) -> None:
     rerun = Path(sys.executable).with_name("rerun")
     for path in files(recording):

@@ -9,9 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
-from rerun.chunk import RrdReader
 
 from knee_contact_ros.bags import answer_recorder
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
@@ -33,6 +33,7 @@ from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
 from knee_contact_ros.sinks.protocol import Job, Sink
 from knee_contact_ros.view.outlines import NICENESS, VIEWER, Serving, drawing_of
 from tests.helpers.answers import contact
+from tests.helpers.needs import HAS_VIEWER, NO_VIEWER
 
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
@@ -86,6 +87,8 @@ def recorded_ticks(path: Path) -> list[int]:
 
 def shown_ticks(path: Path) -> list[int]:
     """The numbers of the answers in a Rerun file."""
+    from rerun.chunk import RrdReader
+
     stamps: list[Any] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path == "/knee/curves/depth" and not chunk.is_static:
@@ -109,7 +112,9 @@ class Started:
         return self.begun(recording(path, settings), wait, queue)
 
     def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
-        """A viewer."""
+        """A viewer; skips where Rerun is not installed."""
+        if not HAS_VIEWER:
+            pytest.skip(NO_VIEWER)
         job = Job(VIEWER, (path, SERVING, drawing_of(MODEL, "knee", 737.0)))
         sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
         return self.begun(sink, wait, queue._replace(section="rerun"))

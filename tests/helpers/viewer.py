@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import signal
-import socket
 import subprocess
 import sysconfig
 import time
@@ -19,7 +18,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
 from rerun.experimental import View, ViewerClient, ViewerState
+
+from knee_contact_ros.system.ports import free_port
 
 RERUN = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
 PATIENCE = 60.0
@@ -130,13 +133,6 @@ def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClien
         return None
 
     return wait_for(look, "the viewer to load its files")
-
-
-def free_port() -> int:
-    """A port of this machine that nobody listens on."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 def wait_for(condition: Callable[[], T | None], what: str) -> T:

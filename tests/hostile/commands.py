@@ -14,8 +14,15 @@ from importlib import import_module
 from pathlib import Path
 
 from knee_contact_ros.cli.main import main
+from tests.helpers.needs import HAS_VIEWER
 
-for needed in ("tools.report.figures", "tools.report.page", "bags.recover", "offline.solve", "offline.view"):
+for needed in (
+    "tools.report.figures",
+    "tools.report.page",
+    "bags.recover",
+    "offline.solve",
+    *["offline.view"][:HAS_VIEWER],
+):
     import_module(f"knee_contact_ros.{needed}")
 
 MEMORY = 3 * 2**30

@@ -16,6 +16,7 @@ from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Queue
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.needs import needs_viewer
 
 
 def described(**parameters: Any) -> Knee:
@@ -56,6 +57,7 @@ def test_what_is_off_has_no_limit(tmp_path: Path) -> None:
     assert found == Settings(found.flush_period, Limits(math.inf, math.inf), 0.0, 0.0)
 
 
+@needs_viewer
 def test_a_scene_is_a_file_or_served(tmp_path: Path) -> None:
     to_file = sink_of("rerun", described(rerun__mode="file", rerun__path=str(tmp_path / "knee.rrd")))
     served = sink_of("rerun", described(rerun__mode="serve", rerun__port=9999))

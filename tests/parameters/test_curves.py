@@ -15,6 +15,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.parameters.curves import LARGEST, MOST_POINTS
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.needs import needs_viewer
 from tests.helpers.recordings_of import recording_with
 
 PROFILE, TABLE = (
@@ -56,7 +57,7 @@ def test_a_curve_of_so_many_points_is_read(tmp_path: Path) -> None:
     assert model.mechanism.translation(1e-3)[0] == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("command", ["solve", "view", "report"])
+@pytest.mark.parametrize("command", ["solve", pytest.param("view", marks=needs_viewer), "report"])
 def test_no_file_is_opened_that_a_recording_names(
     command: str, right_bag: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

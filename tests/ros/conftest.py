@@ -55,13 +55,18 @@ def own_words(errors: str) -> str:
     return "".join(line for line in errors.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line)
 
 
+WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.cli.main import main; sys.exit(main())"
+"""A program: the command where a module is not installed"""
+
+
 class NodeProcess:
     """`knee-contact node` with its output."""
 
-    def __init__(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY) -> None:
-        """`largest_file` [B] makes the disk look full."""
+    def __init__(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY, without: str = "") -> None:
+        """`largest_file` [B] makes the disk look full, `without` a module look absent."""
+        command = ["-c", WITHOUT.format(without)] if without else ["-m", "knee_contact_ros.cli.main"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "knee_contact_ros.cli.main", "node", "--ros-args", *arguments],
+            [sys.executable, *command, "node", "--ros-args", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -185,8 +190,8 @@ def start_node() -> Iterator[Callable[..., NodeProcess]]:
     """Start nodes; all are gone after the test."""
     started: list[NodeProcess] = []
 
-    def start(*arguments: str | Path, **limits: int) -> NodeProcess:
-        started.append(NodeProcess(*map(str, arguments), **limits))
+    def start(*arguments: str | Path, **how: Any) -> NodeProcess:
+        started.append(NodeProcess(*map(str, arguments), **how))
         return started[-1]
 
     yield start

@@ -11,6 +11,7 @@ import pytest
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.resources import PACKAGE, share_folder
+from tests.helpers.needs import needs_viewer
 
 RUN = """
 import sys
@@ -27,6 +28,7 @@ sys.exit(service.run())
 """What `ros2 launch FILE name:=value ...` does"""
 
 
+@needs_viewer
 def test_replay_goes_through_the_node_and_ends(tmp_path: Path) -> None:
     pytest.importorskip("launch_ros", reason="the launch packages are not installed")
     index = pytest.importorskip("ament_index_python")

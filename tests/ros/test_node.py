@@ -15,6 +15,7 @@ import psutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import read_bag
@@ -22,10 +23,12 @@ from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.executor import NO_EVENTS
+from knee_contact_ros.system.ports import free_port
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
-from tests.helpers.viewer import free_port
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
+from tests.helpers.needs import needs_viewer
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call, own_words
 from tests.ros.faults import many_joints
 from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
 
@@ -231,6 +234,7 @@ def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[
     assert words in output
 
 
+@needs_viewer
 def test_what_is_there_is_not_overwritten(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     recording, picture = tmp_path / "out.mcap", tmp_path / "out.rrd"
     for path in (recording, picture):
@@ -250,9 +254,24 @@ def test_what_is_there_is_not_overwritten(peer: Peer, start_node: Start, tmp_pat
     ("output", "arguments", "words"),
     [
         ("recorder", ["record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap: "),
-        ("viewer", ["rerun.mode:=file", "rerun.path:=/dev/null/no.rrd"], "cannot write /dev/null/no.rrd: Not a dir"),
-        ("viewer", ["rerun.mode:=serve", "rerun.port:={taken}"], "rerun.port: {taken} on 127.0.0.1: Address already"),
-        ("viewer", ["rerun.mode:=spawn", "rerun.port:={free}"], "no screen for a viewer (DISPLAY is not set)"),
+        pytest.param(
+            "viewer",
+            ["rerun.mode:=file", "rerun.path:=/dev/null/no.rrd"],
+            "cannot write /dev/null/no.rrd: Not a dir",
+            marks=needs_viewer,
+        ),
+        pytest.param(
+            "viewer",
+            ["rerun.mode:=serve", "rerun.port:={taken}"],
+            "rerun.port: {taken} on 127.0.0.1: Address already",
+            marks=needs_viewer,
+        ),
+        pytest.param(
+            "viewer",
+            ["rerun.mode:=spawn", "rerun.port:={free}"],
+            "no screen for a viewer (DISPLAY is not set)",
+            marks=needs_viewer,
+        ),
     ],
 )
 def test_no_output_keeps_the_node_from_computing(
@@ -271,3 +290,34 @@ def test_no_output_keeps_the_node_from_computing(
     assert code == 0
     assert ["[ERROR]" in line for line in said.splitlines() if words.format(**ports) in line] == [True]
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("mode", ["file", "serve", "spawn"])
+def test_a_node_without_rerun_tells_what_to_install(start_node: Start, tmp_path: Path, mode: str) -> None:
+    arguments = ["-p", f"record.path:={tmp_path / 'new.mcap'}", "-p", f"rerun.mode:={mode}", "-p", "rerun.path:=x.rrd"]
+    code, output = start_node(*arguments, without="rerun_cli").wait()
+    assert code == 2
+    assert output == (
+        f"knee-contact: parameter rerun.mode: {mode}: rerun-sdk is not installed: "
+        "pip install 'knee-contact-ros[viewer]'\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_older_rclpy_without_the_events_executor_will_do(
+    peer: Peer, start_node: Start, config: Path, tmp_path: Path
+) -> None:
+    recording = tmp_path / "out.mcap"
+    node = start_node(
+        "--params-file", config / "healthy.yaml", "-p", f"record.path:={recording}", without="rclpy.experimental"
+    )  # fmt: skip
+    peer.wait_for_node()
+    send_all(peer)
+    series = knee_contact_ros.load_model(config / "healthy.yaml").run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
+    assert [contact.penetration_depth for contact in peer.contacts] == series.penetration_depth.tolist()
+    assert call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request()).success
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(STAMPS)))
+    code, output = node.stop()
+    assert (code, recording.exists()) == (0, True)
+    assert output.count(NO_EVENTS) == 1
+    assert "Traceback" not in output

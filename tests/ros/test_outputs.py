@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.outputs import MOST_ENDING
+from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
 
@@ -45,7 +46,7 @@ def stamps(path: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-@pytest.mark.parametrize("output", ["recorder", "viewer"])
+@pytest.mark.parametrize("output", ["recorder", pytest.param("viewer", marks=needs_viewer)])
 def test_an_output_that_dies_or_stalls_costs_no_answer(
     peer: Peer, start_node: Start, tmp_path: Path, output: str, number: signal.Signals
 ) -> None:

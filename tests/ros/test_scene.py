@@ -10,10 +10,14 @@ from ipaddress import ip_address
 from pathlib import Path
 
 import psutil
+import pytest
+
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
 from rerun.experimental import ViewerClient, ViewerState
 
+from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.view.plots import PLOTS
-from tests.helpers.viewer import free_port, rendered, wait_for
+from tests.helpers.viewer import rendered, wait_for
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.test_outputs import children, walk
 

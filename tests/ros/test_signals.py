@@ -12,6 +12,7 @@ import pytest
 
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from tests.helpers.needs import needs_viewer
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.series import STAMPS, STEP, send_all
 
@@ -20,6 +21,7 @@ Start = Callable[..., NodeProcess]
 
 @pytest.mark.usefixtures("hang_up")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@needs_viewer
 def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
     recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
     node = start_node(

@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.view.file_server import served
-from tests.helpers.viewer import free_port
 
 
 class Answer(NamedTuple):

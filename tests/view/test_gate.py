@@ -10,14 +10,16 @@ from ipaddress import ip_address
 
 import psutil
 import pytest
+
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
 import rerun as rr
 
 from knee_contact_ros import load_model
+from knee_contact_ros.system.ports import LOCALHOST, free_port
 from knee_contact_ros.view.gate import PATIENCE, Gate
-from knee_contact_ros.view.outlets import Served, free_port
+from knee_contact_ros.view.outlets import Served
 from knee_contact_ros.view.outlines import drawing_of
 from knee_contact_ros.view.visitors import unguessable_address
-from knee_contact_ros.view.window import LOCALHOST
 
 TOLD = "a knee of somebody"
 READ = "/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages"

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, DEPTH, FORCE, SURFACE
 from knee_contact_ros.view.plots import PLOTS

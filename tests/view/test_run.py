@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
 from rerun.experimental import ViewerClient
 
 from knee_contact_ros.bags.answer_recorder import AnswerWriter
@@ -26,11 +28,12 @@ from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.view.outlines import Serving, drawing_of
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import PLOTS
 from tests.helpers.messages import raw_inputs
-from tests.helpers.viewer import free_port, rendered, wait_for
+from tests.helpers.viewer import rendered, wait_for
 from tests.view.rrd import column, entities, lists
 
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}

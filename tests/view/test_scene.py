@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.reading import load_parameters

@@ -41,6 +41,9 @@ def view(
     side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
     --serve tells.
     """
+    from knee_contact_ros.view.window import executable
+
+    executable()  # before what imports its library
     from knee_contact_ros.offline.view import ViewOptions, run_view
     from knee_contact_ros.parameters.reading import load_parameters
     from knee_contact_ros.system.ros_arguments import parameters_of

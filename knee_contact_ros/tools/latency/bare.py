@@ -11,8 +11,7 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Point, Vector3, Wrench, WrenchStamped
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.experimental import EventsExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -20,6 +19,7 @@ from sensor_msgs.msg import JointState
 
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.system.executor import executor_of
 
 # As in node.py, session.py and subscription.py, which are not imported: a bare node's process shall hold nothing else.
 INPUT_QOS = QoSProfile(depth=1000)
@@ -112,8 +112,11 @@ def main(kind: str) -> None:
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_bare")
     answering = (Bytes if kind == BYTES else Ordinary)(node)
-    executor: Any = SingleThreadedExecutor() if kind == SINGLE else EventsExecutor()
-    executor.add_node(node)
+    if kind == SINGLE:
+        executor: Executor = SingleThreadedExecutor()
+        executor.add_node(node)
+    else:
+        executor = executor_of(node)
     try:
         while not asked:
             executor.spin_once(timeout_sec=SPIN_PERIOD)

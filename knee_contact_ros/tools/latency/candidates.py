@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.offline.demo import node_process
+from knee_contact_ros.system.executor import Quickest
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency import bare
 from knee_contact_ros.tools.latency.driver import Driver
+from knee_contact_ros.view.window import viewer
 
 PARAMETERS = share_folder() / "config" / "healthy.yaml"
+DRAWS = " and draws to a Rerun file" if viewer() else ""
 
 
 class Candidate(NamedTuple):
@@ -28,7 +31,7 @@ class Candidate(NamedTuple):
 
 
 def start_ours(work: Path, patience: float) -> AbstractContextManager[Child]:
-    """Our node, recording to MCAP and drawing to a Rerun file."""
+    """Our node, recording to MCAP, and drawing to a Rerun file if Rerun is installed."""
     return node_process([PARAMETERS], work, patience)
 
 
@@ -37,18 +40,16 @@ def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager
     return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
 
 
-OURS = Candidate(
-    "this node", "computes, publishes, records to MCAP and draws to a Rerun file (healthy.yaml)", start_ours
-)
+OURS = Candidate("this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", start_ours)
 BARE = Candidate(
-    "bare", "rclpy's events executor, ordinary messages in and out, no computation, no files",
+    "bare", f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
     partial(start_bare, bare.EVENTS),
 )  # fmt: skip
 SINGLE = Candidate(
-    "bare, single-threaded", "the same with rclpy's single-threaded executor", partial(start_bare, bare.SINGLE)
+    "bare, single-threaded", "the same with rclpy's SingleThreadedExecutor", partial(start_bare, bare.SINGLE)
 )
 BYTES = Candidate(
-    "bare, bytes", "the events executor with bytes in and prepared bytes out: the least that rclpy can take",
+    "bare, bytes", "the bare node with bytes in and prepared bytes out: the least that rclpy can take",
     partial(start_bare, bare.BYTES),
 )  # fmt: skip
 CANDIDATES = (OURS, BARE, SINGLE, BYTES)

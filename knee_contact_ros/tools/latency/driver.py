@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, TypeVar
 
 import rclpy
 from geometry_msgs.msg import WrenchStamped
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -24,6 +23,7 @@ from knee_contact_ros.messages.cdr import SECOND, stamp_in
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.tools.latency.samples import Sample, samples
 
 START = 300.0
@@ -195,8 +195,7 @@ def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
     """A driver of some kind, likewise."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_latency")
-    executor = EventsExecutor()
-    executor.add_node(node)
+    executor = executor_of(node)
     before = signal.getsignal(signal.SIGINT)
     try:
         peer = kind(node, executor)

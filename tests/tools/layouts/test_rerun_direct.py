@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from numpy.typing import NDArray
+
+pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+import pyarrow as pa
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.core.types import ContactState, Fidelity, Status

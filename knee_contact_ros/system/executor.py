@@ -1,0 +1,32 @@
+"""The executor that ROS callbacks run in: the events executor, where this rclpy has it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+
+Quickest: type[Executor] = SingleThreadedExecutor
+with suppress(ImportError):  # Jazzy before rclpy 7.1.4
+    from rclpy.experimental import EventsExecutor
+
+    Quickest = EventsExecutor
+
+NO_EVENTS = (
+    "this rclpy has no EventsExecutor (Jazzy has it from 7.1.4 on): the single-threaded executor is used, which takes "
+    "more time per message"
+)
+
+
+def executor_of(node: Node) -> Executor:
+    """The quickest executor that there is, with a node in it; the node's log tells if it is not the events executor.
+
+    It is for `spin_once(timeout_sec=...)` in a loop: in `spin`, and without a time-out, the events executor of Jazzy's
+    wheels burns a processor and delivers nothing.
+    """
+    if Quickest is SingleThreadedExecutor:
+        node.get_logger().warning(NO_EVENTS)
+    executor = Quickest()
+    executor.add_node(node)
+    return executor
