@@ -26,6 +26,7 @@ from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import MB, Listeners, Queue, SinkProcess
+from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     NOTHING_LEFT,
     PATIENCE,
@@ -88,6 +89,7 @@ def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> No
     assert order == [notes[0], 0, 1, 2, notes[1], 3]
 
 
+@needs_viewer
 def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     recording, picture = started.recorder(path, wait=False), started.viewer(tmp_path / "knee.rrd", wait=False)

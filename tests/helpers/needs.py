@@ -8,5 +8,6 @@ import pytest
 
 HAS_VIEWER = find_spec("rerun") is not None
 """Whether Rerun is there"""
-NO_VIEWER = "needs the extra viewer: pip install 'knee-contact-ros[viewer]'"
-needs_viewer = pytest.mark.skipif(not HAS_VIEWER, reason=NO_VIEWER)
+needs_viewer = pytest.mark.skipif(
+    not HAS_VIEWER, reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'"
+)

@@ -9,7 +9,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
@@ -33,7 +32,6 @@ from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
 from knee_contact_ros.sinks.protocol import Job, Sink
 from knee_contact_ros.view.outlines import NICENESS, VIEWER, Serving, drawing_of
 from tests.helpers.answers import contact
-from tests.helpers.needs import HAS_VIEWER, NO_VIEWER
 
 TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
@@ -112,9 +110,7 @@ class Started:
         return self.begun(recording(path, settings), wait, queue)
 
     def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
-        """A viewer; skips where Rerun is not installed."""
-        if not HAS_VIEWER:
-            pytest.skip(NO_VIEWER)
+        """A viewer."""
         job = Job(VIEWER, (path, SERVING, drawing_of(MODEL, "knee", 737.0)))
         sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
         return self.begun(sink, wait, queue._replace(section="rerun"))

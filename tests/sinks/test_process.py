@@ -20,6 +20,7 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
+from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     NOTHING_LEFT,
     PATIENCE,
@@ -36,6 +37,7 @@ from tests.helpers.sinks import (
 )
 
 
+@needs_viewer
 def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> None:
     sink = started.viewer(tmp_path / "knee.rrd", wait=False)
     put(sink, range(250))
@@ -48,6 +50,7 @@ def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> No
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(387))
 
 
+@needs_viewer
 def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path) -> None:
     for name in ("out.mcap", "out.rrd"):
         (tmp_path / name).mkdir()
@@ -72,6 +75,7 @@ def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "new", "out.mcap", "out.rrd"]
 
 
+@needs_viewer
 def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, tmp_path: Path) -> None:
     for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd"):
         (tmp_path / name).write_text("earlier")
@@ -169,6 +173,7 @@ def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: P
     assert [p.name for p in tmp_path.iterdir()] == ["out.mcap.partial"]
 
 
+@needs_viewer
 def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
     started: Started, tmp_path: Path
 ) -> None:
@@ -277,6 +282,7 @@ def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: 
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
 
 
+@needs_viewer
 def test_a_sinks_process_is_lean_and_steps_back(started: Started, tmp_path: Path) -> None:
     sink = started.recorder(tmp_path / "out.mcap")
     process = psutil.Process(pid(sink))

@@ -15,6 +15,7 @@ import pytest
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.view.piped import BLOCK, PipedFile
+from tests.helpers.needs import needs_viewer
 
 
 def test_all_that_comes_is_in_the_file(tmp_path: Path) -> None:
@@ -55,6 +56,7 @@ def test_a_disk_that_tells_at_the_end_is_told(tmp_path: Path) -> None:
     assert told.value.filename == path
 
 
+@needs_viewer
 @pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
 def test_view_ends_with_one_line_when_the_disk_is_full(right_bag: Path, tmp_path: Path, size: int) -> None:
     recording, path = tmp_path / "answers.mcap", tmp_path / "pictures" / "knee.rrd"
