@@ -18,7 +18,7 @@ from knee_contact_ros.parameters.curves import curve_files, read_curve, stored_t
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import open_regular
+from knee_contact_ros.system.regular_file import open_regular, sha256_of
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of what happened to a running node"""
@@ -159,7 +159,7 @@ def bag_digest(bag: Path) -> str:
     if bag.is_dir():
         return _digest(path for path in files_of(bag) if is_there(path))
     with open_regular(bag) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of(file)
 
 
 def _digest(paths: Iterable[Path]) -> str:
@@ -167,7 +167,7 @@ def _digest(paths: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for path in sorted(paths):
         with open_regular(path) as file:
-            digest.update(f"{path.name} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+            digest.update(f"{path.name} {sha256_of(file)}\n".encode())
     return digest.hexdigest()
 
 

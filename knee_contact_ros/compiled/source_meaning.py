@@ -20,7 +20,8 @@ def _meaning(code: CodeType) -> tuple[Any, ...]:
     constants = [_meaning(one) if isinstance(one, CodeType) else _constant(one) for one in code.co_consts]
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    return code.co_code, code.co_exceptiontable, counts, names, constants
+    handlers = getattr(code, "co_exceptiontable", b"")  # Python 3.10 has them in the code
+    return code.co_code, handlers, counts, names, constants
 
 
 def _constant(value: object) -> str:

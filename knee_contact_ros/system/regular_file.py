@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import stat
 from io import BufferedReader
 from pathlib import Path
+from typing import BinaryIO
+
+BLOCK = 1 << 18
+"""[B] that are read at once"""
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -42,3 +47,11 @@ def read_regular(path: Path, most: int) -> bytes:
     if len(content) > most:
         raise OSError(errno.EFBIG, f"it is longer than {most} bytes", str(path))
     return content
+
+
+def sha256_of(file: BinaryIO) -> str:
+    """SHA-256 of what is to be read of a file."""
+    digest = hashlib.sha256()  # `hashlib.file_digest` is younger than Python 3.10
+    while part := file.read(BLOCK):
+        digest.update(part)
+    return digest.hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +11,7 @@ from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.regular_file import sha256_of
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings
 
 ORIGIN = "origin"
@@ -98,4 +98,4 @@ def check_output(folder: Path, overwrite: bool) -> None:
 def digest(path: Path) -> str:
     """SHA-256 of a file."""
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of(file)
