@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import click
 from rich.console import Console
@@ -49,7 +49,8 @@ def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     disable = not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
+    bar = Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still)
+    with nullcontext() if disable else bar:  # before Rich 14.3 a disabled bar ends with an empty line
         console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
         yield Bar(bar, what, still=still)
 
