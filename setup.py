@@ -1,8 +1,9 @@
 """The pip side of the package: builds the ROS messages with the same CMakeLists.txt that colcon uses.
 
 `build_ext` configures, builds and installs the CMake project into a staging folder; `install_data` packs what belongs
-beside the Python modules: the message libraries (`lib/`), the generated message modules (`site-packages/`) and the
-ament resources (`share/`). An editable install takes the same way, so the source tree holds no generated file.
+beside the Python modules: the message libraries and what `ros2 run` starts (`lib/`), the generated message modules
+(`site-packages/`) and the ament resources (`share/`). An editable install takes the same way, so the source tree holds
+no generated file.
 """
 
 from __future__ import annotations
@@ -58,13 +59,14 @@ class BuildMessages(build_ext):
 
 
 class InstallMessages(install_data):
-    """Pack the staged message parts and resources into the wheel's data folder."""
+    """Pack the staged message parts, resources and what `ros2 run` starts into the wheel's data folder."""
 
     def run(self) -> None:
         stage = self.get_finalized_command("build_ext").stage
         (modules,) = stage.glob(f"lib*/python*/*-packages/{PACKAGE}")
         parts = [
             *stage.glob("lib/*.so"),
+            *stage.glob(f"lib/{PACKAGE}/*"),
             *modules.glob("*.so"),
             *modules.glob("msg/*.py"),
             *(path for path in stage.glob("share/**/*") if path.is_file()),
