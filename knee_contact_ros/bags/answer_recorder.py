@@ -179,5 +179,5 @@ def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, s
     refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, go_on=True)
     remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
-    remarks += map(cut_off, leftovers(path.parent))
+    remarks += map(cut_off, leftovers(path.parent, ".mcap"))
     return Recorder(AnswerWriter(bag, provenance, names), settings, remarks)

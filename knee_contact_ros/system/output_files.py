@@ -24,6 +24,8 @@ from knee_contact_ros.system.errors import UsageError
 PARTIAL = ".partial"
 FIRST = "_0"
 """How rosbag2 ends the name of a recording's first file"""
+MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
+"""What makes a recording whole that was cut off"""
 LATER = "_99999"
 """For so much there must be room in an output's name: it may have to go on"""
 LOCK_TRIES, LOCK_PAUSE = 5, 0.01
@@ -115,7 +117,7 @@ def refuse_existing(path: Path) -> None:
         return
     if is_being_written(partial):
         raise UsageError(being_written(partial))
-    if path.suffix != ".mcap":
+    if path.suffix not in MENDS:
         raise UsageError(f"{partial} exists: it was cut off, or is being written; move it away first")
     raise UsageError(f"{cut_off(partial)}; then move it away, or choose another name")
 
@@ -127,7 +129,7 @@ def being_written(partial: Path) -> str:
 
 def cut_off(partial: Path) -> str:
     """What there is to say of a recording that was cut off."""
-    command = f"knee-contact recover {shlex.quote(str(partial))} OUT.mcap"
+    command = MENDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
@@ -290,9 +292,10 @@ def is_being_written(partial: Path) -> bool:
     return False
 
 
-def leftovers(folder: Path) -> list[Path]:
-    """Unfinished recordings in a folder that nobody writes any more."""
-    return [path for path in sorted(folder.glob(f"*.mcap{PARTIAL}")) if _is_plain(path) and not is_being_written(path)]
+def leftovers(folder: Path, suffix: str) -> list[Path]:
+    """Unfinished recordings in a folder, `.mcap` or `.rrd` files, that nobody writes any more."""
+    found = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
+    return [path for path in found if _is_plain(path) and not is_being_written(path)]
 
 
 def _is_plain(path: Path) -> bool:

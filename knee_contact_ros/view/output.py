@@ -9,7 +9,7 @@ import numpy as np
 
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.system.output_files import all_names, refuse_impossible
+from knee_contact_ros.system.output_files import all_names, cut_off, leftovers, refuse_impossible
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
 from knee_contact_ros.view.outlines import KneeOutlines, Serving
 from knee_contact_ros.view.scene import Scene
@@ -100,6 +100,7 @@ def open_output(path: Path | None, serving: Serving, drawing: KneeOutlines) -> V
         name = next(all_names(path))
         if name != path:
             remarks.append(f"{path} is there already: this Rerun recording is {name}")
+        remarks += map(cut_off, leftovers(path.parent, ".rrd"))
         outlet: Outlet = RerunFile(name, [drawing], latency=True)
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.

@@ -77,7 +77,7 @@ def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path
 
 @needs_viewer
 def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, tmp_path: Path) -> None:
-    for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd"):
+    for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd", "other.rrd.partial"):
         (tmp_path / name).write_text("earlier")
     sink, picture = started.recorder(tmp_path / "knee.mcap"), started.viewer(tmp_path / "knee.rrd")
     put(sink, range(10))
@@ -90,11 +90,12 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
     assert shown_ticks(tmp_path / "knee_1.rrd") == list(range(10))
     assert (tmp_path / "knee.mcap").read_text() == (tmp_path / "knee.rrd").read_text() == "earlier"
     assert (tmp_path / "knee_2.mcap").read_text() == "quicker"
-    partial = tmp_path / "knee_1.mcap.partial"
+    partial, drawn = tmp_path / "knee_1.mcap.partial", tmp_path / "other.rrd.partial"
     assert started.remarks == [
         f"{tmp_path / 'knee.mcap'} is there already: this recording is {tmp_path / 'knee_2.mcap'}",
         f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole",
         f"{tmp_path / 'knee.rrd'} is there already: this Rerun recording is {tmp_path / 'knee_1.rrd'}",
+        f"{drawn} is a recording that was cut off: `rerun rrd merge {drawn} -o OUT.rrd` makes it whole",
         f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: the recording is {tmp_path / 'knee_2_1.mcap'}",
     ]
 

@@ -43,13 +43,13 @@ def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> 
         assert writer.stdout
         assert writer.stdout.readline() == "open\n"
         assert is_being_written(partial)
-        assert leftovers(tmp_path) == []
+        assert leftovers(tmp_path, ".mcap") == []
         with pytest.raises(UsageError, match="is being written by another process"):
             refuse_existing(path)
         os.kill(writer.pid, signal.SIGKILL)
         writer.wait()
     assert not is_being_written(partial)
-    assert leftovers(tmp_path) == [partial]
+    assert leftovers(tmp_path, ".mcap") == [partial]
     with pytest.raises(UsageError, match="was cut off"):
         refuse_existing(path)
 
@@ -58,8 +58,9 @@ def test_leftovers_are_unfinished_recordings_only(tmp_path: Path) -> None:
     for name in ("b.mcap.partial", "a.mcap.partial", "whole.mcap", "view.rrd.partial", "metadata.yaml"):
         (tmp_path / name).touch()
     with open_claimed(claim(tmp_path / "live.mcap")):
-        assert [path.name for path in leftovers(tmp_path)] == ["a.mcap.partial", "b.mcap.partial"]
-    assert leftovers(tmp_path / "nowhere") == []
+        assert [path.name for path in leftovers(tmp_path, ".mcap")] == ["a.mcap.partial", "b.mcap.partial"]
+        assert [path.name for path in leftovers(tmp_path, ".rrd")] == ["view.rrd.partial"]
+    assert leftovers(tmp_path / "nowhere", ".mcap") == []
 
 
 def test_a_claimed_file_is_emptied_by_its_writer_only(tmp_path: Path) -> None:
@@ -104,7 +105,7 @@ def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place:
     path, victim = tmp_path / "out.mcap", tmp_path / "victim"
     victim.write_text("another's")
     PLANTED[what](tmp_path / place)
-    assert leftovers(tmp_path) == []
+    assert leftovers(tmp_path, ".mcap") == []
     with pytest.raises(UsageError):
         claim(path)
     assert claim_first(all_names(path))[0].name == "out_1.mcap"
