@@ -3,7 +3,10 @@
 What is not given is as the parameter file says. `-s` lists all arguments.
 """
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -12,6 +15,10 @@ from launch_ros.substitutions import FindPackageShare
 from launch import LaunchDescription
 
 PACKAGE = "knee_contact_ros"
+ENDED, REFUSED = 0, 2
+"""Codes with which the node ends: as it was told to, and because of a parameter or an output"""
+LEAST_DELAY = 0.1
+"""[s] within which launch surely handles what follows the end of a process"""
 
 
 def mode_of(rerun):
@@ -19,10 +26,34 @@ def mode_of(rerun):
     return rerun if rerun in ("", "serve", "spawn") else "file"
 
 
+def number(name, context, kind, least):
+    """A number that was given as an argument."""
+    text = LaunchConfiguration(name).perform(context)
+    try:
+        value = kind(text)
+    except ValueError:
+        value = None
+    if value is None or not value >= least:
+        raise RuntimeError(f"{name}:={text}: it must be a number, at least {least}")
+    return value
+
+
+def end_for_good(node):
+    """Nobody wants back a node that was told to end, or one refused at once; later its parameters were good before."""
+    codes = []
+
+    def on_exit(event, _context):
+        codes.append(event.returncode)
+        if event.returncode != ENDED and codes != [REFUSED]:
+            return []
+        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))]
+
+    return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit))
+
+
 def knee_contact_node(context):
-    """The node with the parameters that were given as arguments."""
+    """The node with the parameters that were given as arguments; one that dies comes back with the same ones."""
     rerun = LaunchConfiguration("rerun").perform(context)
-    port = LaunchConfiguration("rerun_port").perform(context)
     texts = {
         "knee.joint_name": LaunchConfiguration("joint").perform(context),
         "record.path": LaunchConfiguration("record").perform(context),
@@ -35,23 +66,23 @@ def knee_contact_node(context):
         "use_sim_time": LaunchConfiguration("use_sim_time").perform(context),
     }
     given = {name: ParameterValue(text, value_type=str) for name, text in texts.items() if text}
-    given |= {"rerun.port": int(port)} if port else {}
+    if LaunchConfiguration("rerun_port").perform(context):
+        given["rerun.port"] = number("rerun_port", context, int, 1)
     given |= {name: truth == "true" for name, truth in truths.items() if truth}
-    return [
-        Node(
-            package=PACKAGE,
-            executable="knee_contact",
-            arguments=["node"],
-            name="knee_contact",
-            namespace=LaunchConfiguration("namespace"),
-            # Not among `parameters`: launch leaves out a file that is not there, and the node would run with defaults.
-            ros_arguments=[
-                "--params-file", LaunchConfiguration("params"), "--log-level", LaunchConfiguration("log_level")
-            ],
-            parameters=[given] if given else [],
-            output="screen",
-        )
-    ]  # fmt: skip
+    node = Node(
+        package=PACKAGE,
+        executable="knee_contact",
+        arguments=["node"],
+        name="knee_contact",
+        namespace=LaunchConfiguration("namespace"),
+        # Not among `parameters`: launch leaves out a file that is not there, and the node would run with defaults.
+        ros_arguments=["--params-file", LaunchConfiguration("params"), "--log-level", LaunchConfiguration("log_level")],
+        parameters=[given] if given else [],
+        output="screen",
+        respawn=LaunchConfiguration("respawn"),
+        respawn_delay=number("respawn_delay", context, float, LEAST_DELAY),
+    )
+    return [end_for_good(node), node]
 
 
 def generate_launch_description():
@@ -74,6 +105,10 @@ def generate_launch_description():
                 "autostart", default_value="", choices=truth, description="configure and activate without being asked"
             ),
             DeclareLaunchArgument("use_sim_time", default_value="", choices=truth, description="go by /clock"),
+            DeclareLaunchArgument(
+                "respawn", default_value="true", choices=["true", "false"], description="start a node that died again"
+            ),
+            DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
             DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
             OpaqueFunction(function=knee_contact_node),
         ]

@@ -3,13 +3,14 @@
 Two nodes, in the namespaces `left` and `right`: `/left/joint_states` and `/left/joint_reaction_force` give
 `/left/knee_contact`, and so on. If one topic has the angles of both knees, say which joint is which:
 `joint_states:=/joint_states left_joint:=left_knee right_joint:=right_knee`. With `rerun:=serve` one viewer shows both:
-`knee-contact view rerun+http://127.0.0.1:9876/proxy rerun+http://127.0.0.1:9877/proxy`. The arguments
-`autostart`, `use_sim_time` and `log_level` of knee_contact.launch.py hold for both. `-s` lists all arguments.
+`knee-contact view rerun+http://127.0.0.1:9876/proxy rerun+http://127.0.0.1:9877/proxy`. The arguments `autostart`,
+`use_sim_time`, `respawn`, `respawn_delay` and `log_level` of knee_contact.launch.py hold for both. `-s` lists all
+arguments.
 """
 
 from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, ThisLaunchFileDir
 from launch_ros.actions import SetRemap
 from launch_ros.substitutions import FindPackageShare
 
@@ -31,7 +32,7 @@ def arguments(side):
 
 
 def knee(side, port):
-    node = PathJoinSubstitution([FindPackageShare(PACKAGE), "launch", "knee_contact.launch.py"])
+    node = PathJoinSubstitution([ThisLaunchFileDir(), "knee_contact.launch.py"])
     return GroupAction(
         [
             SetRemap("joint_states", LaunchConfiguration("joint_states")),

@@ -88,8 +88,8 @@ class NodeProcess:
 class Peer:
     """Publishes samples and listens to answers."""
 
-    def __init__(self) -> None:
-        self.node = Node("peer")
+    def __init__(self, namespace: str = "", joint_states: str = "joint_states") -> None:
+        self.node = Node("peer", namespace=namespace)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.contacts: list[KneeContact] = []
@@ -102,7 +102,7 @@ class Peer:
         self.between = 0.0
         """Flexion angle [rad] that changes nothing between two good samples, for faults likewise"""
         qos = QoSProfile(depth=1000)
-        self.angle = self.node.create_publisher(JointState, "joint_states", qos)
+        self.angle = self.node.create_publisher(JointState, joint_states, qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
         self.node.create_subscription(KneeContact, "knee_contact", self.contacts.append, qos)
         self.node.create_subscription(WrenchStamped, "knee_contact/wrench", self.wrenches.append, qos)

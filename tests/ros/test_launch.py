@@ -1,18 +1,35 @@
-"""A launch file at work, where the launch packages are; they are not among the ROS 2 wheels."""
+"""The launch files at work, where the launch packages are; they are not among the ROS 2 wheels."""
 
 from __future__ import annotations
 
+import os
+import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
+import psutil
 import pytest
 
-from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.bags.mcap_metadata import metadata_records
+from knee_contact_ros.bags.provenance import PROVENANCE
+from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.recover import recover
+from knee_contact_ros.bags.topic_names import absolute
+from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.resources import PACKAGE, share_folder
-from tests.helpers.needs import needs_viewer
+from tests.helpers.sinks import shown_ticks
+from tests.ros.conftest import PATIENCE, Peer
+from tests.ros.series import STEP
 
+pytest.importorskip("launch_ros", reason="the launch packages are not installed (docs/from-source.md)")
 RUN = """
 import sys
 from launch import LaunchDescription, LaunchService
@@ -21,24 +38,351 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 
 arguments = [argument.split(":=") for argument in sys.argv[2:]]
 include = IncludeLaunchDescription(PythonLaunchDescriptionSource(sys.argv[1]), launch_arguments=arguments)
-service = LaunchService()
+service = LaunchService(noninteractive=True)
 service.include_launch_description(LaunchDescription([include]))
 sys.exit(service.run())
 """
-"""What `ros2 launch FILE name:=value ...` does"""
+"""What `ros2 launch FILE name:=value ...` does where there is no terminal"""
+FOLDER = share_folder() / "launch"
+INTERRUPTED = "130"
+"""The code of a replay that was interrupted"""
+LIVES = 11
+"""Of a node that is killed ten times"""
+MOST_MISSING = 200
+"""Answers (1 s of them) that may be missing in the recording of a life that was killed, on a machine that is busy with
+other tests; `studies/cut_off.py` measures it"""
 
 
-@needs_viewer
-def test_replay_goes_through_the_node_and_ends(tmp_path: Path) -> None:
-    pytest.importorskip("launch_ros", reason="the launch packages are not installed")
+class Knee(NamedTuple):
+    """A knee of a launch file: what it listens to, and the file that it records to."""
+
+    namespace: str = ""
+    joint_states: str = "joint_states"
+    joint: str = "knee"
+    recording: str = "knee.mcap"
+
+
+class Case(NamedTuple):
+    """A launch file with arguments, `{}` for a folder, its knees, and whether the test publishes their samples."""
+
+    file: str
+    arguments: str
+    knees: tuple[Knee, ...] = (Knee(),)
+    fed: bool = True
+
+
+BOTH = "left_record:={}/left.mcap right_record:={}/right.mcap"
+CASES = {
+    "node": Case("knee_contact.launch.py", "record:={}/knee.mcap"),
+    "node, all arguments": Case(
+        "knee_contact.launch.py",
+        "params:={}/soft.yaml namespace:=robot joint:=knee_r record:={}/knee.mcap autostart:=true use_sim_time:=true"
+        " log_level:=debug respawn:=false respawn_delay:=0.5",
+        (Knee("robot", joint="knee_r"),),
+    ),
+    "two knees": Case(
+        "two_knees.launch.py",
+        f"{BOTH} right_params:={{}}/soft.yaml",
+        (Knee("left", recording="left.mcap"), Knee("right", recording="right.mcap")),
+    ),
+    "two knees on one topic": Case(
+        "two_knees.launch.py",
+        f"{BOTH} joint_states:=/joint_states left_joint:=knee_l right_joint:=knee_r",
+        (Knee("left", "/joint_states", "knee_l", "left.mcap"), Knee("right", "/joint_states", "knee_r", "right.mcap")),
+    ),
+    "replay": Case("replay.launch.py", "record:={}/knee.mcap loop:=true", fed=False),
+}
+BAD = {
+    "no such parameter file": ("knee_contact.launch.py", "params:=/nowhere.yaml", "/nowhere.yaml: cannot read"),
+    "unknown parameter": ("knee_contact.launch.py", "params:={}/unknown.yaml", "unknown parameter contact.stifness"),
+    "record is a folder": ("knee_contact.launch.py", "record:={}", "Is a directory"),
+    "port is no number": (
+        "knee_contact.launch.py",
+        "rerun_port:=any",
+        "rerun_port:=any: it must be a number, at least 1",
+    ),
+    "delay is none": (
+        "knee_contact.launch.py",
+        "respawn_delay:=0",
+        "respawn_delay:=0: it must be a number, at least 0.1",
+    ),
+    "delay is no number": ("two_knees.launch.py", "respawn_delay:=nan", "respawn_delay:=nan: it must be a number"),
+    "no truth": ("knee_contact.launch.py", "respawn:=maybe", "Valid options are: ['true', 'false']"),
+    "bad parameters of both knees": (
+        "two_knees.launch.py",
+        "left_params:={}/unknown.yaml right_params:={}/unknown.yaml",
+        "contact.stifness",
+    ),
+    "no such bag": ("replay.launch.py", "bag:=/nowhere", "/nowhere"),
+    "bad parameter of a replay": ("replay.launch.py", "params:={}/unknown.yaml", "contact.stifness"),
+    "nothing to view": ("replay.launch.py", "view:=true", "view:=true needs rerun:=FILE"),
+}
+"""Launch file, arguments, what is said"""
+FILES = {
+    "soft.yaml": "/**: {ros__parameters: {contact: {stiffness: 4.0e+7}}}",
+    "unknown.yaml": "/**: {ros__parameters: {contact: {stifness: 4.0e+7}}}",
+}
+
+
+class Launched:
+    """A launch file that runs."""
+
+    def __init__(self, file: str, arguments: str, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        for name, content in FILES.items():
+            (folder / name).write_text(content)
+        self._log = (folder / "said").open("w+")
+        path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))  # of this environment
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", RUN, FOLDER / file, *arguments.replace("{}", str(folder)).split()],
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {"PATH": path, "ROS_LOG_DIR": str(folder / "log")},
+        )
+
+    def said(self) -> str:
+        """All that launch and its processes have said."""
+        return Path(self._log.name).read_text()
+
+    def hear(self, words: str, times: int = 1) -> None:
+        """Wait until it has said something so many times."""
+        deadline = time.monotonic() + PATIENCE
+        while self.said().count(words) < times:
+            assert time.monotonic() < deadline, self.said()
+            time.sleep(0.05)
+
+    def node(self) -> psutil.Process:
+        """The only node's process."""
+        (node,) = [child for child in psutil.Process(self.process.pid).children() if "--ros-args" in child.cmdline()]
+        return node
+
+    def stop(self) -> int:
+        """Ctrl-C."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(PATIENCE)
+
+    def kill(self) -> None:
+        """Leave nothing of it."""
+        if self.process.poll() is None:
+            for process in [*psutil.Process(self.process.pid).children(recursive=True), self.process]:
+                process.kill()
+        self.process.wait()
+        self._log.close()
+
+
+Start = Callable[[str, str], Launched]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Start launch files; all are gone after the test."""
     index = pytest.importorskip("ament_index_python")
     if not (Path(index.get_package_prefix(PACKAGE)) / "lib" / PACKAGE / "knee_contact").exists():
-        pytest.skip("ros2 run finds no executable in a pip environment")
-    arguments = ["rate:=5", "clock:=true", f"record:={tmp_path / 'out.mcap'}", f"rerun:={tmp_path / 'out.rrd'}"]
-    command = [sys.executable, "-c", RUN, share_folder() / "launch" / "replay.launch.py", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
-    messages = read_bag(tmp_path / "out.mcap", types)
-    assert sum(message.topic == "/knee_contact" for message in messages) == 387
-    assert (tmp_path / "out.rrd").exists()
+        pytest.skip("the package was installed without what `ros2 run` starts")
+    launched: list[Launched] = []
+
+    def start_it(file: str, arguments: str) -> Launched:
+        launched.append(Launched(file, arguments, tmp_path))
+        return launched[-1]
+
+    yield start_it
+    for each in launched:
+        each.kill()
+
+
+@pytest.fixture
+def peers() -> Iterator[Callable[[Knee], Peer]]:
+    """Peers of knees."""
+    made: list[Peer] = []
+
+    def make(knee: Knee) -> Peer:
+        made.append(Peer(knee.namespace, knee.joint_states))
+        return made[-1]
+
+    yield make
+    for peer in made:
+        peer.executor.shutdown()
+        peer.node.destroy_node()
+
+
+class Stream:
+    """Samples at 200 Hz that go on whoever listens."""
+
+    def __init__(self, knees: dict[Knee, Peer], fed: bool = True) -> None:
+        self.knees, self._fed, self._sent = knees, fed, 0
+
+    def until(self, done: Callable[[], bool]) -> None:
+        """Send on and hear answers until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline, "it did not happen in time"
+            if self._fed:
+                self._send()
+            due = time.monotonic() + STEP * 1e-9
+            while (left := due - time.monotonic()) > 0.0:
+                for peer in self.knees.values():
+                    peer.executor.spin_once(timeout_sec=left / len(self.knees))
+
+    def _send(self) -> None:
+        for knee, peer in self.knees.items():
+            peer.send_angle(self._sent * STEP, 0.3, knee.joint)
+            peer.send_force(self._sent * STEP, 900.0 + self._sent % 100)
+        self._sent += 1
+
+
+def answers(path: Path, namespace: str = "") -> list[int]:
+    """The stamps [ns] of the answers in a recording."""
+    topic = f"/{KNEE_CONTACT}"
+    with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}, {topic: absolute(KNEE_CONTACT, namespace)}) as bag:
+        return [message.log_time for message in bag.messages()]
+
+
+def provenance(path: Path) -> dict[str, str]:
+    """How a recording says that it came about."""
+    (found,) = [record.metadata for record in metadata_records(path) if record.name == PROVENANCE]
+    return found
+
+
+def test_every_launch_file_is_tried() -> None:
+    assert {case.file for case in CASES.values()} == {path.name for path in FOLDER.glob("*.launch.py")}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_it_runs_until_ctrl_c(name: str, start: Start, peers: Callable[[Knee], Peer], tmp_path: Path) -> None:
+    file, arguments, knees, fed = CASES[name]
+    stream = Stream({knee: peers(knee) for knee in knees}, fed)
+    launched = start(file, arguments)
+    stream.until(lambda: all(len(peer.contacts) >= 50 for peer in stream.knees.values()))
+    assert launched.stop() == 0
+    said = launched.said()
+    assert said.count("process has finished cleanly") >= len(knees), said
+    assert "Traceback" not in said
+    assert set(re.findall(r"exit code (-?\d+)", said)) <= {INTERRUPTED}
+    for knee in knees:
+        assert len(answers(tmp_path / knee.recording, knee.namespace)) >= 50
+
+
+def test_replay_goes_through_the_node_and_ends(start: Start, tmp_path: Path) -> None:
+    rerun = "rerun:={}/out.rrd" if find_spec("rerun") else ""
+    launched = start("replay.launch.py", f"rate:=5 clock:=true record:={{}}/out.mcap {rerun}")
+    assert launched.process.wait(PATIENCE) == 0, launched.said()
+    assert len(answers(tmp_path / "out.mcap")) == 387
+    assert (tmp_path / "out.rrd").exists() == bool(rerun)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_wrong_is_told_once_and_ends(name: str, start: Start) -> None:
+    file, arguments, words = BAD[name]
+    launched = start(file, arguments)
+    launched.process.wait(PATIENCE)
+    said = launched.said()
+    assert words in said
+    assert "Traceback" not in said
+    assert said.count("exit code 2") == said.count("process started") - said.count("[replay-2]: process started")
+
+
+def test_a_knee_that_is_refused_leaves_the_other_one_alone(start: Start) -> None:
+    launched = start("two_knees.launch.py", "left_params:={}/unknown.yaml respawn_delay:=0.1")
+    launched.hear("[right.knee_contact]: active, listening")
+    time.sleep(1.0)  # longer than the delay
+    assert launched.stop() == 0
+    assert launched.said().count("process started") == 2
+    assert launched.said().count("exit code 2") == 1
+
+
+def test_a_node_that_is_told_to_end_stays_away(start: Start) -> None:
+    launched = start("knee_contact.launch.py", "")
+    launched.hear("active, listening")
+    launched.node().terminate()
+    assert launched.process.wait(PATIENCE) == 0
+    assert launched.said().count("process started") == 1
+
+
+def test_a_node_that_was_good_before_tries_again(start: Start, tmp_path: Path) -> None:
+    launched = start("knee_contact.launch.py", "params:={}/soft.yaml respawn_delay:=0.1")
+    launched.hear("active, listening")
+    content = (tmp_path / "soft.yaml").read_text()
+    (tmp_path / "soft.yaml").unlink()
+    launched.node().kill()
+    launched.hear("exit code 2", times=2)
+    (tmp_path / "soft.yaml").write_text(content)
+    launched.hear("active, listening", times=2)
+    assert launched.stop() == 0
+
+
+def test_a_node_that_is_killed_ten_times_comes_back_ten_times(
+    start: Start, peers: Callable[[Knee], Peer], tmp_path: Path
+) -> None:
+    """Every other time its recorder and viewer are, too. Nothing is overwritten; what was cut off is named."""
+    knee = Knee(joint="knee_r")
+    peer = peers(knee)
+    stream = Stream({knee: peer})
+    rerun = "rerun:={}/knee.rrd" if find_spec("rerun") else ""
+    launched = start("knee_contact.launch.py", f"params:={{}}/soft.yaml joint:=knee_r record:={{}}/knee.mcap {rerun}")
+    heard = []
+    for life in range(LIVES):
+        stream.until(lambda: len(peer.contacts) >= 300)  # 1.5 s: a Rerun file is half a second behind
+        if life < LIVES - 1:
+            kill(launched.node(), with_outputs=cut_off(life))
+        else:
+            assert launched.stop() == 0
+        peer.spin(0.3)
+        heard.append([contact.header.stamp.sec * 10**9 + contact.header.stamp.nanosec for contact in peer.contacts])
+        peer.contacts.clear()
+
+    said = launched.said()
+    assert said.count("process started") == LIVES
+    assert said.count("exit code -9") == LIVES - 1
+    assert said.count("process has finished cleanly") == 1
+    assert "Traceback" not in said
+    recordings = [whole_recording(tmp_path / name_of(life, "mcap"), life, said) for life in range(LIVES)]
+    recorded = [answers(path) for path in recordings]
+    for written, published in zip(recorded, heard, strict=True):
+        assert written == list(range(published[0], written[-1] + STEP, STEP))
+        assert published == list(range(published[0], published[-1] + STEP, STEP))
+        assert written[-1] >= published[-1] - MOST_MISSING * STEP
+    assert all(after[0] > before[-1] + STEP for before, after in pairwise(recorded))  # the gaps
+    assert all(provenance(path) == provenance(recordings[0]) for path in recordings)  # the same parameters
+    if rerun:
+        for life in range(LIVES):
+            assert shown_ticks(whole_drawing(tmp_path / name_of(life, "rrd"), life, said))
+
+
+def name_of(life: int, suffix: str) -> str:
+    """What the file of a node's life is called."""
+    return f"knee_{life}.{suffix}" if life else f"knee.{suffix}"
+
+
+def cut_off(life: int) -> bool:
+    """Whether a life's outputs are killed with it."""
+    return life % 2 == 1
+
+
+def kill(node: psutil.Process, with_outputs: bool) -> None:
+    """Kill a node, and its recorder and viewer with it; without, these complete their files."""
+    outputs = node.children(recursive=True)
+    for process in [node, *(outputs if with_outputs else [])]:
+        process.kill()
+    psutil.wait_procs(outputs, PATIENCE)
+
+
+def whole_recording(path: Path, life: int, said: str) -> Path:
+    """The recording of a life, recovered if it was cut off."""
+    partial = partial_name(path)
+    if cut_off(life):
+        assert not path.exists()
+        assert f"`knee-contact recover {partial} OUT.mcap` makes it whole" in said
+        recover(partial, path)
+    assert life == 0 or f"{path.with_name('knee.mcap')} is there already: this recording is {path}" in said
+    return path
+
+
+def whole_drawing(path: Path, life: int, said: str) -> Path:
+    """The Rerun file of a life, likewise."""
+    partial = partial_name(path)
+    if cut_off(life):
+        assert not path.exists()
+        assert f"`rerun rrd merge {partial} -o OUT.rrd` makes it whole" in said
+        command = [Path(sys.executable).with_name("rerun"), "rrd", "merge", partial, "-o", path]
+        subprocess.run(command, check=True, capture_output=True)
+    return path
