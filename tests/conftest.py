@@ -24,6 +24,11 @@ settings.load_profile("no timed tests")
 REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Know the mark of pytest-xdist also where that is not installed."""
+    config.addinivalue_line("markers", "xdist_group(name): tests that one process runs, in turn")
+
+
 @pytest.fixture(scope="session")
 def config() -> Path:
     """Folder of the shipped parameter files."""
