@@ -27,6 +27,7 @@ def main(namespace: str, output: Path) -> None:
     files = {
         f"foxglove/{name}.json": json.dumps(foxglove.layout(namespace), indent=2) + "\n",
         f"plotjuggler/{name}.xml": plotjuggler.layout(namespace),
+        f"plotjuggler/{name}.pj4.xml": plotjuggler.layout_4(namespace),
     }
     for file, text in files.items():
         partial = claim(output / file, overwrite=True)

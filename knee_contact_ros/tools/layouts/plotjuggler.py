@@ -1,14 +1,15 @@
-"""A layout for PlotJuggler 3: our messages in degrees, millimetres and newtons.
+"""Layouts for PlotJuggler: our messages in degrees, millimetres and newtons (3), in SI units (4).
 
-PlotJuggler knows a number as `/knee_contact/contact_point/x`, and a JointState's by the joint's name. Its transform
-`Scale/Offset` converts.
+PlotJuggler 3 knows a number as `/knee_contact/contact_point/x`, 4 by its topic and the rest; a JointState's by the
+joint's name. The transform `Scale/Offset` of 3 converts; 4 has scripts for that, which a layout cannot count on.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT
@@ -24,23 +25,81 @@ LANE_COLOURS = (BLUE, VIOLET, RED)
 
 
 def layout(namespace: str = "") -> str:
-    """What is loaded as a layout file, XML."""
-    root = ET.Element("root")
-    window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
-    angle, force, depth, point, sliding, evaluations, error, force_error, reaction, wrench = (
-        _plot(plot, namespace) for plot in PLOTS
-    )
-    _tab(window, "Contact", [angle, force, depth], [_states(namespace), point, sliding])
-    _tab(window, "Load, error and cost", [_joint(namespace), reaction, wrench], [error, force_error, evaluations])
-    ET.SubElement(window, "currentTabIndex", index="0")
-    ET.SubElement(root, "use_relative_time_offset", enabled="1")
-    ET.indent(root)
-    return "<?xml version='1.0' encoding='UTF-8'?>\n" + ET.tostring(root, encoding="unicode") + "\n"
+    """What PlotJuggler 3 loads as a layout file, XML."""
+    document = _Layout(namespace, converts=True).document({})
+    ET.SubElement(document, "use_relative_time_offset", enabled="1")
+    return _text(document)
+
+
+def layout_4(namespace: str = "") -> str:
+    """The same for PlotJuggler 4, `.pj4.xml`, for whatever recording is open."""
+    attributes = {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
+    return _text(_Layout(namespace, converts=False).document(attributes))
 
 
 def path(topic: str, field: str, namespace: str = "") -> str:
     """PlotJuggler's name for a field: `/knee_contact/contact_point/x`."""
     return f"{absolute(topic, namespace)}/{field.replace('.', '/')}"
+
+
+def _text(root: ET.Element) -> str:
+    ET.indent(root)
+    return "<?xml version='1.0' encoding='UTF-8'?>\n" + ET.tostring(root, encoding="unicode") + "\n"
+
+
+class _Layout(NamedTuple):
+    """A layout in the making."""
+
+    namespace: str
+    converts: bool
+    """Whether curves carry a transform, as in PlotJuggler 3"""
+
+    def document(self, attributes: Mapping[str, str]) -> ET.Element:
+        """All tabs."""
+        root = ET.Element("root", dict(attributes))
+        window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
+        plots = [self._plot(plot) for plot in PLOTS]
+        angle, force, depth, point, sliding, evaluations, error, force_error, reaction, wrench = plots
+        _tab(window, "Contact", [angle, force, depth], [self._states(), point, sliding])
+        _tab(window, "Load, error and cost", [self._joint(), reaction, wrench], [error, force_error, evaluations])
+        ET.SubElement(window, "currentTabIndex", index="0")
+        return root
+
+    def _plot(self, plot: Plot) -> ET.Element:
+        small = SMALL.get(plot.curves[0].field) if self.converts else None
+        unit, factor = small or self._shown(plot.unit)
+        shown = plot._replace(unit=unit)
+        area, content = _area(shown.with_unit(plot.title))
+        for curve in plot.curves:
+            self._curve(content, (curve.topic, curve.field), shown.with_unit(curve.name), curve.colour, factor)
+        return area
+
+    def _states(self) -> ET.Element:
+        area, content = _area("Contact, level, status", style="Steps")
+        for lane, colour in zip(LANES, LANE_COLOURS, strict=True):
+            self._curve(content, (KNEE_CONTACT, lane.field), lane.title, colour)
+        return area
+
+    def _joint(self) -> ET.Element:
+        unit, factor = self._shown("rad")
+        area, content = _area(f"Joint position [{unit}]")
+        self._curve(content, (JOINT_STATES, f"{JOINT}.position"), f"{JOINT} [{unit}]", BLUE, factor)
+        return area
+
+    def _shown(self, unit: str) -> tuple[str, float]:
+        """The unit shown, and the factor to it."""
+        return SHOWN.get(unit, (unit, 1.0)) if self.converts else (unit, 1.0)
+
+    def _curve(self, plot: ET.Element, source: tuple[str, str], name: str, colour: Colour, factor: float = 1.0) -> None:
+        """A curve of a topic's field; its `name` is told where it is converted."""
+        topic, field = source
+        if not self.converts:
+            names = {"topic": absolute(topic, self.namespace), "field": field.replace(".", "/")}
+            ET.SubElement(plot, "curve", names, color=colour.code)
+            return
+        curve = ET.SubElement(plot, "curve", name=path(topic, field, self.namespace), color=colour.code)
+        transform = ET.SubElement(curve, "transform", name="Scale/Offset", alias=name)
+        ET.SubElement(transform, "options", value_scale=repr(factor), value_offset="0", time_offset="0")
 
 
 def _tab(window: ET.Element, name: str, *columns: list[ET.Element]) -> None:
@@ -60,33 +119,3 @@ def _area(title: str, style: str = "Lines") -> tuple[ET.Element, ET.Element]:
     """A place with a title, and the plot in it."""
     area = ET.Element("DockArea", name=title)
     return area, ET.SubElement(area, "plot", mode="TimeSeries", style=style, line_width="1.5")
-
-
-def _plot(plot: Plot, namespace: str) -> ET.Element:
-    unit, factor = SMALL.get(plot.curves[0].field, SHOWN.get(plot.unit, (plot.unit, 1.0)))
-    shown = plot._replace(unit=unit)
-    area, content = _area(shown.with_unit(plot.title))
-    for curve in plot.curves:
-        source = path(curve.topic, curve.field, namespace)
-        _curve(content, source, shown.with_unit(curve.name), curve.colour, factor)
-    return area
-
-
-def _states(namespace: str) -> ET.Element:
-    area, content = _area("Contact, level, status", style="Steps")
-    for lane, colour in zip(LANES, LANE_COLOURS, strict=True):
-        _curve(content, path(KNEE_CONTACT, lane.field, namespace), lane.title, colour)
-    return area
-
-
-def _joint(namespace: str) -> ET.Element:
-    unit, factor = SHOWN["rad"]
-    area, content = _area(f"Joint position [{unit}]")
-    _curve(content, path(JOINT_STATES, f"{JOINT}.position", namespace), f"{JOINT} [{unit}]", BLUE, factor)
-    return area
-
-
-def _curve(plot: ET.Element, source: str, name: str, colour: Colour, factor: float = 1.0) -> None:
-    curve = ET.SubElement(plot, "curve", name=source, color=colour.code)
-    transform = ET.SubElement(curve, "transform", name="Scale/Offset", alias=name)
-    ET.SubElement(transform, "options", value_scale=repr(factor), value_offset="0", time_offset="0")

@@ -20,6 +20,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
+from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.layouts import foxglove, plotjuggler
@@ -134,8 +135,22 @@ def test_plotjuggler_every_curve_is_a_number_of_the_recording(
             assert is_number(kind_of(schemas[topic], field)), curve
 
 
-def test_plotjuggler_every_split_has_its_parts(config: Path) -> None:
-    root = ET.parse(config / "plotjuggler" / "knee_contact.xml").getroot()  # noqa: S314  (our own file)
+def test_plotjuggler_4_has_the_same_curves_by_topic_and_field(config: Path) -> None:
+    text = (config / "plotjuggler" / "knee_contact.pj4.xml").read_text()
+    assert text == plotjuggler.layout_4(), "make it again: scripts/make_layouts.py"
+    root, before = ET.fromstring(text), ET.fromstring(plotjuggler.layout())  # noqa: S314  (our own)
+    assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
+    curves = [(curve.attrib["topic"], curve.attrib["field"]) for curve in root.iter("curve")]
+    assert [f"{topic}/{field}" for topic, field in curves] == [curve.attrib["name"] for curve in before.iter("curve")]
+    assert {topic for topic, _ in curves} == {f"/{topic}" for topic in MESSAGE_TYPES}
+    assert not list(root.iter("transform"))
+    titles = [area.attrib["name"] for area in root.iter("DockArea")]
+    assert {"Flexion angle [rad]", "Depth [m]", "Joint position [rad]"} <= set(titles)  # nothing converts them
+
+
+@pytest.mark.parametrize("file", ["knee_contact.xml", "knee_contact.pj4.xml"])
+def test_plotjuggler_every_split_has_its_parts(config: Path, file: str) -> None:
+    root = ET.parse(config / "plotjuggler" / file).getroot()  # noqa: S314  (our own file)
     assert [tab.attrib["tab_name"] for tab in root.iter("Tab")] == ["Contact", "Load, error and cost"]
     splitters = list(root.iter("DockSplitter"))
     assert len(splitters) == 6
@@ -177,4 +192,5 @@ def test_a_namespace_by_the_script(tmp_path: Path) -> None:
     refused = subprocess.run([*run, "1st"], capture_output=True, text=True, check=False)
     assert refused.returncode == 2
     assert refused.stderr == "make_layouts.py: --namespace '1st': it must be a name, as left or robot/left\n"
-    assert len(list(tmp_path.rglob("*"))) == 4
+    assert (tmp_path / "plotjuggler" / "robot_left_knee_contact.pj4.xml").read_text().count('"/robot/left/') == SERIES
+    assert len(list(tmp_path.rglob("*"))) == 5
