@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 
 import click
 from rich.console import Console
@@ -48,9 +48,8 @@ def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
     """
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    disable = not console.is_terminal
-    bar = Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still)
-    with nullcontext() if disable else bar:  # before Rich 14.3 a disabled bar ends with an empty line
+    disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a bar that is not shown with an empty line
+    with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
         console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
         yield Bar(bar, what, still=still)
 

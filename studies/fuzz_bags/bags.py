@@ -87,7 +87,7 @@ def split(path: Path) -> None:
     yaml, metadata = YAML(), path / "metadata.yaml"
     content = yaml.load(metadata)
     information = content["rosbag2_bagfile_information"]
-    information.update(relative_file_paths=names, files=[], message_count=len(every))
+    information |= {"relative_file_paths": names, "files": [], "message_count": len(every)}
     information["duration"]["nanoseconds"] = (TICKS - 1) * PERIOD
     for topic in information["topics_with_message_count"]:
         topic["message_count"] = TICKS
