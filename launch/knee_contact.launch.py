@@ -16,7 +16,7 @@ from launch import LaunchDescription
 
 PACKAGE = "knee_contact_ros"
 ENDED, REFUSED = 0, 2
-"""Codes with which the node ends: as it was told to, and because of a parameter or an output"""
+"""Codes with which the node ends: as it was told to, and because of a parameter"""
 LEAST_DELAY = 0.1
 """[s] within which launch surely handles what follows the end of a process"""
 

@@ -112,7 +112,10 @@ class ForceFrame:
         Raises:
             ValueError: it makes no sense.
         """
-        if self._transforms.add(transform) and self._pose is not None:
+        if not self._transforms.add(transform) or self._frame is None or self._pose is None:
+            return
+        pose = self._transforms.between(self._frame.removeprefix("/"), self.wanted)
+        if pose is None or not np.array_equal(pose, self._pose):
             self.forget()
 
     def goes_on(self, frame: str) -> bool:

@@ -161,8 +161,18 @@ def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
     assert frame.told()["from"] == "sensor"
     frame.learn(Transform("tibia", "sensor", NOWHERE, UPRIGHT))  # said again
+    frame.learn(Transform("tibia", "camera", NOWHERE, UPRIGHT))  # of no concern
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
     assert not frame.told()
     frame.learn(Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
     assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx((0.0, 1.0, 0.0), abs=ROUNDING)
     assert frame.told()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
+
+
+def test_frames_without_end_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("knee_contact_ros.pipeline.frames.MOST_FRAMES", 3)
+    tree = StaticTransforms()
+    for name in ("a", "b", "c", "b"):
+        tree.add(Transform("root", name, NOWHERE, UPRIGHT))
+    with pytest.raises(ValueError, match="one more than the 3"):
+        tree.add(Transform("root", "d", NOWHERE, UPRIGHT))
