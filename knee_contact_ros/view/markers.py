@@ -14,7 +14,7 @@ from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 
 LENGTH = 1e-3 / NEWTONS_PER_MM
 """Of the arrow, by its force [m/N]"""
-LINE, BALL, ARROW = (7e-4, 0.0, 0.0), (3e-3, 3e-3, 3e-3), (1.2e-3, 3e-3, 4e-3)
+LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
 """[m] see `Marker.scale`"""
 SHOWN = reader(
     "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "femoral_height", "contact_state",
