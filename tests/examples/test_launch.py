@@ -29,7 +29,7 @@ DOCUMENTED = {
     "launch.events": {"matches_action"},
     "launch.events.process": {"ShutdownProcess"},
     "launch.launch_description_sources": {"PythonLaunchDescriptionSource"},
-    "launch.substitutions": {"FileContent", "LaunchConfiguration", "PathJoinSubstitution"},
+    "launch.substitutions": {"FileContent", "LaunchConfiguration", "PathJoinSubstitution", "ThisLaunchFileDir"},
     "launch_ros.actions": {"Node", "SetRemap"},
     "launch_ros.parameter_descriptions": {"ParameterValue"},
     "launch_ros.substitutions": {"ExecutableInPackage", "FindPackageShare"},
@@ -51,6 +51,8 @@ KEYWORDS = {
         "parameters",
         "output",
         "on_exit",
+        "respawn",
+        "respawn_delay",
     },
     "OnProcessExit": {"target_action", "on_exit"},
     "OpaqueFunction": {"function"},
@@ -129,7 +131,9 @@ def test_a_launch_file_uses_documented_names_only(name: str) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_arguments_are_declared_described_and_used(name: str) -> None:
     tree = tree_of(name)
-    assert {text(call.args[0]) for call in calls(tree, "LaunchConfiguration")} == declared(name)
+    used = {text(call.args[0]) for call in calls(tree, "LaunchConfiguration") if not isinstance(call.args[0], ast.Name)}
+    used |= {text(call.args[0]) for call in calls(tree, "number")}  # looks an argument up by its name
+    assert used == declared(name)
     for call in calls(tree, "DeclareLaunchArgument"):
         assert keyword(call, "description")
         assert keyword(call, "default_value")
@@ -187,10 +191,12 @@ def test_the_files_they_name_are_there_and_installed(name: str) -> None:
     assert folders
     assert "install(PROGRAMS scripts/knee_contact DESTINATION lib/${PROJECT_NAME})" in cmake
     assert (share_folder() / "scripts" / "knee_contact").is_file()
-    (package,) = [part.value for part in tree.body if isinstance(part, ast.Assign) and part.targets[0].id == "PACKAGE"]
-    assert text(package) == PACKAGE
+    assigned = {ast.unparse(part.targets[0]): part.value for part in tree.body if isinstance(part, ast.Assign)}
+    assert text(assigned["PACKAGE"]) == PACKAGE
     for call in calls(tree, "PathJoinSubstitution"):
         parts = constants(call.args[0])
+        if list(calls(call, "ThisLaunchFileDir")):
+            parts = [FOLDER.name, *parts]
         assert share_folder().joinpath(*parts).exists()
         assert {parts[0], "launch"} <= set(folders[1].split())
 
