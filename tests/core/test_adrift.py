@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from knee_contact_ros.core.adrift import (
     LOST,
@@ -100,7 +101,7 @@ def begins(contact: Contact, start: Adrift, mass: float, random: np.random.Gener
     deepest = rest + overshoot(contact.law, rest, start.load, stiffness, excess_of(start))[0]
     depth = random.uniform(-start.height, min(deepest, 5e-3), 100)
     way = np.linspace(0.0, 1.0, 400)[:, None] * np.maximum(depth, 0.0)
-    stored = np.trapezoid(contact.force(way, 0.0 * way), way, axis=0)
+    stored = trapezoid(contact.force(way, 0.0 * way), way, axis=0)
     kinetic = start.energy + start.load * depth - stored
     depth, kinetic = depth[kinetic > 0.0], kinetic[kinetic > 0.0]
     part = np.where(random.random(len(depth)) < 0.7, 1.0, random.random(len(depth)))
@@ -198,7 +199,7 @@ def test_a_pull_is_bounded_by_what_it_does() -> None:
 def test_energies_are_bounded_on_both_sides(name: str, depth: float) -> None:
     contact = CONTACTS[name]
     way = np.linspace(0.0, depth, 20_001)
-    stored = float(np.trapezoid(contact.force(way, 0.0 * way), way))
+    stored = float(trapezoid(contact.force(way, 0.0 * way), way))
     most, _ = elastic_energy(contact.law, depth, 1.0)
     least, _ = elastic_energy(contact.law, depth, 0.5)
     assert least <= stored * (1.0 + 1e-6)  # of the sum
