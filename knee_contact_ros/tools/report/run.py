@@ -13,6 +13,8 @@ from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 
 NEEDED = ("matplotlib", "jinja2")
+OLDEST = (3, 7)
+"""matplotlib that has legends outside of figures; Ubuntu 24.04 has 3.6"""
 EXTRA = "knee-contact-ros[report]"
 PAGE = "report.html"
 TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
@@ -30,6 +32,10 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
     for needed in NEEDED:
         if find_spec(needed) is None:
             raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+    import matplotlib as mpl
+
+    if mpl.__version_info__[:2] < OLDEST:
+        raise UsageError(f"matplotlib {mpl.__version__} is too old: pip install '{EXTRA}'")
     if asked.labels and len(asked.labels) != len(asked.files):
         raise UsageError(f"--label: {len(asked.labels)} given for {len(asked.files)} FILEs; give one each, or none")
     with work_folder(output) as work:

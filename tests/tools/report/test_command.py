@@ -14,6 +14,8 @@ import pytest
 from knee_contact_ros.cli.main import main
 from tests.tools.report.pages import page_of, text_of
 
+pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
+
 
 @pytest.mark.parametrize(
     ("arguments", "words"),

@@ -24,6 +24,8 @@ from knee_contact_ros.tools.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
 from tests.offline.test_solve import make_bag, silent
 from tests.tools.report.pages import page_of, text_of
 
+pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
+
 BODY_WEIGHT = 737.068
 CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
 MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
