@@ -5,10 +5,11 @@ BIN := $(VENV)/bin
 BUILD_FILES := pyproject.toml setup.py CMakeLists.txt package.xml $(wildcard cmake/*.cmake) $(wildcard msg/*.msg)
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 
-.PHONY: help demo test test-package lint docs studies clean
+.PHONY: help demo test test-lowest test-package lint docs studies clean
 help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
+	@echo "make test-lowest  the same with the lowest versions that are allowed, without Rerun, in an environment of its own"
 	@echo "make test-package  build source distribution and wheel, install them in a new environment and use them (a minute)"
 	@echo "make lint   formatter, linters and type checker"
 	@echo "make docs   all pages and the interface as a site, in site/index.html; a broken link ends it"
@@ -20,6 +21,14 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest --numprocesses 4 --dist loadgroup $(ARGS)
+
+# Of what has wheels for this Python: NumPy 1.26 and SciPy 1.11, as in Ubuntu 24.04, up to Python 3.12. Rerun needs NumPy 2.
+LOWEST := .venv-lowest
+test-lowest: | $(BIN)/uv
+	$(PYTHON) -m venv --clear $(LOWEST)
+	VIRTUAL_ENV=$(CURDIR)/$(LOWEST) $(BIN)/uv pip install --quiet --resolution lowest-direct \
+		--only-binary :all: --no-binary empy --editable . --group dev
+	$(LOWEST)/bin/python -m pytest --numprocesses 2 --dist loadgroup $(ARGS)
 
 test-package: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest tests/packaging/check_distributions.py $(ARGS)
@@ -48,7 +57,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.reproduction
 
 clean:
-	rm -rf $(VENV) build site *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+	rm -rf $(VENV) $(LOWEST) build site *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
 $(BIN)/uv:
 	@for tool in $(PYTHON) cc c++; do command -v $$tool >/dev/null || \
