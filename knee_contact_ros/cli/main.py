@@ -49,8 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
             return 1
         return fail(f"{error.filename or 'writing'}: {error.strerror or error}", code=1)
     except (click.Abort, KeyboardInterrupt) as error:
-        if isinstance(error.__cause__, EOFError):  # to click, no more input is an abort; no command asks for any
-            raise error.__cause__ from None
+        if isinstance(error.__context__, EOFError):  # to click, no more input is an abort; no command asks for any
+            raise error.__context__ from None
         click.echo("knee-contact: interrupted", err=True)
         return INTERRUPTED
     return 0

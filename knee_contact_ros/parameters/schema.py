@@ -212,7 +212,7 @@ class Diagnostics(Section):
 class Record(Section):
     """Recording to MCAP."""
 
-    output: ClassVar = "knee_contact_ros.bags.answer_recorder"
+    output: ClassVar[str] = "knee_contact_ros.bags.answer_recorder"
 
     path: str = Field("", description="MCAP file to write; empty: none")
     flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
@@ -235,7 +235,7 @@ class Record(Section):
 class Rerun(Section):
     """The Rerun scene."""
 
-    output: ClassVar = "knee_contact_ros.view.outlines"
+    output: ClassVar[str] = "knee_contact_ros.view.outlines"
 
     mode: Annotated[str, BeforeValidator(_off), OneOf("off", "file", "serve", "spawn")] = Field(
         "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
