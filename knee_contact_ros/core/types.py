@@ -55,8 +55,10 @@ class Status(IntFlag):
     """A sample was refused since the last tick."""
     IMPLAUSIBLE = 32
     """The depth makes no sense: see `plausible_depth.py`."""
-    UNUSABLE = STALE_INPUT | TIME_RESET | INPUT_HELD | NOT_CONVERGED | IMPLAUSIBLE
-    """Any of these: nothing must be controlled by the answer. A refused sample is no reason, as it was not used."""
+
+
+UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
+"""Any of these: nothing must be controlled by the answer. A refused sample is no reason, as it was not used."""
 
 
 class Row(np.record):  # type: ignore[misc]  # final to the stubs alone

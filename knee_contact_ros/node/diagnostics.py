@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from knee_contact_ros.core.types import Fidelity, Status
+from knee_contact_ros.core.types import UNUSABLE, Fidelity, Status
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.pipeline.synchronise import Synchroniser
 from knee_contact_ros.sinks.process import WORTH_A_WARNING
@@ -178,7 +178,7 @@ class TickMeter:
         self.fidelities[fidelity] += 1
         self.status, self.last = status, time.monotonic()
         if status:
-            self.unusable += status & Status.UNUSABLE != 0
+            self.unusable += status & UNUSABLE != 0
             self.flagged.update(bit.name or "" for bit in Status if status & bit)
 
     def usability(self, timeout: float) -> tuple[dict[str, str], Problem]:
@@ -186,7 +186,7 @@ class TickMeter:
         age, more = time.monotonic() - self.last, self.unusable - self.unusable_told
         self.unusable_told = self.unusable
         problem = Problem(f"{more} answers were not usable", DiagnosticStatus.WARN) if more else FINE
-        why = ", ".join(bit.name or "" for bit in Status if self.status & bit & Status.UNUSABLE)
+        why = ", ".join(bit.name or "" for bit in Status if self.status & bit & UNUSABLE)
         if age > timeout:
             why = f"no answer for {age:.1f} s" if self.ticks else "no answer yet"
             problem = Problem(why, DiagnosticStatus.STALE)

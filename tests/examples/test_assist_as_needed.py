@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from examples.assist_as_needed import UNTRUSTED, AssistLaw, Settings
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import UNUSABLE, Status
 from knee_contact_ros.system.resources import share_folder
 
 SETTINGS = Settings()
@@ -117,7 +117,7 @@ def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
     assert torques(law, 9.0, LOW, LOW) == pytest.approx([2.0, 2.1], abs=ROUNDING)  # 7 s late: a rise of 0.1 s at most
 
 
-@pytest.mark.parametrize("bit", [bit for bit in Status if bit & Status.UNUSABLE])
+@pytest.mark.parametrize("bit", [bit for bit in Status if bit & UNUSABLE])
 def test_flagged_answers_are_no_base_for_a_torque(bit: Status) -> None:
     law = law_at_nominal()
     law.hear(1.005, LOW, bit | Status.INPUT_REJECTED, 0.0)
