@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from knee_contact_ros.core.types import ContactState, Fidelity, Status
+from knee_contact_ros.core.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
@@ -114,7 +114,7 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, 
     assert named == {
         "contact_state": {state.value: state.name for state in ContactState},
         "fidelity": {level.value: level.name for level in Fidelity},
-        "status": {0: "OK"} | {bit.value: bit.name for bit in Status},
+        "status": {0: "OK"} | {bit.value: bit.name for bit in Status} | {UNUSABLE.value: "UNUSABLE"},
     }
     assert "# [m] >= 0; 0 when apart" in definition  # and the units
 
