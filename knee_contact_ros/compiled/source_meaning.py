@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
-from types import CodeType
 from typing import Any
 
 
 def source_meaning(source: bytes) -> str:
     """A digest of what a module does; its comments, docstrings and the places of its lines do not count."""
     try:
-        return digest(_meaning(compile(source, "", "exec", optimize=2, dont_inherit=True)))
-    except (SyntaxError, ValueError):  # of no module that could be imported
+        return digest(ast.dump(_WithoutTexts().visit(ast.parse(source))))
+    except (SyntaxError, ValueError, RecursionError):  # of no module that could be imported
         return digest(source)
 
 
-def _meaning(code: CodeType) -> tuple[Any, ...]:
-    """All of a piece of bytecode but the lines it comes from."""
-    constants = [_meaning(one) if isinstance(one, CodeType) else _constant(one) for one in code.co_consts]
-    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
-    names = code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    handlers = getattr(code, "co_exceptiontable", b"")  # Python 3.10 has them in the code
-    return code.co_code, handlers, counts, names, constants
+class _WithoutTexts(ast.NodeTransformer):
+    """Leaves out constants that stand alone: docstrings, and words about what stands before."""
 
-
-def _constant(value: object) -> str:
-    """In words that are the same in every process, as those of a set are not."""
-    return repr(sorted(map(repr, value)) if isinstance(value, frozenset) else value)
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        return None if isinstance(node.value, ast.Constant) else node
 
 
 def digest(of: Any) -> str:
