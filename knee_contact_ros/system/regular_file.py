@@ -10,9 +10,6 @@ from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
-BLOCK = 1 << 18
-"""[B] that are read at once"""
-
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a file for reading.
@@ -51,7 +48,4 @@ def read_regular(path: Path, most: int) -> bytes:
 
 def sha256_of(file: BinaryIO) -> str:
     """SHA-256 of what is to be read of a file."""
-    digest = hashlib.sha256()  # `hashlib.file_digest` is younger than Python 3.10
-    while part := file.read(BLOCK):
-        digest.update(part)
-    return digest.hexdigest()
+    return hashlib.file_digest(file, "sha256").hexdigest()
