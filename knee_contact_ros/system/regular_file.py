@@ -8,7 +8,6 @@ import os
 import stat
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -46,6 +45,6 @@ def read_regular(path: Path, most: int) -> bytes:
     return content
 
 
-def sha256_of(file: BinaryIO) -> str:
+def sha256_of(file: BufferedReader) -> str:
     """SHA-256 of what is to be read of a file."""
     return hashlib.file_digest(file, "sha256").hexdigest()
