@@ -18,14 +18,15 @@ RUN apt-get update \
         --dependency-types=buildtool --dependency-types=build --dependency-types=exec \
     && rm -rf /var/lib/apt/lists/*
 
-# The rest, from PyPI, as README.md says; NumPy stays Ubuntu's.
+# The rest, from PyPI, as docs/installing.md says; NumPy stays Ubuntu's.
 RUN python3 -m venv --system-site-packages venv \
-    && venv/bin/pip install "numpy<2" mcap rosbags "numba==0.68.*" "pydantic>=2.6,<3" "ruamel.yaml>=0.18,<1"
+    && venv/bin/pip install "numpy<2" "numba>=0.68,<0.69" "mcap>=1.5,<1.7" "rosbags>=0.11,<0.12" \
+        "pydantic>=2.6,<3" "ruamel.yaml>=0.18,<1" "zstandard>=0.21,<1" "lz4>=4"
 ENV VIRTUAL_ENV=/ws/venv PATH=/ws/venv/bin:$PATH
 
 COPY . src/knee_contact_ros
 RUN . "/opt/ros/$ROS_DISTRO/setup.bash" \
-    && colcon build --base-paths src --cmake-args -DBUILD_TESTING=OFF -DPython3_EXECUTABLE=/ws/venv/bin/python3 \
+    && python3 -m colcon build --base-paths src --cmake-args -DBUILD_TESTING=OFF -DPython3_EXECUTABLE=/ws/venv/bin/python3 \
     && rm -rf build log
 
 # Compiled models are kept in the cache: mount a volume there, or each container compiles anew (a minute).

@@ -38,11 +38,11 @@ def as_joint_state(data: bytes) -> bytes:
     """
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
-        positions = {
-            joint: float(interface.values[list(interface.interface_names).index(POSITION)])
-            for joint, interface in zip(message.joint_names, message.interface_values, strict=True)
-            if POSITION in interface.interface_names
-        }
+        positions: dict[str, float] = {}
+        for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
+            known = dict(zip(interface.interface_names, interface.values, strict=False))  # a joint may lack values
+            if POSITION in known:
+                positions.setdefault(joint, float(known[POSITION]))
         header = message.header
         content = JointState(
             stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ()

@@ -185,8 +185,10 @@ class TickMeter:
         """Whether something may be controlled by the newest answer, and why not; `timeout` [s] is how old it may be."""
         age, more = time.monotonic() - self.last, self.unusable - self.unusable_told
         self.unusable_told = self.unusable
-        problem = Problem(f"{more} answers were not usable", DiagnosticStatus.WARN) if more else FINE
         why = ", ".join(bit.name or "" for bit in Status if self.status & bit & UNUSABLE)
+        problem = Problem(f"the newest answer is not usable: {why}", DiagnosticStatus.WARN) if why else FINE
+        if more:
+            problem = Problem(f"not usable answers: {more}", DiagnosticStatus.WARN)
         if age > timeout:
             why = f"no answer for {age:.1f} s" if self.ticks else "no answer yet"
             problem = Problem(why, DiagnosticStatus.STALE)

@@ -49,6 +49,7 @@ from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import stamped
 from knee_contact_ros.view.markers import KneeMarkers
 from knee_contact_ros.view.outlines import drawing_of
 from knee_contact_ros.view.window import address
@@ -181,6 +182,7 @@ class Session:
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
             self.pipeline.frame.forget()
+            self._markers.newest = None
         gc.enable()
         gc.unfreeze()
         for stream in self.inputs:
@@ -224,7 +226,8 @@ class Session:
         pairs = self.pipeline.take_joint_reaction_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.told()
-            self.node.get_logger().info(f"forces are turned from {note['from']} to {note['to']}")
+            text = f"forces are turned from {note['from']} to {note['to']}"
+            self.node.get_logger().info(text, **at_most_every(REFUSAL_LOG_PERIOD))
             self.outputs.note(FORCE_TURNED, note)
         self._answer(pairs)
 
@@ -260,7 +263,12 @@ class Session:
     def _knee(self) -> Knee:
         """What outputs that begin now are described from."""
         provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
-        return Knee(self.parameters, self.pipeline.model, self._names, provenance)
+        record, rerun = (
+            section.model_copy(update={"path": stamped(section.path)})
+            for section in (self.parameters.record, self.parameters.rerun)
+        )
+        parameters = self.parameters.model_copy(update={"record": record, "rerun": rerun})
+        return Knee(parameters, self.pipeline.model, self._names, provenance)
 
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))

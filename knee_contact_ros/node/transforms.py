@@ -8,6 +8,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from knee_contact_ros.messages.transforms import TF_STATIC, decode_transforms, encode_transforms
+from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, at_most_every
 from knee_contact_ros.pipeline.frames import ForceFrame, isb_transform
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -48,7 +49,10 @@ class StaticTransformTopic:
 
     def _on_transforms(self, data: bytes) -> None:
         try:
-            for transform in decode_transforms(data):
-                self._frame.learn(transform)
+            problems = self._frame.learn(decode_transforms(data))
         except ValueError as error:
-            self._node.get_logger().warning(f"{TF_STATIC}: {error}")
+            problems = [str(error)]
+        if problems:
+            more = f" (and {len(problems) - 1} more like that)" if len(problems) > 1 else ""
+            text = f"{TF_STATIC}: {problems[0]}{more}"
+            self._node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))

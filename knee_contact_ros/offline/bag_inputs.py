@@ -19,6 +19,7 @@ from knee_contact_ros.messages.topics import (
 from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
 from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.terminal import warn
 
 
 class BagInputs:
@@ -66,8 +67,10 @@ def transform_messages(bag: Path) -> list[bytes]:
 
 
 def learn_transforms(bag: Path, frame: ForceFrame) -> None:
-    """Learn all static transforms that a bag holds."""
+    """Learn all static transforms that a bag holds, and tell of those that make no sense."""
     for data in transform_messages(bag):
-        with suppress(ValueError):  # live, the node tells; here the forces are refused, by the frame's name
-            for transform in decode_transforms(data):
-                frame.learn(transform)
+        try:
+            problems = frame.learn(decode_transforms(data))
+        except ValueError as error:
+            problems = [str(error)]
+        warn(f"{TF_STATIC} of {bag}: {problem}" for problem in problems)

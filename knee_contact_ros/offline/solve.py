@@ -67,7 +67,8 @@ def solve(
         refuse_input(bag, output)
         check_joints(inputs, parameters)
         pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
-        if parameters.frame.tibia:
+        pipeline.frame.is_known = isinstance(how, Provenance)
+        if parameters.frame.tibia and not pipeline.frame.is_known:
             learn_transforms(bag, pipeline.frame)
         writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))

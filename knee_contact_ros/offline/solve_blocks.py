@@ -81,6 +81,7 @@ def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -
     )
     if paired is None or not len(paired.angle):
         return None
+    pipeline.frame.hold(samples.wrenches.shape[0])
     answers = _computed(pipeline, samples, paired, fresh)
     _hand_over(pipeline, block, samples, paired, fresh, (angle_steps, load_steps))
     return answers

@@ -214,7 +214,7 @@ class Record(Section):
 
     output: ClassVar[str] = "knee_contact_ros.bags.answer_recorder"
 
-    path: str = Field("", description="MCAP file to write; empty: none")
+    path: str = Field("", description="MCAP file to write, {stamp} in it: when; empty: none")
     flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
     sync_period: Annotated[float, OffOrAtLeast(0.05)] = Field(
         1.0, le=3600.0, description="[s] what a power failure may lose; 0: off"
@@ -240,7 +240,7 @@ class Rerun(Section):
     mode: Annotated[str, BeforeValidator(_off), OneOf("off", "file", "serve", "spawn")] = Field(
         "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
     )
-    path: str = Field("", description=".rrd file to write in mode file")
+    path: str = Field("", description=".rrd file to write in mode file, likewise")
     port: int = Field(9876, ge=1024, le=65535, description="to serve on")
     knees: str = Field(
         "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"

@@ -6,7 +6,7 @@ samples and not on when a transform arrived, and a recording needs none to be co
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,13 @@ FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
 FORCE_TURNED = "force_turned"
 """Name of the metadata record that tells how forces are turned from there on"""
 MOST_FRAMES = 10_000
-UNIT = 1e-3
-"""By how much the length of a quaternion may differ from 1"""
+"""That are remembered"""
+LONGEST_CHAIN = 100
+"""Transforms from a frame to its last ancestor that are gone through"""
+FARTHEST = 1e6
+"""[m] from one frame to the next, beyond all robots"""
+UNIT = 0.01
+"""By how much the square of a quaternion's length may differ from 1; as much as tf2 allows"""
 
 
 def isb_transform(frame: str) -> Transform | None:
@@ -41,28 +46,27 @@ class StaticTransforms:
     """A tree of frames; the last that was said of a frame holds."""
 
     def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, Pose]] = {}
+        self._known: dict[str, Transform] = {}  # by their children
 
     def add(self, transform: Transform) -> bool:
         """Learn where a frame lies; whether that is news.
 
         Raises:
-            ValueError: a number is not finite, the quaternion is none, a name is missing or is that of both frames, or
-                there are too many.
+            ValueError: a number is not finite or beyond all robots, the quaternion is none, a name is missing, or that
+                of both frames, or there are too many.
         """
         parent, child, translation, rotation = transform
-        length = float(np.linalg.norm(rotation))
-        if not (np.isfinite([*translation, *rotation]).all() and abs(length - 1.0) < UNIT):
-            raise ValueError(f"transform from {parent!r} to {child!r}: {translation}, {rotation} are no pose")
+        said = f"transform from {_short(parent)} to {_short(child)}"
         if not parent or not child or parent == child:
-            raise ValueError(f"a transform from {parent!r} to {child!r} has no meaning")
-        if child not in self._parents and len(self._parents) >= MOST_FRAMES:
-            raise ValueError(f"a transform to {child!r} is one more than the {MOST_FRAMES} that are remembered")
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = Rotation.from_quat(rotation).as_matrix(), translation
-        known = self._parents.get(child)
-        self._parents[child] = (parent, pose)
-        return known is None or known[0] != parent or not np.array_equal(known[1], pose)
+            raise ValueError(f"{said}: it has no meaning")
+        length = sum(part * part for part in rotation)
+        if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
+            raise ValueError(f"{said}: {translation}, {rotation} are no pose")
+        if child not in self._known and len(self._known) >= MOST_FRAMES:
+            raise ValueError(f"{said}: one more than the {MOST_FRAMES} that are remembered")
+        news = self._known.get(child) != transform
+        self._known[child] = transform
+        return news
 
     def between(self, frame: str, wanted: str) -> Pose | None:
         """Coordinates in a frame to those in the wanted one; None if no transforms connect them."""
@@ -73,13 +77,20 @@ class StaticTransforms:
     def _up(self, frame: str) -> dict[str, Pose]:
         """A frame's ancestors, itself first, each with what takes coordinates there."""
         found, pose = {frame: np.eye(4)}, np.eye(4)
-        while frame in self._parents:
-            frame, step = self._parents[frame]
+        while frame in self._known and len(found) <= LONGEST_CHAIN:
+            step = self._known[frame]
+            frame = step.parent
             if frame in found:  # a circle
                 break
-            pose = step @ pose
+            pose = _pose(step) @ pose
             found[frame] = pose
         return found
+
+
+def _pose(transform: Transform) -> Pose:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(transform.rotation).as_matrix(), transform.translation
+    return pose
 
 
 class ForceFrame:
@@ -88,10 +99,13 @@ class ForceFrame:
     def __init__(self, wanted: str = "") -> None:
         """`wanted` is the name of the tibia frame, `frame.tibia`; empty: forces are taken to be in it as they come."""
         self.wanted = wanted
+        self.is_known = False
+        """Whether all forces are in the tibia frame for sure, as those of a recording are: nothing is checked then"""
         self.turn_note: dict[str, str] = {}
         """What is to be told of a turn that is new: see `told`"""
         self._frame: str | None = None  # in which forces come
         self._pose: Pose | None = None  # where that lies in the wanted one; None if nothing is turned
+        self._candidate: Pose | None = None  # likewise, of the force that was turned last while no frame is held
         self._transforms = StaticTransforms()
         own = isb_transform(wanted)
         if own:
@@ -106,23 +120,39 @@ class ForceFrame:
         """Take the next force in whatever frame it comes."""
         self._frame = self._pose = None
 
-    def learn(self, transform: Transform) -> None:
-        """Learn where a frame lies, from now on.
-
-        Raises:
-            ValueError: it makes no sense.
-        """
-        if not self._transforms.add(transform) or self._frame is None or self._pose is None:
-            return
-        pose = self._transforms.between(self._frame.removeprefix("/"), self.wanted)
-        if pose is None or not np.array_equal(pose, self._pose):
-            self.forget()
+    def learn(self, transforms: Iterable[Transform]) -> list[str]:
+        """Learn where frames lie, from now on; what makes no sense is left out, and said."""
+        problems, news = [], False
+        for transform in transforms:
+            try:
+                news |= self._transforms.add(transform)
+            except ValueError as error:
+                problems.append(str(error))
+        if news and self._frame is not None and self._pose is not None:
+            pose = self._transforms.between(self._frame.removeprefix("/"), self.wanted)
+            if pose is None:
+                self.forget()
+            elif not np.array_equal(pose, self._pose):
+                self._turn_by(pose, self._frame)
+        return problems
 
     def goes_on(self, frame: str) -> bool:
         """Whether a force in this frame is one more of those before, or the first, and needs no turning."""
-        if self._frame is None and frame == (self.wanted or frame):
-            self._frame = frame
-        return frame == self._frame and self._pose is None
+        if self.is_known:
+            return True
+        expected = (self.wanted or frame) if self._frame is None else self._frame
+        return frame == expected and self._pose is None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether all forces are expected in one frame, as one was taken."""
+        return self._frame is not None
+
+    def hold(self, frame: str) -> None:
+        """Expect forces in the frame of the one that was looked at last: it was taken."""
+        self._frame = frame
+        if self._candidate is not None:
+            self._turn_by(self._candidate, frame)
 
     def turned(self, wrench: WrenchStamped, data: bytes) -> tuple[WrenchStamped, bytes]:
         """A force as it acts at the origin of the tibia frame and along its axes, and the bytes to record.
@@ -130,26 +160,25 @@ class ForceFrame:
         Raises:
             RefusedSampleError: it is in another frame than those before, or no transform leads to the wanted one.
         """
-        if self.goes_on(wrench.frame_id):
+        frame = wrench.frame_id
+        self._candidate = None
+        if self.goes_on(frame):
             return wrench, data
-        if self._frame is None:
-            self._take_up(wrench.frame_id)
-        elif wrench.frame_id != self._frame:
-            text = (
-                f"joint_reaction_force is in frame {_short(wrench.frame_id)}, and was in {_short(self._frame)} before"
-            )
+        if self._frame is not None and frame != self._frame:
+            text = f"joint_reaction_force is in frame {_short(frame)}, and was in {_short(self._frame)} before"
             raise RefusedSampleError("frame_changed", text)
-        assert self._pose is not None  # noqa: S101  (nothing else goes on without turning)
-        turned = turned_wrench(wrench, self._pose, self.wanted)
-        return turned, encode_wrench_stamped(turned)
-
-    def _take_up(self, frame: str) -> None:
-        pose = self._transforms.between(frame.removeprefix("/"), self.wanted)
+        pose = self._pose
+        if pose is None:
+            self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)
         if pose is None:
             text = f"joint_reaction_force is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
             raise RefusedSampleError("frame_unknown", text)
-        self._frame, self._pose = frame, pose
+        turned = turned_wrench(wrench, pose, self.wanted)
+        return turned, encode_wrench_stamped(turned)
+
+    def _turn_by(self, pose: Pose, frame: str) -> None:
         turn, place = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist(), pose[:3, 3].tolist()
+        self._pose = pose
         self.turn_note = {
             "from": printable(frame), "to": self.wanted,
             "rotation_xyzw": " ".join(map(repr, turn)), "translation": " ".join(map(repr, place)),
@@ -162,7 +191,15 @@ def _short(name: str) -> str:
 
 def turned_wrench(wrench: WrenchStamped, pose: Pose, frame: str) -> WrenchStamped:
     """The same wrench at the origin and along the axes of another frame: F' = R F, M' = R M + p × F'."""
-    turn: Any = pose[:3, :3]
-    force = turn @ wrench.force
-    torque = turn @ wrench.torque + np.cross(pose[:3, 3], force)
-    return WrenchStamped(wrench.stamp, frame, tuple(force.tolist()), tuple(torque.tolist()))
+    *rows, _ = pose.tolist()
+    fx, fy, fz = force = _turned(rows, wrench.force)
+    mx, my, mz = _turned(rows, wrench.torque)
+    px, py, pz = (row[3] for row in rows)
+    torque = mx + py * fz - pz * fy, my + pz * fx - px * fz, mz + px * fy - py * fx
+    return WrenchStamped(wrench.stamp, frame, force, torque)
+
+
+def _turned(rows: list[list[float]], vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    one, two, three = (a * x + b * y + c * z for a, b, c, _ in rows)
+    return one, two, three

@@ -81,11 +81,18 @@ class Pipeline:
     def take_joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the bytes of a WrenchStamped, `arrived` [s] by the caller's clock; give the ticks, likewise."""
         try:
-            message, written = self.frame.turned(*self.decoder.joint_reaction_force(data))
+            came, as_it_came = self.decoder.joint_reaction_force(data)
+            message, written = self.frame.turned(came, as_it_came)
             sample = load_sample(message, self.parameters.load, arrived, written)
         except RefusedSampleError as refused:
             return self._refuse(refused)
-        return self.synchroniser.push_load(sample)
+        if self.frame.is_held:
+            return self.synchroniser.push_load(sample)
+        refused_before = self.refused
+        pairs = self.synchroniser.push_load(sample)
+        if self.refused == refused_before:  # what is refused tells of no frame
+            self.frame.hold(came.frame_id)
+        return pairs
 
     @property
     def row(self) -> Rows:

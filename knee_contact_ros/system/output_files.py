@@ -22,6 +22,8 @@ from typing import IO
 from knee_contact_ros.system.errors import UsageError
 
 PARTIAL = ".partial"
+STAMP = "{stamp}"
+"""In a path: when it was opened"""
 FIRST = "_0"
 """How rosbag2 ends the name of a recording's first file"""
 MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
@@ -59,6 +61,11 @@ def later_names(path: Path) -> Iterator[Path]:
 def all_names(path: Path) -> Iterator[Path]:
     """A path, unless it is taken, and its later names."""
     return itertools.chain([] if is_taken(path) else [path], later_names(path))
+
+
+def stamped(path: str) -> str:
+    """A path with the local time in the place of `{stamp}`, spelled as rosbag2 names its bags."""
+    return path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))
 
 
 def refuse_impossible(path: Path) -> None:

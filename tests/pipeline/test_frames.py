@@ -32,10 +32,16 @@ def wrench(
 
 
 def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
-    """What comes of a force; the bytes must be its own."""
+    """What comes of a force that is taken; the bytes must be its own."""
     turned, data = frame.turned(given, encode_wrench_stamped(given))
     assert decode_wrench_stamped(data) == turned
+    if not frame.is_held:
+        frame.hold(given.frame_id)
     return turned
+
+
+def told(frame: ForceFrame, *transforms: Transform) -> None:
+    assert frame.learn(transforms) == []
 
 
 def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
@@ -74,7 +80,7 @@ def test_a_frame_that_nothing_leads_from_is_refused_by_name_until_it_is_known() 
     refused = refusal(frame, wrench("sensor", NOWHERE))
     assert refused.reason == "frame_unknown"
     assert "frame 'sensor', and no static transform leads to 'tibia_isb'" in str(refused)
-    frame.learn(Transform("tibia", "sensor", NOWHERE, UPRIGHT))
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
     assert take(frame, wrench("sensor", (0.0, 0.0, -700.0))).frame_id == "tibia_isb"
 
 
@@ -90,7 +96,7 @@ def test_a_frame_by_rep_103_is_turned_upright() -> None:
 def test_a_force_beside_the_origin_turns_about_it() -> None:
     """700 N down, 20 mm to the left: the moment about x is that of -z × -y, in the tibia frame."""
     frame = ForceFrame("tibia_isb")
-    frame.learn(Transform("tibia", "sensor", (0.0, 0.02, 0.0), UPRIGHT))
+    told(frame, Transform("tibia", "sensor", (0.0, 0.02, 0.0), UPRIGHT))
     turned = take(frame, wrench("sensor", (0.0, 0.0, -700.0)))
     assert turned.force == pytest.approx((0.0, -700.0, 0.0), abs=1e3 * ROUNDING)
     assert turned.torque == pytest.approx((-14.0, 0.0, 0.0), abs=1e3 * ROUNDING)
@@ -142,6 +148,7 @@ def test_a_circle_of_frames_leads_nowhere_and_ends() -> None:
         Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, 0.0)),
         Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, math.inf)),
         Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, 2.0)),
+        Transform("a", "b", (0.0, 1e308, 0.0), UPRIGHT),
         Transform("a", "a", NOWHERE, UPRIGHT),
         Transform("", "b", NOWHERE, UPRIGHT),
         Transform("a", "", NOWHERE, UPRIGHT),
@@ -157,14 +164,14 @@ def test_what_is_no_pose_changes_nothing(transform: Transform) -> None:
 
 def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     frame = ForceFrame("tibia")
-    frame.learn(Transform("tibia", "sensor", NOWHERE, UPRIGHT))
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
     assert frame.told()["from"] == "sensor"
-    frame.learn(Transform("tibia", "sensor", NOWHERE, UPRIGHT))  # said again
-    frame.learn(Transform("tibia", "camera", NOWHERE, UPRIGHT))  # of no concern
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))  # said again
+    told(frame, Transform("tibia", "camera", NOWHERE, UPRIGHT))  # of no concern
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
     assert not frame.told()
-    frame.learn(Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
+    told(frame, Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
     assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx((0.0, 1.0, 0.0), abs=ROUNDING)
     assert frame.told()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
@@ -176,3 +183,51 @@ def test_frames_without_end_are_not_remembered(monkeypatch: pytest.MonkeyPatch) 
         tree.add(Transform("root", name, NOWHERE, UPRIGHT))
     with pytest.raises(ValueError, match="one more than the 3"):
         tree.add(Transform("root", "d", NOWHERE, UPRIGHT))
+
+
+def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
+    """Neither a frame that is right as it is, nor one that would have to be turned."""
+    for wanted in ("", "tibia_isb"):
+        frame = ForceFrame(wanted)
+        frame.turned(wrench("tibia", (math.nan, math.nan, math.nan)), b"")
+        take(frame, wrench(wanted or "other", (0.0, -1.0, 0.0)))
+        assert refusal(frame, wrench("tibia", NOWHERE)).reason == "frame_changed"
+        assert not frame.told()
+
+
+def test_a_bad_transform_costs_itself_alone() -> None:
+    frame = ForceFrame("tibia")
+    (problem,) = frame.learn(
+        [Transform("a", "b", NOWHERE, (*NOWHERE, 0.0)), Transform("tibia", "cell", NOWHERE, UPRIGHT)]
+    )
+    assert problem.startswith("transform from 'a' to 'b': ")
+    take(frame, wrench("cell", NOWHERE))
+
+
+def test_a_transform_that_changes_lets_nobody_else_in() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("tibia", "a", NOWHERE, UPRIGHT), Transform("tibia", "b", NOWHERE, UPRIGHT))
+    take(frame, wrench("a", NOWHERE))
+    told(frame, Transform("tibia", "a", (0.1, 0.0, 0.0), UPRIGHT))
+    assert refusal(frame, wrench("b", NOWHERE)).reason == "frame_changed"
+    assert take(frame, wrench("a", (0.0, -1.0, 0.0))).torque == pytest.approx((0.0, 0.0, -0.1), abs=ROUNDING)
+
+
+def test_a_chain_without_end_leads_nowhere_and_is_learned_at_once() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("tibia", "cell", NOWHERE, UPRIGHT))
+    take(frame, wrench("cell", NOWHERE))
+    chain = [Transform("f0", "tibia", NOWHERE, UPRIGHT)]
+    chain += [Transform(f"f{i + 1}", f"f{i}", (0.0, 0.0, 1e6), UPRIGHT) for i in range(9000)]
+    told(frame, *chain)
+    assert take(frame, wrench("cell", (0.0, -1.0, 0.0))).force == (0.0, -1.0, 0.0)
+    frame.forget()
+    assert refusal(frame, wrench("f9000", NOWHERE)).reason == "frame_unknown"
+
+
+def test_nothing_is_checked_of_a_recording() -> None:
+    frame = ForceFrame("tibia")
+    frame.is_known = True
+    for name in ("a", "b"):
+        given = wrench(name, NOWHERE)
+        assert take(frame, given) is given

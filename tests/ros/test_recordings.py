@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -69,6 +70,24 @@ def test_a_recording_is_split_and_no_answer_is_lost(peer: Peer, start_node: Star
     ]  # fmt: skip
     assert stamps(tmp_path) == list(range(450))
     assert stamps(tmp_path / "knee_1.mcap") == list(range(200, 400))
+
+
+def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    """So `metadata.yaml` of one life, or of one start of a recording, names all files of that one."""
+    node = start_node("-p", f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "-p", "pairing.wait:=0.2")
+    peer.wait_for_node()
+    walk(peer, 0, 20)
+    assert call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request()).success
+    peer.spin(1.1)  # names go by the second
+    answer = call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request())
+    assert answer.success
+    walk(peer, 20, 20)
+    assert node.stop()[0] == 0
+    first, second = sorted(tmp_path.iterdir())
+    for folder, numbers in ((first, range(20)), (second, range(20, 40))):
+        assert re.fullmatch(r"\d{4}(_\d\d){2}-\d\d(_\d\d){2}", folder.name)
+        assert stamps(folder) == list(numbers)
+    assert answer.message == f"recording to {second / 'knee.mcap'}"
 
 
 def test_disks_in_trouble_end_recordings_and_not_the_node(
