@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
 import pytest
 
+
+def has_at_least(package: str, *least: int) -> bool:
+    """Whether a package is installed, in this version or a later one."""
+    try:
+        return tuple(map(int, version(package).split(".")[: len(least)])) >= least
+    except PackageNotFoundError:
+        return False
+
+
 HAS_VIEWER = find_spec("rerun") is not None
 """Whether Rerun is there"""
+HAS_REPORT = has_at_least("matplotlib", 3, 7)
+"""Whether Matplotlib is there, and new enough for reports"""
 needs_viewer = pytest.mark.skipif(
     not HAS_VIEWER, reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'"
 )

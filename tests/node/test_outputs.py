@@ -68,6 +68,7 @@ def test_a_scene_is_a_file_or_served(tmp_path: Path) -> None:
     assert to_file.niceness > 0
 
 
+@needs_viewer
 def test_what_parameters_do_not_allow_is_told_before_anything_is_begun() -> None:
     with pytest.raises(UsageError, match=r"rerun.knees"):
         sink_of("rerun", described(rerun__mode="serve", rerun__knees="left,right"))

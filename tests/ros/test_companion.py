@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 
 from examples.assist_as_needed import COMMANDS
 from knee_contact_ros.system.resources import share_folder
+from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
 
 EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"
@@ -196,7 +197,7 @@ def test_a_signal_ends_it_with_a_command_of_zero(
 ) -> None:
     answers = Answers(peer)
     answers.send_until_nominal()
-    sockets = psutil.Process(companion.pid).net_connections(kind="inet")
+    sockets = internet_sockets(psutil.Process(companion.pid))
     assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
     companion.send_signal(number)
     answers.send_until(lambda: companion.poll() is not None)

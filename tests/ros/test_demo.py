@@ -17,6 +17,7 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.work_folder import replace
 from tests.helpers.needs import HAS_VIEWER
+from tests.helpers.sockets import internet_sockets
 from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words
 
@@ -37,7 +38,7 @@ def recorded(path: Path) -> list[tuple[str, int, str]]:
 
 def addresses(process: psutil.Process) -> set[str]:
     """Of its open sockets."""
-    return {socket.laddr.ip for socket in process.net_connections(kind="inet")}
+    return {socket.laddr.ip for socket in internet_sockets(process)}
 
 
 def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path, config: Path) -> None:

@@ -28,6 +28,7 @@ from knee_contact_ros.system.ports import free_port
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer
+from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call, own_words
 from tests.ros.faults import many_joints
 from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
@@ -102,7 +103,7 @@ def test_a_looped_stream_starts_anew(peer: Peer, start_node: Start) -> None:
 def test_the_private_graph_stays_on_the_loopback_interface(peer: Peer, start_node: Start) -> None:
     node = start_node()
     peer.wait_for_node()
-    sockets = psutil.Process(node.process.pid).net_connections(kind="inet")
+    sockets = internet_sockets(psutil.Process(node.process.pid))
     assert sockets
     assert {socket.laddr.ip for socket in sockets} == {"127.0.0.1"}
 

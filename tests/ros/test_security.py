@@ -17,6 +17,7 @@ import pytest
 
 from knee_contact_ros.parameters.reading import NODE_NAME
 from knee_contact_ros.system.resources import share_folder
+from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
@@ -146,7 +147,7 @@ def test_without_its_enclave_nothing_runs(command: str, keystore: Path, right_ba
 
 
 def addresses(process: psutil.Process) -> set[str]:
-    return {socket.laddr.ip for socket in process.net_connections(kind="inet")}
+    return {socket.laddr.ip for socket in internet_sockets(process)}
 
 
 def test_replay_opens_no_port_beyond_the_loopback_interface(right_bag: Path) -> None:

@@ -20,6 +20,7 @@ from studies.choosing.scenes import Scene, scenes
 from studies.choosing.study import Left, Row, Study, key_of, with_cost
 from tests import ROOT
 
+pytest.importorskip("matplotlib", minversion="3.7", reason="needs matplotlib 3.7")
 SCENES = {scene.name: scene for scene in scenes()}
 GAIT = "gait"
 

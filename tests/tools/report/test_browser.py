@@ -10,6 +10,7 @@ import pytest
 from knee_contact_ros.cli.main import main
 from tests.helpers.browser import requested
 
+pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
 WIDTHS = (1600, 420)
 """[px] of a desk's screen and of a telephone's"""
 
