@@ -25,24 +25,12 @@ from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.resources import PACKAGE, share_folder
+from tests.helpers.launching import RUN
 from tests.helpers.sinks import shown_ticks
 from tests.ros.conftest import PATIENCE, Peer
 from tests.ros.series import STEP
 
 pytest.importorskip("launch_ros", reason="the launch packages are not installed (docs/from-source.md)")
-RUN = """
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-
-arguments = [argument.split(":=") for argument in sys.argv[2:]]
-include = IncludeLaunchDescription(PythonLaunchDescriptionSource(sys.argv[1]), launch_arguments=arguments)
-service = LaunchService(noninteractive=True)
-service.include_launch_description(LaunchDescription([include]))
-sys.exit(service.run())
-"""
-"""What `ros2 launch FILE name:=value ...` does where there is no terminal"""
 FOLDER = share_folder() / "launch"
 INTERRUPTED = "130"
 """The code of a replay that was interrupted"""

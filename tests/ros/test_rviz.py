@@ -17,22 +17,10 @@ import pytest
 
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 from knee_contact_ros.system.yaml_file import parse_yaml
+from tests.helpers.launching import RUN
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 from tests.ros.series import STEP
 
-RUN = """
-import sys
-from launch import LaunchDescription, LaunchService
-from launch.actions import IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-
-arguments = [argument.split(":=") for argument in sys.argv[2:]]
-include = IncludeLaunchDescription(PythonLaunchDescriptionSource(sys.argv[1]), launch_arguments=arguments)
-service = LaunchService(noninteractive=True)
-service.include_launch_description(LaunchDescription([include]))
-sys.exit(service.run())
-"""
-"""What `ros2 launch FILE name:=value ...` does where there is no terminal"""
 SAY = """#!{python}
 import json, pathlib, sys
 said = pathlib.Path({folder!r})
