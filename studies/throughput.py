@@ -5,7 +5,6 @@ python -m studies.throughput [--output FILE] [--ticks N] [--work DIR]
 
 from __future__ import annotations
 
-import hashlib
 import json
 import resource
 import subprocess
@@ -32,6 +31,7 @@ from knee_contact_ros.messages.topics import (
 )
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.regular_file import sha256_of
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from studies.report import Section, machine, save
@@ -100,14 +100,14 @@ WAYS: dict[str, Callable[[Path, Path], None]] = {
 }
 
 
-def measured(way: str, bag: Path, work: Path) -> tuple[float, float, bytes]:
+def measured(way: str, bag: Path, work: Path) -> tuple[float, float, str]:
     """Time [s] and largest memory [MB] of a way, in a process of its own; and what it wrote."""
     output = work / "out" / "out.mcap"
     command = [sys.executable, "-m", "studies.throughput", "--way", way, "--work", str(work), "--bag", str(bag)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     seconds, memory = json.loads(done.stdout)
     with output.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").digest()
+        digest = sha256_of(file)
     output.unlink()
     return seconds, memory, digest
 

@@ -21,6 +21,13 @@ PATIENCE = 30.0
 """How long [s] a process may take to end, as a rule"""
 LAST_WORDS = 5.0
 """How long [s] a process may take to end once its socket is closed"""
+RUN_MODULE = (
+    "import sys; sys.path[:] = filter(None, sys.path); del sys.argv[0]; "
+    "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
+)
+"""`python -P -m`, which Python 3.10 has not"""
+OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
+"""For `Popen`: a process group of its own"""
 
 
 class Child(NamedTuple):
@@ -84,6 +91,16 @@ def child_process(name: str, arguments: Sequence[str], log: Path, patience: floa
         raise UsageError(f"{name} did not end within {patience:g} s") from None
 
 
+def python_module(module: str, *arguments: str) -> dict[str, Any]:
+    """For `Popen`: a module in a process that imports from where this one does.
+
+    And not from the working folder: a file there may have a library's name.
+    """
+    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
+    command = [sys.executable, "-c", RUN_MODULE, module, *arguments]
+    return {"command": command, "env": os.environ | {"PYTHONPATH": path}}
+
+
 def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     """A module of ours in a process of its own, and our end of the sockets between us.
 
@@ -92,18 +109,13 @@ def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     (`sched_autogroup_enabled`), and then one that works a little at a time starves beside busy ones of another, and
     niceness does not count.
 
-    It imports from where this process does, and not from the working folder: a file there may have a library's name.
-
     Raises:
         OSError: no process can be started.
     """
-    path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        process = start(
-            [sys.executable, "-P", "-m", module, str(theirs.fileno()), *arguments], None,
-            pass_fds=[theirs.fileno()], process_group=0, env=os.environ | {"PYTHONPATH": path},
-        )  # fmt: skip
+        how = python_module(module, str(theirs.fileno()), *arguments)
+        process = start(output=None, pass_fds=[theirs.fileno()], **OWN_GROUP, **how)
         return Connection(ours.detach()), process
 
 

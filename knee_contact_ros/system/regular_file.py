@@ -9,6 +9,9 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
+PART = 1 << 18
+"""Bytes that are read at a time"""
+
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a file for reading.
@@ -47,4 +50,7 @@ def read_regular(path: Path, most: int) -> bytes:
 
 def sha256_of(file: BufferedReader) -> str:
     """SHA-256 of what is to be read of a file."""
-    return hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.sha256()
+    while part := file.read(PART):
+        digest.update(part)
+    return digest.hexdigest()

@@ -22,7 +22,7 @@ def modes():
     return "usual" if flags & termios.ICANON and flags & termios.ECHO else "single keys"
 
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-child = subprocess.Popen(sys.argv[1:], process_group=0)
+child = subprocess.Popen(sys.argv[1:], preexec_fn=os.setpgrp)
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTTOU])
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 os.tcsetpgrp(0, child.pid)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
-
+import pytest
 from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import parse_package
 
@@ -12,6 +11,7 @@ from tests import ROOT
 
 
 def test_package_xml_and_pyproject_have_the_version_of_the_module() -> None:
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["version"] == __version__
     assert parse_package(ROOT / "package.xml").version == __version__

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import kept
+from knee_contact_ros.system.processes import kept, python_module
 from knee_contact_ros.system.terminal import Bar
 from knee_contact_ros.tools.opensim import opensim_step
 from knee_contact_ros.tools.opensim.opensim_setups import TOOLS, Setup
@@ -32,9 +31,9 @@ def run_step(setup: Setup, work: Path, bar: Bar) -> None:
         UsageError: it has failed.
     """
     log = work / "logs" / f"{setup.step}.log"
-    command = [sys.executable, "-P", opensim_step.__file__, TOOLS[setup.step], setup.path.name]
+    how = python_module(opensim_step.__name__, TOOLS[setup.step], setup.path.name)
     window = times_of(setup)
-    with log.open("wb") as output, kept(command, output, PATIENCE, cwd=setup.folder) as process:
+    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=setup.folder, **how) as process:
         while process.poll() is None:
             bar(*progress_of(log, window))
             with suppress(subprocess.TimeoutExpired):

@@ -1,6 +1,6 @@
-"""One tool of OpenSim in a process of its own: `opensim_step.py TOOL SETUP`, run in the folder of the set-up files.
+"""One tool of OpenSim in a process of its own, with TOOL SETUP, run in the folder of the set-up files.
 
-A script that imports nothing of ours: OpenSim prints much, and can take its process with it.
+It imports nothing of ours: OpenSim prints much, and can take its process with it.
 """
 
 from __future__ import annotations

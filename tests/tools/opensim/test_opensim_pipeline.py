@@ -110,7 +110,7 @@ def test_reactions_on_the_femur_are_those_on_the_tibia(example: Path, tmp_path: 
     for words in (("apply_on_bodies>child", "apply_on_bodies>parent"), ('name="knee_contact"', 'name="parent"')):
         setup.write_text(setup.read_text().replace(*words))
     script = f"import opensim; assert opensim.AnalyzeTool({str(setup)!r}).run()"
-    subprocess.run([sys.executable, "-P", "-c", script], cwd=work, check=True, capture_output=True)
+    subprocess.run([sys.executable, "-I", "-c", script], cwd=work, check=True, capture_output=True)
     results = work / "ResultsReactions"
     child, parent = (
         read_knee("right", Files(results / f"{name}_Kinematics_q.sto",
