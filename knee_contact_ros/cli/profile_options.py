@@ -27,7 +27,7 @@ fit_profile_options = together(
         "--bone",
         type=click.Path(path_type=Path),
         metavar="MESH",
-        help="The bone under the cartilage: tells its thickness, contact.layer_depth.",
+        help="The bone under the cartilage: tells its thickness.",
     ),
     click.option(
         "--side", type=click.Choice(["femur", "tibia"]), default="femur", show_default=True, help="Which bone."

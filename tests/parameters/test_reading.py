@@ -8,7 +8,12 @@ from typing import Any
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.parameters.reading import check_parameter_file, known_parameters, load_parameters
+from knee_contact_ros.parameters.reading import (
+    check_parameter_file,
+    flat_parameters,
+    known_parameters,
+    load_parameters,
+)
 from knee_contact_ros.system.errors import UsageError
 
 CONTRACT = {
@@ -107,6 +112,22 @@ def test_later_files_win(config: Path) -> None:
     parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
     assert parameters.contact.law == "two_layer_viscoelastic"
     assert parameters.femur.geometry == "profile"
+
+
+def test_osteoarthritis_changes_the_law_alone(config: Path) -> None:
+    """Of the paper's knee, and of a person's whose parameters were given before."""
+    changed = {"contact.law"}  # the layer's constants are the defaults
+    person = {
+        "body_weight": 931.6, "femur.mass": 11.8, "femur.radius": 0.031, "load.share": 0.7, "contact.stiffness": 6.0e7,
+        "fidelity.tolerance": 1.0e-8, "contact.layer_depth": 1.0e-3, "contact.damp_first_layer": True,
+    }  # fmt: skip
+    for before, layer in (({}, set()), (person, {"contact.layer_depth", "contact.damp_first_layer"})):
+        one, other = (
+            flat_parameters(load_parameters(files)) for files in ([before], [before, config / "osteoarthritis.yaml"])
+        )
+        assert {name for name in one if one[name] != other[name]} == changed | layer
+        assert (other["contact.law"], other["contact.layer_depth"]) == ("two_layer_viscoelastic", 5.0e-4)
+        assert (other["contact.stiffness_2"], other["contact.damp_first_layer"]) == (3.112e9, False)
 
 
 @pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml", "mri_knee.yaml"])

@@ -70,7 +70,7 @@ def window(fit: Fit, ends: tuple[float, float]) -> str:
 
 
 def cartilage(fit: Fit) -> list[str]:
-    """Thickness, and the parameter that it sets."""
+    """Thickness, and what it is good for."""
     if fit.thickness is None:
         return []
     along = MM * fit.thickness.along
@@ -79,13 +79,9 @@ def cartilage(fit: Fit) -> list[str]:
     return [
         f"{MM * fit.thickness.mean:.2f} mm on average where gait touches ({zone}); {along.mean():.2f} mm over the "
         f"whole profile, {along.max():.2f} mm at most",
-        f"contact.layer_depth: {layer_depth(fit)}   (m, this cartilage alone; where both have some, add the {other}'s)",
+        f"this cartilage alone; as the depth at which bone begins, of both together: add the {other}'s and say",
+        f"thickness: {fit.thickness.mean:.6f}   (m, so far) in a subject file, or -p contact.layer_depth:=...",
     ]
-
-
-def layer_depth(fit: Fit) -> str:
-    """Thickness as the parameter `contact.layer_depth` [m]."""
-    return f"{fit.thickness.mean if fit.thickness else math.nan:.6f}"
 
 
 def csv(fit: Fit, name: str, points: Floats) -> str:
@@ -102,20 +98,16 @@ def csv(fit: Fit, name: str, points: Floats) -> str:
 
 
 def fragment(fit: Fit, csv_path: Path) -> str:
-    """A parameter file that puts the profile into a model."""
+    """A parameter file that puts the profile into a model, and changes nothing else."""
     lines = [
-        f"# The {side(fit)} of {csv_path.name}: give this file after healthy.yaml or osteoarthritis.yaml.",
+        f"# The {side(fit)} of {csv_path.name}: give this file after healthy.yaml; osteoarthritis.yaml may come "
+        "before or after it.",
         "/**/knee_contact:",
         "  ros__parameters:",
         f"    {side(fit)}:",
         "      geometry: profile",
         f"      profile: {quoted(str(csv_path.resolve()))}",
     ]
-    if fit.thickness is not None:
-        lines += [
-            "    contact:",
-            f"      layer_depth: {layer_depth(fit)}  # m, for the two_layer laws: the {side(fit)}'s cartilage alone",
-        ]
     return "\n".join([*lines, ""])
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import load_model
+from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.tools.profiles.automatic import contact_centre
@@ -175,14 +176,33 @@ def test_solve_takes_what_was_fitted(right_bag: Path, tmp_path: Path, capsys: py
     told = capsys.readouterr().out
     for words in ("convex everywhere", "normals of -15° to 25°", "0.05 mm RMS"):
         assert words in told
-    depth = re.search(r"contact.layer_depth: (\S+)", told)
+    depth = re.search(r"thickness: (\S+)", told)
     assert depth
     assert float(depth[1]) == pytest.approx(2.5 * MM, abs=TOLERANCE)
     assert sorted(path.name for path in output.parent.iterdir()) == ["profile.csv", "profile.png", "profile.yaml"]
     parameters = ["--params", "healthy.yaml", "-p", "femur.geometry:=profile", "-p", f"femur.profile:={output}"]
     assert main(["solve", str(right_bag), *parameters, "--output", str(tmp_path / "a.mcap")]) == 0
-    fragment = ["--params", "osteoarthritis.yaml", "--params", str(output.with_suffix(".yaml"))]
-    assert main(["solve", str(right_bag), *fragment, "--output", str(tmp_path / "b.mcap")]) == 0
+
+
+def test_a_fitted_cartilage_leaves_the_disease_its_own(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """2.5 mm of cartilage were fitted; osteoarthritis.yaml says 0.5 mm, before it and after it."""
+    femur, bone = (saved(tmp_path / f"{name}.stl", swept(femoral_curve(TWO_RADII), inwards=inwards))
+                   for name, inwards in (("femur", 0.0), ("bone", 2.5 * MM)))  # fmt: skip
+    profile = tmp_path / "profile.csv"
+    assert main(["fit-profile", str(femur), "--slice", "-18", "--bone", str(bone), "--output", str(profile)]) == 0
+    files = ["osteoarthritis.yaml", str(profile.with_suffix(".yaml"))]
+    for number, (first, second) in enumerate((files, files[::-1])):
+        capsys.readouterr()
+        recording = tmp_path / f"{number}.mcap"
+        arguments = ["--params", first, "--params", second, "--output", str(recording)]
+        assert main(["solve", str(right_bag), *arguments]) == 0
+        assert re.search(r"largest .* 0\.538 ", capsys.readouterr().out)  # of the healthy law: 0.747 mm
+        stored = read_provenance(recording)
+        assert stored is not None
+        assert stored.parameters.femur.profile == str(profile)
+        assert stored.parameters.contact.law == "two_layer_viscoelastic"
 
 
 def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
