@@ -1,4 +1,4 @@
-"""Where femur and tibia overlap: the region between the two outlines, as upright lines."""
+"""Where femur and tibia overlap: the region between the two outlines."""
 
 from __future__ import annotations
 
@@ -8,29 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-LINES = 24
-"""Lines across an overlap"""
+POINTS = 25
+"""Along an overlap"""
 SAMPLES = 33
 """Places at which the outlines are compared first"""
-MARGIN = 1.8
+MARGIN = 2.0
 """How much wider than the overlap of a circle and a plane the place looked at is"""
 
 
 class Overlaps(NamedTuple):
-    """The overlap in each of `n` pictures as `LINES` upright lines, side by side."""
+    """The overlap in each of `n` pictures, from end to end."""
 
     x: Floats
-    """[m] shape (n, LINES)"""
+    """[m] shape (n, POINTS)"""
     lower: Floats
-    """[m] on the femur, likewise"""
+    """[m] on the femur, likewise; not above `upper`"""
     upper: Floats
-    """[m] on the tibia, likewise; not above `lower` where there is no overlap"""
-    spacing: Floats
-    """[m] from line to line, shape (n,)"""
+    """[m] on the tibia, likewise"""
 
 
 def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius: float) -> Overlaps:
-    """Find the overlap in `n` pictures, at least one.
+    """Find the overlap in `n` pictures, at least one; apart it has no width.
 
     Args:
         femur: outline of the femur in every picture, shape (n, m, 2) [m], tibia frame.
@@ -41,16 +39,27 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius
     """
     half = MARGIN * np.sqrt(2.0 * radius * np.maximum(depth, 0.0))
     x = middle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)
-    upper = np.interp(x, tibia[:, 0], tibia[:, 1], left=-np.inf, right=-np.inf)
-    inside = upper > lowest_at(femur, x)
-    rows = np.arange(len(x))
-    first = np.maximum(inside.argmax(axis=1) - 1, 0)
-    last = np.minimum(SAMPLES - inside[:, ::-1].argmax(axis=1), SAMPLES - 1)
-    begin, end = x[rows, first], np.where(inside.any(axis=1), x[rows, last], x[rows, first])
-    spacing = (end - begin) / LINES
-    x = begin[:, None] + spacing[:, None] * (np.arange(LINES) + 0.5)
-    upper = np.interp(x, tibia[:, 0], tibia[:, 1], left=-np.inf, right=-np.inf)
-    return Overlaps(x, lowest_at(femur, x), upper, spacing)
+    deep = _above(tibia, x) - lowest_at(femur, x)
+    begin, end = _crossing(x, deep), _crossing(x[:, ::-1], deep[:, ::-1])
+    x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
+    upper = _above(tibia, x)
+    return Overlaps(x, np.minimum(lowest_at(femur, x), upper), upper)
+
+
+def _above(tibia: Floats, x: Floats) -> Floats:
+    """Height [m] of the tibia; beside its outline that of its ends."""
+    return np.interp(x, tibia[:, 0], tibia[:, 1])
+
+
+def _crossing(x: Floats, deep: Floats) -> Floats:
+    """Where the outlines first cross on the way along `x`, shape (n,) [m]; where nothing is deep, the first place."""
+    rows, inside = np.arange(len(x)), deep > 0.0
+    after = inside.argmax(axis=1)
+    before = np.maximum(after - 1, 0)
+    over, under = np.maximum(-deep[rows, before], 0.0), np.maximum(deep[rows, after], 0.0)
+    part = np.where(np.isfinite(over) & (under > 0.0), under / np.where(under > 0.0, over + under, 1.0), 0.0)
+    place = x[rows, after] + part * (x[rows, before] - x[rows, after])
+    return np.asarray(np.where(inside.any(axis=1), place, x.mean(axis=1)))
 
 
 def lowest_at(outlines: Floats, x: Floats) -> Floats:

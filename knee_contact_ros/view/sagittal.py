@@ -105,6 +105,6 @@ def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
     deep = found.upper - found.lower > layer
     colours = np.where(deep[..., None], *np.array([BONE, CARTILAGE], dtype=np.uint8))
     numbers = there.sum(axis=1)
-    radii = np.repeat(0.5 * MM * found.spacing, numbers)
+    radii = np.repeat(0.5 * MM * (found.x[:, 1] - found.x[:, 0]), numbers)
     lines = (ends * ON_SCREEN)[there]
     return rr.LineStrips2D.columns(strips=lines, colors=colours[there], radii=radii).partition(numbers)
