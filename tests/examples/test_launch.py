@@ -143,7 +143,7 @@ def test_arguments_are_declared_described_and_used(name: str) -> None:
 def test_parameters_are_the_nodes(name: str) -> None:
     tree = tree_of(name)
     handed_on = [keyword(call, "launch_arguments") for call in calls(tree, "IncludeLaunchDescription")]
-    included = [text for text in constants(tree) if text.endswith(".launch.py")]
+    included = [constant for constant in constants(tree) if constant.endswith(".launch.py")]
     for arguments in filter(None, handed_on):
         for dictionary in (node for node in ast.walk(arguments) if isinstance(node, ast.Dict)):
             assert {text(key) for key in dictionary.keys if key} <= set.union(*map(declared, included))
