@@ -1,68 +1,109 @@
-"""What a person sees: every view of the scene holds data and shows it."""
+"""The knee as matplotlib draws it: what is written, and that what is drawn is what was answered."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import load_model
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.picture import (
+    Moment,
+    Window,
+    beyond,
+    draw_contact,
+    draw_knee,
+    in_contact_frame,
+    posed,
+    write_peak,
+)
+from tests.offline.test_solve import silent
 
-from knee_contact_ros.cli.main import main
-from knee_contact_ros.view.colours import BONE, CARTILAGE, DEPTH, FORCE, SURFACE
-from knee_contact_ros.view.plots import PLOTS
-from tests.helpers.viewer import pixels_of, rendered
-from tests.view.rrd import entities, lists
-
-PEAK = 2_430_000_000
-STAMPS = (530_000_000, 2_460_000_000)
-RECORDED = [plot for plot in PLOTS if not plot.live]
-SAGITTAL = ("femur", "contact_point", "contact_path", "contact_force_on_femur", "overlap")
+pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
+KNEES = (
+    ("healthy.yaml",),
+    ("healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"),
+    ("healthy.yaml", "mri_knee.yaml"),
+)
 
 
-@pytest.fixture(scope="module")
-def scene(osteoarthritic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scene") / "knee.rrd"
-    assert main(["view", str(osteoarthritic), "--save", str(path)]) == 0
+@pytest.fixture(scope="module", params=KNEES, ids=lambda files: files[-1])
+def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, config: Path) -> Path:
+    path = tmp_path_factory.mktemp("picture") / "knee.mcap"
+    files = [config / name for name in request.param]
+    solve(config.parent / "bags" / "gait2354_right", load_parameters(files), path, silent)
     return path
 
 
-def test_every_view_holds_data(scene: Path) -> None:
-    held = entities(scene)
-    moving = {f"/knee/curves/{plot.path}": 387 for plot in RECORDED} | {
-        f"/knee/sagittal/{name}": 387 for name in SAGITTAL
-    }
-    for entity, rows in moving.items():
-        (component, *_) = sorted(held[entity])
-        stamps = [stamp for stamp, _ in lists(scene, entity, component)]
-        assert len(stamps) == rows, entity
-        assert (stamps[0], stamps[-1]) == STAMPS, entity
-    others = {"/knee/curves/layer", "/knee/states/contact", "/knee/states/level", "/knee/events"}
-    assert set(held) - set(moving) == others
+def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    told = write_peak(recording, tmp_path / "knee.png")
+    answers = read_answers(recording)
+    peak = answers[int(answers["load"].argmax())]
+    assert f"({peak['contact_force']:.0f} N)" in told
+    assert f"{1e3 * peak['penetration_depth']:.3f} mm" in told
+    assert f"{np.degrees(peak['flexion_angle']):.0f}° of flexion" in told
+    with Image.open(tmp_path / "knee.png") as image:
+        assert min(image.size) > 700
+        assert len(image.convert("RGB").getcolors(1 << 24)) > 20
 
 
-def test_every_view_shows_something(scene: Path) -> None:
-    with rendered(scene) as screen:
-        screen.set_time("stamp", PEAK)
-        views = screen.views()
-        titles = {f"knee: {plot.title[0].lower()}{plot.title[1:]}": plot for plot in RECORDED}
-        for title, plot in titles.items():
-            picture = screen.picture(title)
-            for series in plot.series:
-                if series.name.startswith(("contact force", "penetration", "flexion", "anterior", "error", "eval")):
-                    assert pixels_of(picture, series.colour, within=40) > 200, (title, series.name)
-        plane = screen.picture("knee: sagittal [mm], arrow 50 N/mm")
-        close = screen.picture("knee: contact, overlap and path [mm]")
-        assert pixels_of(plane, SURFACE, within=30) > 500
-        assert pixels_of(plane, FORCE, within=30) > 100
-        assert pixels_of(close, CARTILAGE, within=30) > 300  # the overlap: cartilage at its sides, bone in the middle
-        assert pixels_of(close, BONE, within=30) > 300
-        assert pixels_of(screen.picture("knee: contact and level"), BONE, within=60) > 300
-        events = screen.picture("knee: events")
-        assert (events.max(axis=2) > 150).sum() > 500  # text
-        assert len(views) == len(titles) + 4
-        assert all(view.visible for view in views.values())
-        assert screen.complaints() == []
-        whole = screen.picture()
-    assert whole.shape == (900, 1600, 3)
-    assert pixels_of(whole, DEPTH, within=20) > 300
+def test_a_bag_without_answers_is_refused(config: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="has no answers"):
+        write_peak(config.parent / "bags" / "gait2354_right", tmp_path / "knee.png")
+    assert not list(tmp_path.iterdir())
+
+
+def pressed(config: Path, depth: float, *files: str) -> Moment:
+    """A circle on a plane at a depth [m]."""
+    model = load_model([config / name for name in ("healthy.yaml", *files)])
+    return Moment(model, 0.1, 0.034 - depth, 1000.0, 737.0)
+
+
+def test_what_is_drawn_is_as_deep_as_it_says(config: Path) -> None:
+    shown = pressed(config, 0.7e-3, "osteoarthritis.yaml")
+    anatomy, picture = posed(shown)
+    overlap = in_contact_frame(picture, picture.overlap)
+    # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
+    assert np.ptp(overlap[:, 1]) == pytest.approx(0.7, abs=0.01)
+    deep = beyond(overlap, 2e3 * anatomy.thickness)
+    assert np.ptp(deep[:, 1]) == pytest.approx(0.7 - 0.5, abs=0.01)
+    assert np.ptp(deep[:, 0]) < np.ptp(overlap[:, 0])
+    assert not len(beyond(overlap, 0.8))
+
+
+def test_axes_say_depth_and_scale(config: Path) -> None:
+    from matplotlib.figure import Figure
+
+    moments = [pressed(config, 0.7e-3), pressed(config, 0.3e-3)]
+    window = Window.around(moments)
+    assert window == Window.around(moments[::-1])
+    for shown, told in zip(moments, ("depth 0.700 mm", "depth 0.300 mm"), strict=True):
+        knee, contact = Figure().subplots(2, 1)
+        draw_knee(knee, shown)
+        draw_contact(contact, shown, window)
+        assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)"} <= {
+            text.get_text() for text in knee.texts
+        }
+        assert told in {text.get_text() for text in contact.texts}
+        assert contact.get_xlabel() == f"contact, heights × {window.magnification:g}"
+        assert contact.get_aspect() == window.magnification
+        low, high = contact.get_ylim()
+        assert low < -0.7 < 0.0 < high
+
+
+def test_a_knee_that_is_apart_is_drawn(config: Path) -> None:
+    from matplotlib.figure import Figure
+
+    shown = pressed(config, -0.4e-3)._replace(contact_force=0.0)
+    knee, contact = Figure().subplots(2, 1)
+    draw_knee(knee, shown)
+    draw_contact(contact, shown, Window.around([shown]))
+    assert "0.400 mm apart" in {text.get_text() for text in contact.texts}

@@ -1,0 +1,252 @@
+"""The knee at a moment, drawn by matplotlib alone: no Rerun, no display.
+
+`write_peak` writes a PNG of the knee at the largest load of a recording; `draw_knee` and `draw_contact` paint on axes
+of somebody else's figure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
+
+MM = 1e3
+EXTRA = "knee-contact-ros[report]"
+BONE, CARTILAGE, EDGE = "#F0E8D6", "#A9D0EC", "#7A7060"
+OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
+"""Where cartilages overlap, where more than the first layer does, the force, texts"""
+MM_PER_WEIGHT = 9.0
+"""Length of the force's arrow for a body weight"""
+SLENDER = 0.85
+"""Width over height that a knee has room for at least"""
+FLAT = 0.5
+"""Height over width of the magnified contact"""
+SIDE, ABOVE, BELOW = 1.35, 0.5, 1.4
+"""What the magnified contact shows: in half widths of the widest overlap, and in depths of the deepest"""
+LEAST_DEPTH = 0.1e-3
+"""[m] that the magnified contact shows at least"""
+SIZE, DPI = (5.2, 6.4), 160
+STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
+
+
+class Moment(NamedTuple):
+    """A knee at a tick."""
+
+    model: KneeModel
+    flexion_angle: float
+    """[rad]"""
+    femoral_height: float
+    """[m]"""
+    contact_force: float
+    """[N]"""
+    body_weight: float
+    """[N]"""
+
+    @property
+    def force(self) -> str:
+        """In words."""
+        return f"{self.contact_force / self.body_weight:.2f} BW ({self.contact_force:.0f} N)"
+
+
+def write_peak(recording: Path, output: Path, parameters: Parameters | None = None) -> str:
+    """Write a PNG of the knee at the largest load of a recording's first knee; give what it shows, in a line.
+
+    Args:
+        recording: an .mcap file or a rosbag2 folder with answers.
+        output: the PNG; one that exists is replaced.
+        parameters: of a recording that does not tell them itself.
+
+    Raises:
+        UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
+    """
+    if find_spec("matplotlib") is None:
+        raise UsageError(f"matplotlib is not installed: pip install '{EXTRA}'")
+    topics = answer_topics(recording)
+    if not topics:
+        raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
+    provenance = read_provenance(recording)
+    known = provenance.parameters if provenance else parameters
+    if known is None:
+        raise UsageError(f"recording {recording} does not tell its parameters")
+    model = build_model(known, curves=provenance.texts() if provenance else None)
+    first, row = largest_load(recording, topics[0])
+    shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
+    title = f"largest load, {(row['stamp'] - first) / NANOSECONDS:.2f} s after the first tick"
+    output.write_bytes(png(shown, title))
+    depth = MM * row["penetration_depth"]
+    return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
+
+
+def largest_load(recording: Path, topic: str) -> tuple[int, Mapping[str, Any]]:
+    """Stamp [ns] of the first answer on a topic that has some, and the answer with the largest load by its names."""
+    first: list[int] = []
+    rows = []
+    for block in answer_blocks(recording, topic):
+        first.append(int(block["stamp"][0]))
+        rows.append(block[[int(block["load"].argmax())]])
+    largest = max(rows, key=lambda row: float(row["load"][0]))
+    return first[0], {name: largest[name][0].item() for name in largest.dtype.names or ()}
+
+
+def png(shown: Moment, title: str) -> bytes:
+    """The knee with its magnified contact."""
+    import io
+
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=SIZE, layout="constrained")
+        FigureCanvasAgg(figure)
+        knee, contact = figure.subplots(2, 1, height_ratios=(1.9, 1.0))
+        draw_knee(knee, shown)
+        knee.set_title(title)
+        draw_contact(contact, shown, Window.around([shown]))
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
+    return file.getvalue()
+
+
+class Window(NamedTuple):
+    """What magnified contacts show; one for all that are compared."""
+
+    half_width: float
+    """[m] along the surface"""
+    depth: float
+    """[m] of the deepest, at least `LEAST_DEPTH`"""
+
+    @classmethod
+    def around(cls, shown: Sequence[Moment]) -> Window:
+        """Wide and high enough for some knees."""
+        pictures = [posed(each)[1] for each in shown]
+        depth = max(LEAST_DEPTH, *(abs(picture.depth) for picture in pictures))
+        radius = max(each.model.femoral_radius for each in shown)
+        widths = [0.5 * float(np.ptp(picture.overlap[:, 0])) for picture in pictures if len(picture.overlap)]
+        return cls(SIDE * max([*widths, math.sqrt(2.0 * radius * LEAST_DEPTH)]), depth)
+
+    @property
+    def magnification(self) -> float:
+        """Of heights against widths; a whole number if it can be."""
+        factor = FLAT * 2.0 * self.half_width / ((ABOVE + BELOW) * self.depth)
+        return max(round(factor), 1) if factor > 1.0 else factor
+
+
+def draw_knee(axis: Any, shown: Moment) -> None:
+    """Femur and tibia with their cartilage, the force on the femur, directions and a scale."""
+    _, picture = posed(shown)
+    for bone, cartilage in (
+        (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
+    ):  # fmt: skip
+        fill(axis, MM * bone, BONE)
+        fill(axis, MM * cartilage, CARTILAGE)
+    fill(axis, MM * picture.overlap, OVERLAP, OVERLAP)
+    everything = MM * np.concatenate(picture[:4])
+    (left, bottom), (right, top) = everything.min(axis=0), everything.max(axis=0)
+    aside = max(2.0, 0.5 * (SLENDER * (top - bottom) - (right - left)))
+    left, right = left - aside, right + aside
+    axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
+    axis.set_axis_off()
+    arrow(axis, picture, shown)
+    up = (-math.sin(shown.flexion_angle), math.cos(shown.flexion_angle))
+    for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
+        axis.text(
+            *in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft),
+            text,
+            color=QUIET,
+            ha="center",
+            va="center",
+            fontsize=9,
+        )
+    directions(axis, left, right, bottom - 6.0)
+
+
+def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
+    """The contact, magnified along its normal: what femur and tibia would overlap by, if neither gave way."""
+    anatomy, picture = posed(shown)
+    for part, colour in (
+        (picture.tibia_cartilage, CARTILAGE), (picture.tibia_bone, BONE), (picture.femur_cartilage, CARTILAGE),
+        (picture.femur_bone, BONE),
+    ):  # fmt: skip
+        fill(axis, in_contact_frame(picture, part), colour)
+    overlap = in_contact_frame(picture, picture.overlap)
+    fill(axis, overlap, OVERLAP, OVERLAP)
+    deep = overlap[:0] if anatomy.thickness_is_drawn else beyond(overlap, 2.0 * MM * anatomy.thickness)
+    fill(axis, deep, DEEP, DEEP)
+    width, low, high = MM * window.half_width, -MM * BELOW * window.depth, MM * ABOVE * window.depth
+    axis.set(aspect=window.magnification, xlim=(-width, width), ylim=(low, high), xticks=[], yticks=[])
+    for edge in axis.spines.values():
+        edge.set_color("0.75")
+    depth = MM * picture.depth
+    axis.annotate("", (0.0, 0.0), (0.0, -depth), zorder=6,
+                  arrowprops={"arrowstyle": "<->", "color": "white" if depth > 0.0 else INK, "shrinkA": 0, "shrinkB": 0,
+                              "linewidth": 1.2})  # fmt: skip
+    told = f"depth {depth:.3f} mm" if depth > 0.0 else f"{-depth:.3f} mm apart"
+    axis.text(0.98, 0.05, told, ha="right", va="bottom", fontsize=8.5, fontweight="bold", color=INK, zorder=6,
+              transform=axis.transAxes)  # fmt: skip
+    bone = " (pink: bone)" if len(deep) else ""
+    axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)
+
+
+def posed(shown: Moment) -> tuple[Anatomy, Picture]:
+    """The polygons of a knee at its moment."""
+    anatomy = anatomy_of(shown.model)
+    return anatomy, picture_of(shown.model, shown.flexion_angle, shown.femoral_height, anatomy=anatomy)
+
+
+def in_contact_frame(picture: Picture, points: Floats) -> Floats:
+    """Points, shape (n, 2) [m], about the contact point in mm: along the surface, and along its normal."""
+    across, up = picture.normal
+    return np.asarray(MM * (points - picture.contact_point) @ np.array([[up, across], [-across, up]]))
+
+
+def beyond(overlap: Floats, layer: float) -> Floats:
+    """The part of an overlap that is deeper than a first layer, in the middle of it; there and back as the overlap."""
+    upper, lower = overlap[: len(overlap) // 2], overlap[len(overlap) // 2 :][::-1]
+    deep = upper[:, 1] - lower[:, 1] > layer
+    inset = np.array([0.0, 0.5 * layer])
+    return np.concatenate([(upper - inset)[deep], (lower + inset)[deep][::-1]])
+
+
+def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
+    """A polygon, shape (n, 2), if it is one."""
+    if len(polygon) > 2:
+        axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)
+
+
+def arrow(axis: Any, picture: Picture, shown: Moment) -> None:
+    """The contact force on the femur, from the contact point along the normal."""
+    begin = MM * np.array(picture.contact_point)
+    length = MM_PER_WEIGHT * shown.contact_force / shown.body_weight
+    end = begin + length * np.array(picture.normal)
+    look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
+    axis.annotate("", end, begin, zorder=6, annotation_clip=False, arrowprops=look)
+    axis.text(end[0], end[1] + 1.0, shown.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
+              va="bottom", fontsize=9, zorder=6)  # fmt: skip
+
+
+def in_shaft(bone: Floats, contact: Floats, along: tuple[float, float]) -> Floats:
+    """A place in a bone's shaft, which goes `along` a direction: near its end."""
+    end = bone[np.argsort((bone - contact) @ np.array(along))[-2:]].mean(axis=0)
+    return np.asarray(end - 11.0 * np.array(along))
+
+
+def directions(axis: Any, left: float, right: float, y: float) -> None:
+    """Anterior, and a scale of 10 mm."""
+    style = {"color": QUIET, "fontsize": 8.5, "va": "center"}
+    axis.text(left, y, "anterior →", ha="left", **style)
+    axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")
+    axis.text(right - 11.5, y, "10 mm", ha="right", **style)
