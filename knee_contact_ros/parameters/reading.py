@@ -70,10 +70,19 @@ def load_parameters(
         if isinstance(part, Mapping):
             merged |= _flat(_section_of_node(part, "the mapping"))
             continue
-        values = _flat(_section_of_node(read_mapping(Path(part)), str(part)))
-        _validated(values, f"{part}: ")
-        merged |= values
+        merged |= values_set_in(Path(part))
     return _validated(merged, "")
+
+
+def values_set_in(path: Path) -> dict[str, Any]:
+    """What a parameter file sets, by dotted names; its own values are checked.
+
+    Raises:
+        UsageError: as `load_parameters`.
+    """
+    values = _flat(_section_of_node(read_mapping(path), str(path)))
+    _validated(values, f"{path}: ")
+    return values
 
 
 def check_parameter_file(path: Path) -> None:

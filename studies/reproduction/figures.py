@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from knee_contact_ros.tools.report.published import COMPUTED
 from studies.gait import BODY_WEIGHT
 from studies.reproduction.drawing import (
     BLUE,
@@ -22,7 +23,6 @@ from studies.reproduction.drawing import (
     panels,
     store,
 )
-from studies.reproduction.loads import IN_VIVO
 from studies.reproduction.osteoarthritis import CARTILAGE, break_even, largest_force, loss_for_paper
 from studies.reproduction.phases import CYCLE, at, phases, second_stance, within
 from studies.reproduction.ringing import LAWS
@@ -36,20 +36,20 @@ def force() -> Figure:
     figure, (top, bottom) = panels(5.0, 2, sharex=True, height_ratios=(2.4, 1.0))
     time, _, load = gait("right")
     sphere, curve = run(HEALTHY).contact_force, run(HEALTHY, MRI).contact_force
-    for (low, high), moment, colour in zip(IN_VIVO, second_stance(), (ORANGE, GREEN), strict=True):
+    for each, moment in zip(COMPUTED, second_stance(), strict=True):
         for center in (moment, moment - (CYCLE[1] - CYCLE[0])):
-            name = f"in vivo, {low:g} to {high:g} BW" if center == moment else None
+            name = each.what if (each, center) == (COMPUTED[0], moment) else None
             around = (center - 0.09, min(center + 0.09, time[-1]))
-            top.fill_between(around, low, high, color=colour, alpha=0.35, linewidth=0, label=name)
+            top.fill_between(around, each.lowest, each.highest, color=ORANGE, alpha=0.35, linewidth=0, label=name)
     top.plot(time, load / BODY_WEIGHT, color=GREY, linewidth=4.0, alpha=0.4, label="load")
     top.plot(time, sphere / BODY_WEIGHT, color=BLUE, label="sphere")
     top.plot(time, curve / BODY_WEIGHT, color=VERMILLION, linestyle="--", label="fitted curve")
-    for moment, (_, high) in zip(second_stance(), IN_VIVO, strict=True):
+    for moment, each in zip(second_stance(), COMPUTED, strict=True):
         value = body_weights(at(moment, load))
-        top.annotate(f"{value:.2f} BW", (moment, high), (0, 3), textcoords="offset points", ha="center")
+        top.annotate(f"{value:.2f} BW", (moment, each.highest), (0, 3), textcoords="offset points", ha="center")
     bottom.plot(time[1:], (curve - sphere)[1:], color=PURPLE)
     _strikes(top, bottom)
-    top.set(ylabel="contact force [BW]", ylim=(0.0, 2.75))
+    top.set(ylabel="contact force [BW]", ylim=(0.0, 2.95))
     top.legend(ncols=3, loc="upper center")
     bottom.set(ylabel="curve - sphere [N]", xlabel=TIME)
     return figure

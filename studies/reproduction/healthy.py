@@ -48,8 +48,9 @@ def force_section() -> Section:
                   f"{difference[stance].max():.1f} N in the second stance, {difference[1:].max():.1f} N over the bag",
                   "the paper calls them similar; the load prescribes the force but for M ÿ")
     )  # fmt: skip
-    text = figure("force", "Contact force of the healthy knee over the right leg's bag. Bands: in-vivo ranges that the "
-                  "paper cites for the two peaks.")  # fmt: skip
+    text = figure("force", "Contact force of the healthy knee over the right leg's bag. Bands: the ranges of the two "
+                  "peaks that the paper cites, computed for healthy people (a force inside a knee without an implant "
+                  "cannot be measured).")  # fmt: skip
     return Section("3. Contact force, healthy knee (Fig. 8)", text, COMPARISON, rows)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from knee_contact_ros.tools.report.published import COMPUTED, Range
 from studies.gait import BODY_WEIGHT
 from studies.report import Section
 from studies.reproduction.page import COMPARISON, compare, unprinted
@@ -10,8 +11,6 @@ from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MM, MRI, body_weight
 
 PAPER_PEAKS = (1.81, 2.19)
 """[BW]"""
-IN_VIVO = ((1.8, 2.0), (2.0, 2.3))
-"""[BW] Ranges of the first and the second peak that the paper cites."""
 SUBJECT_WEIGHT = 72.6 * 9.80665
 """[N] of the scaled model, whose gait it is"""
 
@@ -20,7 +19,7 @@ def section() -> Section:
     """Load peaks of the right leg."""
     rows = [
         compare(f"{name} load peak, second stance", paper, load_peak(time), "BW", 3, _why(time, bounds))
-        for name, paper, time, bounds in zip(("first", "second"), PAPER_PEAKS, second_stance(), IN_VIVO, strict=True)
+        for name, paper, time, bounds in zip(("first", "second"), PAPER_PEAKS, second_stance(), COMPUTED, strict=True)
     ]
     rows += [
         unprinted(f"{name} load peak, first stance", f"{load_peak(time):.3f} BW",
@@ -49,9 +48,9 @@ def both_legs() -> Section:
     text = (
         "All load peaks of both bags; force and depth are the largest within 0.05 s of the load's. The paper treats "
         "one leg and does not say which; its two numbers fit the right one only. The left leg's second peaks of "
-        f"{load_peak(left[0], 'left'):.2f} and {load_peak(left[2], 'left'):.2f} BW lie above the in-vivo range that "
-        "the paper cites, in the same simulation of the same walk. The left bag begins within a stance, shortly "
-        "before its first peak listed here."
+        f"{load_peak(left[0], 'left'):.2f} and {load_peak(left[2], 'left'):.2f} BW lie above the range that the "
+        "paper cites (computed, of healthy people), in the same simulation of the same walk. The left bag begins "
+        "within a stance, shortly before its first peak listed here."
     )
     return Section("8. Both legs", text, header, rows)
 
@@ -76,8 +75,9 @@ def _own(time: float) -> str:
     return f"{at(time, gait('right')[2]) / SUBJECT_WEIGHT:.2f}"
 
 
-def _why(time: float, bounds: tuple[float, float]) -> str:
-    inside = "inside" if bounds[0] <= load_peak(time) <= bounds[1] else "outside"
+def _why(time: float, bounds: Range) -> str:
+    inside = "inside" if bounds.lowest <= load_peak(time) <= bounds.highest else "outside"
     return (
-        f"{_newton(time)}: equal to the digits printed; {inside} the in-vivo range of {bounds[0]:g} to {bounds[1]:g} BW"
+        f"{_newton(time)}: equal to the digits printed; {inside} the range of {bounds.lowest:g} to "
+        f"{bounds.highest:g} BW computed for healthy people, which the paper cites"
     )

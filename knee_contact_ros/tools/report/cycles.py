@@ -18,7 +18,7 @@ PERCENT = np.arange(101.0)
 CURVES = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
           "sliding_velocity")  # fmt: skip
 """Fields of the answers that become curves"""
-HELD = ("error_estimate", "force_error_estimate", "contact_state")
+HELD = ("error_estimate", "force_error_estimate", "femoral_height", "contact_state")
 """Those that are not interpolated"""
 COLUMNS = CURVES + HELD
 """All that is kept of the answers for cycles and moments"""

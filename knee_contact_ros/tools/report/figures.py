@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.cycles import CURVES, PERCENT, Floats
-from knee_contact_ros.tools.report.in_vivo import CARTILAGE_THICKNESS, DEPTH, MEDIAL, TOTAL, Range, cited, is_total
+from knee_contact_ros.tools.report.published import CARTILAGE_THICKNESS, DEPTH, MEDIAL, TOTAL, Range, is_total
 from knee_contact_ros.tools.report.runs import Run
 
 COLOURS = (("#0072B2", "#56B4E9"), ("#D55E00", "#E69F00"), ("#009E73", "#66C2A5"), ("#7B3294", "#CC79A7"))
-"""Of a run and of its comparison; from Okabe and Ito's, which colour-blind readers can tell apart"""
+"""Of a comparison, or of a run without one, and of a run below its comparison; from Okabe and Ito's, which colour-blind
+readers can tell apart"""
 SIZE = (5.2, 3.1)
 """[in], without the legend: small, so that its letters can be read on a telephone"""
 LINE, WIDE = 0.19, 34
@@ -25,6 +27,12 @@ STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "
          "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
          "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
 TWO_LAYERS = "two_layer"
+ALIKE = 0.005
+"""Of what a figure's curves span, as much as curves may differ that are drawn once: a third of a line's thickness"""
+THINNEST, STEP = 1.8, 2.2
+"""Widths of ways over flexion: the same femur has the same way, so that each is seen below the next one"""
+TOGETHER = 1.5
+"""[%] of the cycle within which toe-offs are marked once"""
 LEAST_WAY = 0.01
 """[mm] that a contact point moves at least, for its way to be drawn"""
 
@@ -83,10 +91,23 @@ def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
 
 
 def colour(runs: Sequence[Run], run: Run) -> str:
-    """Each run's own; a comparison has a lighter one than the run it is beside."""
+    """Each run's own; lighter for one with a comparison, which is drawn over it."""
     place = runs.index(run) if run.beside is None else run.beside
     bases = [index for index, each in enumerate(runs) if each.beside is None]
-    return COLOURS[bases.index(place) % len(COLOURS)][run.beside is not None]
+    compared = any(each.beside == place for each in runs)
+    return COLOURS[bases.index(place) % len(COLOURS)][compared and run.beside is None]
+
+
+def told(runs: Sequence[Run]) -> str:
+    """What the runs of a figure differ in, for below it: of comparisons, and of recordings with other parameters."""
+    texts = {run.name: "; ".join(map(str, run.differences)) for run in runs if run.beside is not None}
+    if len(set(texts.values())) == 1:
+        texts = {"What differs": next(iter(texts.values()))}
+    found = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
+    differ = between([run.parameters for run in runs if run.beside is None and run.known])
+    if differ:
+        found.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
+    return " ".join(found)
 
 
 def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
@@ -95,23 +116,73 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
     lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " if several else ""
     depth = (
         f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
-        f"{CARTILAGE_THICKNESS:g} mm thick. {cited([DEPTH])}. A depth here is what the contact law makes of the force, "
+        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here is what the contact law makes of the force, "
         "no measured deformation. "
     )
     bone = "Dotted: where the second layer, bone, begins." if any(map(has_bone, cyclic)) else ""
-    captions = {FLEXION: "The short line at the bottom is toe-off.", FORCE: force_caption(cyclic), DEPTHS: depth + bone}
+    captions = {FORCE: force_caption(cyclic), DEPTHS: depth + bone, FLEXION: ""}
     if moves(cyclic):
-        captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive."
-    found = [
-        Figure(each.name, f"{each.title} over the gait cycle", lines + caption,
-               draw(SIZE, partial(panel, runs=runs, cyclic=cyclic, what=each)))
-        for each, caption in captions.items()
-    ]  # fmt: skip
+        captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive. "
+    found = []
+    for each, caption in captions.items():
+        shown = (
+            [run for run in cyclic if run.beside is None] if each is FLEXION else cyclic
+        )  # a comparison has the same
+        text = sentences(lines, caption, apart(shown, each), told(cyclic))
+        png = draw(SIZE, partial(panel, runs=runs, cyclic=shown, what=each))
+        found.append(Figure(each.name, f"{each.title} over the gait cycle", text, png))
     if moves(cyclic):
         path = draw(SIZE, partial(path_panel, runs=runs, cyclic=cyclic))
         caption = "Its way over the gait cycle: dot at heel strike, triangle at toe-off."
-        found.append(Figure("contact_point_flexion", "Contact point over flexion", caption, path))
+        found.append(
+            Figure("contact_point_flexion", "Contact point over flexion", sentences(caption, told(runs)), path)
+        )
     return found
+
+
+def sentences(*parts: str) -> str:
+    """Parts of a caption in one."""
+    return " ".join(part.strip() for part in parts if part.strip())
+
+
+def alike(cyclic: Sequence[Run], *quantities: Quantity) -> list[list[Run]]:
+    """The runs in groups whose curves are the same within `tolerance`, each group's first one being drawn."""
+    most = [tolerance(cyclic, what) for what in quantities]
+    groups: list[list[Run]] = []
+    for run in cyclic:
+        for group in groups:
+            if all(difference(group[0], run, what)[0] <= limit for what, limit in zip(quantities, most, strict=True)):
+                group.append(run)
+                break
+        else:
+            groups.append([run])
+    return groups
+
+
+def tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
+    """How far curves that are drawn once may be apart, in the unit of what is drawn."""
+    values = [what.of(run.gathered.mean.mean, run) for run in cyclic]
+    return ALIKE * float(np.nanmax(values) - np.nanmin(values))
+
+
+def difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
+    """The largest difference of two mean curves, and the percent where it is."""
+    found = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
+    return float(found.max()), int(found.argmax())
+
+
+def apart(cyclic: Sequence[Run], what: Quantity) -> str:
+    """How far comparisons are from their runs, and what is drawn once."""
+    unit = what.axis[what.axis.index("[") + 1 : what.axis.index("]")]
+    same = [group for group in alike(cyclic, what) if len(group) > 1]
+    drawn_once = (
+        f"Curves with “=” are the same within {tolerance(cyclic, what):.2g} {unit}, and drawn once." if same else ""
+    )
+    other = [(run, next(each for each in cyclic if each.name == run.name and each.beside is None)) for run in cyclic
+             if run.beside is not None and not any(run in group for group in same)]  # fmt: skip
+    found = ((run.name, *difference(base, run, what)) for run, base in other)
+    largest = ", ".join(f"{name} {size:.2g} {unit} (at {at} %)" for name, size, at in found)
+    return sentences(drawn_once, f"Largest difference of dashed to full: {largest}." if largest else "")
 
 
 def moves(cyclic: Sequence[Run]) -> bool:
@@ -127,9 +198,9 @@ def force_caption(cyclic: Sequence[Run]) -> str:
         return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
     about = "total" if ranges == TOTAL else "medial"
     return (
-        f"The load of these runs is the {about} one. Behind the curves, published {about} forces in BW: "
+        f"The load of these runs is the {about} one. Grey, published: "
         f"{'; '.join(dict.fromkeys(each.text for each in ranges))}. They are peaks, drawn where peaks are expected; "
-        f"the sources give no curve. {cited(ranges)}."
+        "the sources give no curve."
     )
 
 
@@ -151,32 +222,58 @@ def panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantit
         for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if has_bone(run)}):
             axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
             axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
-    for run in cyclic:
-        if what is not FLEXION or run.beside is None:  # a comparison has the same
-            line(axis, run, colour(runs, run), what)
+    for group in alike(cyclic, what):
+        name = " = ".join(run.name for run in group) if what is FLEXION else joined(group)
+        line(axis, group[0], colour(runs, group[0]), what, name)
+    toe_offs(axis, runs, cyclic)
     axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
     if what in {FORCE, DEPTHS}:
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if lowest(cyclic, what) < 0.0 else 0.0)
     legend(canvas, axis)
 
 
-def line(axis: Any, run: Run, hue: str, what: Quantity) -> None:
-    """Mean, spread, single cycles and toe-off of a run."""
+def line(axis: Any, run: Run, hue: str, what: Quantity, name: str) -> None:
+    """Mean, spread and single cycles of a run, under a name."""
     mean = run.gathered.mean
     values = what.of(mean.mean, run)
-    style = "-" if run.beside is None else "--"
+    style, width = looks(run, hue)
     deviation = mean.deviation
     if deviation is not None:
         spread = what.of(deviation, run)
         axis.fill_between(PERCENT, values - spread, values + spread, color=hue, alpha=0.15, linewidth=0)
         for single in mean.first if mean.count <= len(mean.first) else ():
             axis.plot(PERCENT, what.of(single, run), style, color=hue, linewidth=0.5, alpha=0.5)
-    width = 1.8 if run.beside is None else 1.3
-    axis.plot(
-        PERCENT, values, style, color=hue, linewidth=width, label=plain(run.name if what is FLEXION else run.label)
-    )
-    stance = np.mean([cycle.span.stance for cycle in run.gathered.cycles])
-    axis.axvline(stance, ymax=0.05, color=hue, linewidth=1.2, linestyle=style)
+    axis.plot(PERCENT, values, style, color=hue, linewidth=width, label=plain(name))
+
+
+def joined(group: Sequence[Run]) -> str:
+    """One name for runs whose curves are the same."""
+    if len({run.name for run in group}) == 1 and len(group) > 1:  # what a comparison does not change
+        tails = [run.label.removeprefix(run.name).lstrip(", ") for run in group]
+        return ", ".join(filter(None, (group[0].name, " = ".join(filter(None, tails)))))
+    return " = ".join(run.label for run in group)
+
+
+def looks(run: Run, hue: str) -> tuple[str, float]:
+    """Style and width of a run's line: a comparison is thin and dashed, over a wide one that is seen below it."""
+    if run.beside is not None:
+        return "--", 1.3
+    light = any(hue == pale for _, pale in COLOURS)
+    return "-", 3.0 if light else 1.8
+
+
+def toe_offs(axis: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
+    """Where stance ends on average: once, if all are close together."""
+    bases = [run for run in cyclic if run.beside is None]
+    stances = [float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])) for run in bases]
+    if max(stances) - min(stances) <= TOGETHER:
+        marks = [(float(np.mean(stances)), "0.45")]
+    else:
+        marks = [(stance, colour(runs, run)) for stance, run in zip(stances, bases, strict=True)]
+    for place, hue in marks:
+        axis.axvline(place, color=hue, linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
+    axis.annotate("toe-off", (float(np.mean([place for place, _ in marks])), 1.0), (0, 2), ha="center", va="bottom",
+                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8, color="0.35")  # fmt: skip
 
 
 def lowest(cyclic: Sequence[Run], what: Quantity) -> float:
@@ -187,13 +284,16 @@ def lowest(cyclic: Sequence[Run], what: Quantity) -> float:
 def path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
     """Contact point over flexion angle."""
     axis = canvas.subplots()
-    for run in cyclic:
+    groups = alike(cyclic, POINT, FLEXION)
+    for number, group in enumerate(groups):
+        run = group[0]
         mean, hue = run.gathered.mean.mean, colour(runs, run)
         angle, point = FLEXION.of(mean, run), POINT.of(mean, run)
         toe_off = round(float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])))
-        axis.plot(angle, point, "-" if run.beside is None else "--", color=hue, linewidth=1.6, label=plain(run.label))
-        axis.plot(angle[0], point[0], "o", color=hue, markersize=5)
-        axis.plot(angle[toe_off], point[toe_off], "^", color=hue, markersize=6)
+        width = THINNEST + STEP * (len(groups) - 1 - number)
+        axis.plot(angle, point, color=hue, linewidth=width, label=plain(joined(group)))
+        axis.plot(angle[0], point[0], "o", color=hue, markersize=6, markeredgecolor="black", zorder=3)
+        axis.plot(angle[toe_off], point[toe_off], "^", color=hue, markersize=7, markeredgecolor="black", zorder=3)
     axis.set(xlabel=FLEXION.axis, ylabel=POINT.axis)
     legend(canvas, axis)
 

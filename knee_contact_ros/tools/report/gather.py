@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.pipeline.gait.strides import LONGEST, Span, spans
-from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Mean, curves, measured
+from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
 
 KEPT = round((LONGEST + 3.0) * NANOSECONDS)
@@ -36,6 +37,17 @@ class Moment(NamedTuple):
     """[N] estimated error of the contact force; not a number if the recording does not tell"""
     depth_error: float
     """[m] that of the depth"""
+    flexion_angle: float
+    """[rad]"""
+    femoral_height: float
+    """[m]"""
+
+
+TOLD = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "flexion_angle",
+        "femoral_height")  # fmt: skip
+"""Columns of a moment"""
+LOAD = COLUMNS.index("load")
+LARGEST_LOAD = "largest load"
 
 
 class Gathered:
@@ -46,6 +58,8 @@ class Gathered:
         self.body_weight = body_weight
         self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
         self.moments: list[Moment] = []
+        self.largest: Moment | None = None
+        """Where the load is largest; None: nothing came"""
         self.cycles: list[Cycle] = []
         self.strikes = 0
         """Heel strikes that another one followed: as many cycles, if all had been plausible"""
@@ -80,7 +94,14 @@ class Gathered:
         self.course.add(part["stamp"] - self._since, values)
         self._stamps = np.append(self._stamps, part["stamp"])
         self._values = np.concatenate((self._values, values))
+        self._largest(part["stamp"], values)
         self._take(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]), ended=False)
+
+    def _largest(self, stamps: NDArray[np.int64], values: Floats) -> None:
+        at = int(values[:, LOAD].argmax())
+        if self.largest is None or values[at, LOAD] > self.largest.load:
+            event = GaitEvent(int(stamps[at]), LARGEST_LOAD, "")
+            self.largest = Moment(event, (event.stamp - self._since) / NANOSECONDS, *contact_in(values[at]))
 
     def _take(self, events: list[GaitEvent], *, ended: bool) -> None:
         for event in events:
@@ -95,10 +116,8 @@ class Gathered:
             self._stamps, self._values = self._stamps[kept:], self._values[kept:]
 
     def _contact_at(self, stamp: int) -> list[float]:
-        """Load, contact force, depth and the errors of these two, of the tick at a stamp, or the last one before."""
-        row = self._values[max(int(np.searchsorted(self._stamps, stamp, "right")) - 1, 0)]
-        told = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate")
-        return [float(row[COLUMNS.index(name)]) for name in told]
+        """The contact of the tick at a stamp, or the last one before."""
+        return contact_in(self._values[max(int(np.searchsorted(self._stamps, stamp, "right")) - 1, 0)])
 
     def _cycles(self, *, ended: bool) -> None:
         """Take the cycles whose events are all certain."""
@@ -115,3 +134,8 @@ class Gathered:
     def _add_cycle(self, span: Span) -> None:
         self.mean.add(curves(self._stamps, self._values, span))
         self.cycles.append(measured(self._stamps, self._values, span))
+
+
+def contact_in(row: Floats) -> list[float]:
+    """What a moment tells of the contact, of a row of `COLUMNS`."""
+    return [float(row[COLUMNS.index(name)]) for name in TOLD]

@@ -10,7 +10,7 @@ import numpy as np
 
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.tools.report.cycles import COLUMNS
-from knee_contact_ros.tools.report.figures import MM, Figure, colour, draw, has_bone, plain
+from knee_contact_ros.tools.report.figures import MM, Figure, colour, draw, has_bone, looks, plain, sentences, told
 from knee_contact_ros.tools.report.runs import Run
 
 SIZE = (5.2, 5.6)
@@ -35,7 +35,9 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
         marks = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found. " if drawn(strikes) else ""
         width = run.gathered.course.width
         course = f"From the smallest to the largest value in each {width / 1e9:g} s. " if width > FINE else ""
-        found.append(Figure(f"over_time_{number + 1}", f"{run.name} over time", marks + course, png))
+        found.append(
+            Figure(f"over_time_{number + 1}", f"{run.name} over time", sentences(marks, course, told(shown)), png)
+        )
     return found
 
 
@@ -60,8 +62,8 @@ def rows(canvas: Any, runs: Sequence[Run], hues: Sequence[str]) -> None:
             label = plain(run.label) if name == "contact_force" else None
             if run.gathered.course.width <= FINE:
                 marker = "." if len(time) < FEW_POINTS else None
-                style = "--" if place else "-"
-                axis.plot(time, high, style, color=hue, linewidth=1.0, marker=marker, label=label)
+                style, width = looks(run, hue)
+                axis.plot(time, high, style, color=hue, linewidth=0.7 * width, marker=marker, label=label)
             else:
                 axis.fill_between(time, low, high, color=hue, alpha=0.5, linewidth=0.3, label=label)
             if name == "penetration_depth" and has_bone(run):

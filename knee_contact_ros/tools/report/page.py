@@ -8,14 +8,17 @@ from typing import Any
 
 from knee_contact_ros import __version__
 from knee_contact_ros.tools.report import words
+from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.figures import Figure, moves
-from knee_contact_ros.tools.report.in_vivo import SOURCES, which_load
+from knee_contact_ros.tools.report.published import SOURCES, which_load
 from knee_contact_ros.tools.report.runs import Run
 
 TEMPLATE = "report.html.jinja"
 
 
-def page(runs: Sequence[Run], cycle_figures: Sequence[Figure], time_figures: Sequence[Figure]) -> str:
+def page(
+    runs: Sequence[Run], knee_figures: Sequence[Figure], cycle_figures: Sequence[Figure], time_figures: Sequence[Figure]
+) -> str:
     """The page as text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -32,22 +35,42 @@ def page(runs: Sequence[Run], cycle_figures: Sequence[Figure], time_figures: Seq
         loads="; ".join(dict.fromkeys(which_load(run.parameters) for run in runs)),
         version=__version__,
         doubts=[(run.label, sentence) for run in runs for sentence in run.gathered.totals.doubts.sentences],
+        first=words.first_table(runs),
+        differences=what_differs(runs),
+        kept=[f"{run.label} keeps of its own: {'; '.join(run.kept)}" for run in runs if run.kept],
+        knee_figures=knee_figures,
         overview=words.run_table(runs),
         cycles=words.cycle_table(cyclic),
         cycle_figures=cycle_figures,
         still=bool(cyclic) and not moves(cyclic),
-        time_figures=time_figures,
+        time_figures=[
+            {"figure": figure, "label": run.name, "events": words.event_table(run)}
+            for figure, run in zip(time_figures, bases, strict=True)
+        ],
         without_cycles=[run.label for run in runs if not run.gathered.cycles],
         runs=[section(run) for run in runs],
+        compared=any(run.beside is not None for run in runs),
         sources=SOURCES,
     )
+
+
+def what_differs(runs: Sequence[Run]) -> list[str]:
+    """A line for every parameter that differs, of comparisons and of the recordings themselves."""
+    found = {run.name: [f"contact.{each}" for each in run.differences] for run in runs if run.beside is not None}
+    if len(set(map(tuple, found.values()))) == 1:
+        lines = next(iter(found.values()))
+    else:
+        lines = [f"{name}: {line}" for name, each in found.items() for line in each]
+    if found and not lines:
+        lines = ["the comparison changes nothing"]
+    return lines + between([run.parameters for run in runs if run.beside is None and run.known])
 
 
 def lead(runs: Sequence[Run]) -> str:
     """The page in a sentence."""
     cycles = sum(len(run.gathered.cycles) for run in runs if run.beside is None)
     ticks = sum(run.gathered.totals.ticks for run in runs if run.beside is None)
-    compared = ", each computed again with other parameters" if any(run.beside is not None for run in runs) else ""
+    compared = ", each computed again with another contact law" if any(run.beside is not None for run in runs) else ""
     files = len({run.source for run in runs})
     return (
         f"Tibiofemoral contact in {files} recording{'s' * (files != 1)}{compared}: {ticks} ticks, "
@@ -63,6 +86,5 @@ def section(run: Run) -> dict[str, Any]:
         "source": run.source.name,
         "damage": run.damage,
         "peaks": words.peak_table(run),
-        "events": words.event_table(run) if run.beside is None else None,
         "parameters": words.parameter_table(run),
     }

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 
@@ -18,7 +18,15 @@ OLDEST = (3, 7)
 EXTRA = "knee-contact-ros[report]"
 PAGE = "report.html"
 TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
-FIGURES = ("flexion", "contact_force", "depth", "contact_point", "contact_point_flexion", "over_time_[0-9]*")
+FIGURES = (
+    "knee_[0-9]*",
+    "flexion",
+    "contact_force",
+    "depth",
+    "contact_point",
+    "contact_point_flexion",
+    "over_time_[0-9]*",
+)
 """Names of the pictures, without their suffix; those of an earlier report are taken away"""
 
 
@@ -56,6 +64,9 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
     damage = [sentence for run in runs if run.beside is None for sentence in run.damage]
     if damage:
         raise IncompleteError(f"{output / PAGE} tells what can be read of a damaged bag: {in_a_line(damage)}")
+    warn(
+        f"--compare: {line}" for line in sorted({f"{run.name} keeps {', '.join(run.kept)}" for run in runs if run.kept})
+    )
     return [output / name for name in names]
 
 
@@ -63,17 +74,19 @@ def write(runs: Sequence[Run], folder: Path) -> list[str]:
     """Write all files of the report; give their names, the page first."""
     from knee_contact_ros.tools.report.data import tables
     from knee_contact_ros.tools.report.figures import over_cycle
+    from knee_contact_ros.tools.report.knees import knees
     from knee_contact_ros.tools.report.over_time import over_time
     from knee_contact_ros.tools.report.page import page
 
     cyclic = [run for run in runs if run.gathered.cycles]
     cycle_figures, time_figures = over_cycle(runs, cyclic) if cyclic else [], over_time(runs)
-    (folder / PAGE).write_text(page(runs, cycle_figures, time_figures), encoding="utf-8")
+    knee_figures = knees(runs)
+    (folder / PAGE).write_text(page(runs, knee_figures, cycle_figures, time_figures), encoding="utf-8")
     names = [PAGE]
     for name, content in tables(runs).items():
         (folder / name).write_text(content, encoding="utf-8")
         names.append(name)
-    for figure in (*cycle_figures, *time_figures):
+    for figure in (*knee_figures, *cycle_figures, *time_figures):
         (folder / f"{figure.name}.png").write_bytes(figure.png)
         names.append(f"{figure.name}.png")
     return names

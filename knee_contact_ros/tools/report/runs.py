@@ -11,6 +11,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
@@ -19,12 +20,15 @@ from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
 from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.report.comparison import Difference, Overlay, compared, differences, kept, named, overlay
 from knee_contact_ros.tools.report.gather import Gathered
 
 Advance = Callable[[int, int], None]
 Source = Path | dict[str, Any]
 """Where parameters come from: a file, or values by name"""
 OWN_TOPIC = f"/{KNEE_CONTACT}"
+SAME = "again"
+"""A comparison that changes nothing"""
 
 
 class ReportOptions(NamedTuple):
@@ -37,7 +41,7 @@ class ReportOptions(NamedTuple):
     parameters_given: bool
     """Whether they were given, and are not just the default"""
     compare: Sequence[Path]
-    """Parameter files to compute every file again with, over its own parameters; none: it is not"""
+    """Parameter files whose contact law every file is computed again with; none: it is not"""
     names: Names = OWN_NAMES
 
 
@@ -47,7 +51,7 @@ class Run(NamedTuple):
     name: str
     """Of the recording"""
     label: str
-    """Of the run: the recording's name, and with what it was computed where that differs"""
+    """Of the run: the recording's name, and what its contact law differs by from the one it is beside"""
     source: Path
     topic: str
     parameters: Parameters
@@ -60,6 +64,14 @@ class Run(NamedTuple):
     beside: int | None
     """Index of the run with whose inputs it was computed again; None: it is no comparison"""
     gathered: Gathered
+    model: KneeModel | None = None
+    """To draw the knee with; None: its parameters are not known, or files that they name are not at hand"""
+    known: bool = True
+    """Whether its parameters are its own, and not assumed"""
+    differences: Sequence[Difference] = ()
+    """Of a comparison: what its contact law differs by from that of the run it is beside"""
+    kept: Sequence[str] = ()
+    """Of a comparison: what it keeps of its run although its files say something else"""
 
 
 def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
@@ -71,6 +83,7 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
         UsageError: a file or its parameters cannot be used.
     """
     runs: list[Run] = []
+    over = overlay(asked.compare) if asked.compare else None
     recorded = {path: answer_topics(path) for path in asked.files}
     if asked.parameters_given and all(topics and _stored(path, asked) for path, topics in recorded.items()):
         raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
@@ -82,9 +95,13 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
             for topic in recorded[path]
         ]
         for run in own or [_solved(path, label, asked, work, say)]:
-            runs.append(run)
-            if asked.compare:
-                runs.append(_compared(run, len(runs) - 1, asked, work, say))
+            if over is None:
+                runs.append(run)
+                continue
+            other = _compared(run, len(runs), over, asked, work, say)
+            names = [named(other.differences, after=after) for after in (False, True)]
+            runs.append(run._replace(label=", ".join(filter(None, (run.label, names[0])))))
+            runs.append(other._replace(label=f"{run.label}, {names[1] or SAME}"))
     return _told_apart(runs)
 
 
@@ -115,38 +132,40 @@ def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Cal
     else:
         parameters = load_parameters(list(asked.parameters))
         origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
-    doubts = _doubts(parameters, provenance)
+    model = _model(parameters, provenance)
+    doubts = doubts_about(parameters, model) if model else Doubts()
     gathered = _gathered(path, topic, parameters, doubts, say(f"Reading {path.name}"))
-    damage = provenance.damage if provenance else ()
-    return Run(label, label, path, topic, parameters, origin, _refused(path), damage, None, gathered)
+    if not provenance:
+        return Run(label, label, path, topic, parameters, origin, _refused(path), (), None, gathered, known=False)
+    return Run(label, label, path, topic, parameters, origin, _refused(path), provenance.damage, None, gathered, model)
 
 
 def _solved(path: Path, label: str, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> Run:
     """A bag with inputs only."""
     parameters = load_parameters(list(asked.parameters))
     origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(asked.parameters)}."
-    run = _computed(path, parameters, asked.names, work, say)
-    stems = [source.stem if isinstance(source, Path) else spelled(source) for source in asked.parameters]
-    return run._replace(name=label, label=", ".join([label, *stems]) if asked.compare else label, origin=origin)
+    return _computed(path, parameters, asked.names, work, say)._replace(name=label, label=label, origin=origin)
 
 
-def _compared(run: Run, beside: int, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> Run:
-    """A run's inputs computed with other parameters."""
-    before = flat_parameters(run.parameters)
-    after = flat_parameters(load_parameters([before, *asked.compare]))
+def _compared(
+    run: Run, beside: int, over: Overlay, asked: ReportOptions, work: Path, say: Callable[[str], Advance]
+) -> Run:
+    """A run's inputs computed with another contact law; person, surfaces and solver stay."""
+    parameters = compared(run.parameters, over)
     stored = _stored(run.source, asked)
-    how: Parameters | Provenance = load_parameters(after)
+    how: Parameters | Provenance = parameters
     if stored:  # it may hold the files that parameters name
-        how = with_values(stored._replace(changes=()), {n: v for n, v in after.items() if v != before[n]})
+        how = with_values(stored._replace(changes=()), over.taken)
     origin = (
-        f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.label}”, "
-        f"with {_spelled(asked.compare)} over its parameters."
+        f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.name}” with its parameters, "
+        f"but for the contact law of {_spelled(asked.compare)}."
     )
     namespace = run.topic.removesuffix(OWN_TOPIC).strip("/")
     names = names_in_bag((), namespace) if namespace else asked.names
-    computed = _computed(run.source, how, names, work, say)
-    told = ", ".join([run.name, *(path.stem for path in asked.compare)])
-    return computed._replace(name=run.name, label=told, topic=run.topic, origin=origin, beside=beside)
+    return _computed(run.source, how, names, work, say)._replace(
+        name=run.name, topic=run.topic, origin=origin, beside=beside, kept=kept(run.parameters, over),
+        differences=differences(run.parameters if run.known else None, parameters),
+    )  # fmt: skip
 
 
 def _stored(path: Path, asked: ReportOptions) -> Provenance | None:
@@ -178,15 +197,16 @@ def _computed(path: Path, how: Parameters | Provenance, names: Names, work: Path
     doubts.go_on_with(summary.doubts)
     gathered = _gathered(recording, OWN_TOPIC, parameters, doubts, say(f"Reading what {path.name} gave"))
     recording.unlink()
-    return Run("", "", path, OWN_TOPIC, parameters, "", summary.refused, tuple(summary.damage), None, gathered)
+    model = _model(parameters, how if isinstance(how, Provenance) else None)
+    return Run("", "", path, OWN_TOPIC, parameters, "", summary.refused, tuple(summary.damage), None, gathered, model)
 
 
-def _doubts(parameters: Parameters, provenance: Provenance | None) -> Doubts:
-    """What makes no sense in a recording's parameters, as far as the files that they name are at hand."""
+def _model(parameters: Parameters, provenance: Provenance | None) -> KneeModel | None:
+    """A run's model, as far as the files that its parameters name are at hand."""
     try:
-        return doubts_about(parameters, build_model(parameters, curves=provenance.texts() if provenance else None))
+        return build_model(parameters, curves=provenance.texts() if provenance else None)
     except UsageError:
-        return Doubts()
+        return None
 
 
 def _gathered(path: Path, topic: str, parameters: Parameters, doubts: Doubts, advance: Advance) -> Gathered:

@@ -12,8 +12,9 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.tools.report.cycles import Cycle
 from knee_contact_ros.tools.report.figures import has_bone
-from knee_contact_ros.tools.report.in_vivo import which_load
+from knee_contact_ros.tools.report.gather import LARGEST_LOAD, Moment
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, StancePeak, stance_peaks
+from knee_contact_ros.tools.report.published import which_load
 from knee_contact_ros.tools.report.runs import Run, own_values
 from knee_contact_ros.tools.report.totals import Totals
 
@@ -30,6 +31,32 @@ class Table(NamedTuple):
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
+
+
+def first_table(runs: Sequence[Run]) -> Table:
+    """The peaks of all runs at a glance; without any, where the load is largest."""
+    peaks = [stance_peaks(run.gathered) for run in runs]
+    found = [which for which in (FIRST, SECOND) if any(peak.which == which for each in peaks for peak in each)]
+    head = [f"{which} peak: " if which in (FIRST, SECOND) else f"{which}: " for which in found or [LARGEST_LOAD]]
+    columns = [f"{name}{quantity}" for name in head for quantity in ("load [BW]", "contact force [BW]", "depth [mm]")]
+    rows = []
+    for run, each in zip(runs, peaks, strict=True):
+        moments = [[peak.moment for peak in each if peak.which == which] for which in found]
+        if not found:
+            moments = [[run.gathered.largest] if run.gathered.largest else []]
+        rows.append((run.label, *(cell for group in moments for cell in _means(group, run.parameters.body_weight))))
+    count = max((len([peak for peak in each if peak.which == which]) for each in peaks for which in found), default=0)
+    note = f"Mean ± standard deviation of up to {count} stances." if count > 1 else ""
+    return Table(("", *columns), rows, note)
+
+
+def _means(moments: Sequence[Moment], weight: float) -> tuple[str, str, str]:
+    """Load, contact force and depth."""
+    return (
+        _spread([moment.load / weight for moment in moments], ".2f"),
+        _spread([moment.contact_force / weight for moment in moments], ".2f"),
+        _spread([MM * moment.penetration_depth for moment in moments], ".3f"),
+    )
 
 
 def peak_table(run: Run) -> Table:

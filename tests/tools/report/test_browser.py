@@ -39,10 +39,13 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
         ".then(done, error => done(String(error)));"
     )
     assert isinstance(pictures, list), pictures
-    assert len(pictures) == 7
+    assert len(pictures) == 9
     for natural, shown in pictures:
         assert natural > 900
         assert 0.8 * min(width, 640) <= shown <= width
+    # No picture stands alone in a row of two.
+    cells = "[...document.querySelectorAll('.figures')].map(g => g.querySelectorAll(':scope > :not(.all)').length % 2)"
+    assert browser.execute_script(f"return {cells}") == [0, 0, 0]
     # Tables may be scrolled; the page itself is as wide as the screen.
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
     tables = browser.execute_script("return [...document.querySelectorAll('table')].map(t => t.innerText)")

@@ -20,7 +20,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.report.cycles import PERCENT
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
-from knee_contact_ros.tools.report.in_vivo import DEPTH, MEDIAL, SOURCES, TOTAL
+from knee_contact_ros.tools.report.published import DEPTH, MEDIAL, SOURCES, TOTAL
 from tests.offline.test_solve import make_bag, silent
 from tests.tools.report.pages import page_of, text_of
 
@@ -29,7 +29,9 @@ pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra repo
 BODY_WEIGHT = 737.068
 CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
 MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
+KNEES = {"knee_1.png", "knee_2.png"}
 TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
+RUNS = {f"{side}, {law}" for side in ("right", "left") for law in ("kelvin_voigt", "two_layer_viscoelastic")}
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -59,18 +61,18 @@ def numbers(rows: list[dict[str, str]], column: str) -> np.ndarray:
 
 
 def test_all_files_are_there_and_nothing_else(both: Path) -> None:
-    expected = {"report.html", "over_time_1.png", "over_time_2.png"} | TABLES | CYCLE_FIGURES
+    expected = {"report.html", "over_time_1.png", "over_time_2.png"} | KNEES | TABLES | CYCLE_FIGURES
     assert {path.name for path in both.iterdir()} == expected  # a circle on a plane: the contact point stays
     for figure in both.glob("*.png"):
         assert figure.read_bytes().startswith(PNG)
 
 
 def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> None:
-    rows = [row for row in read(both / "cycles.csv") if row["run"] == "right, osteoarthritis"]
+    rows = [row for row in read(both / "cycles.csv") if row["run"] == "right, two_layer_viscoelastic"]
     assert numbers(rows, "gait_cycle_percent") == pytest.approx(PERCENT)
     assert {row["cycles"] for row in rows} == {"1"}
     strikes = [float(row["stamp_s"]) for row in read(both / "events.csv")
-               if row["event"] == "heel strike" and row["run"] == "right, osteoarthritis"]  # fmt: skip
+               if row["event"] == "heel strike" and row["run"] == "right, two_layer_viscoelastic"]  # fmt: skip
     answers = read_answers(recording)
     time = answers["stamp"] / 1e9
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
@@ -87,7 +89,7 @@ def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> Non
 def test_the_peaks_are_those_of_the_demo(both: Path) -> None:
     rows = read(both / "peaks.csv")
     assert tuple(rows[0]) == PEAK_COLUMNS
-    right = [row for row in rows if row["run"] == "right, healthy"]
+    right = [row for row in rows if row["run"] == "right, kelvin_voigt"]
     assert [row["stamp_s"] for row in right] == ["0.785000000", "1.205000000", "2.015000000", "2.430000000"]
     assert [row["peak"] for row in right] == ["first", "second", "", ""]
     assert [row["cycle"] for row in right] == ["1", "1", "", ""]
@@ -99,16 +101,14 @@ def test_the_peaks_are_those_of_the_demo(both: Path) -> None:
         assert numbers(right, f"{kind}_BW") == pytest.approx(numbers(right, f"{kind}_N") / BODY_WEIGHT, rel=1e-8)
     percent = numbers(right[:2], "gait_cycle_percent")
     assert percent == pytest.approx([13.2, 47.3], abs=0.05)
-    assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
-                                            "left, osteoarthritis"}  # fmt: skip
+    assert {row["run"] for row in rows} == RUNS
 
 
 def test_the_strides_are_in_their_file(both: Path, recording: Path) -> None:
     rows = read(both / "strides.csv")
     assert tuple(rows[0]) == STRIDE_COLUMNS
-    assert {row["run"] for row in rows} == {"right, healthy", "right, osteoarthritis", "left, healthy",
-                                            "left, osteoarthritis"}  # fmt: skip
-    (row,) = (row for row in rows if row["run"] == "right, osteoarthritis")
+    assert {row["run"] for row in rows} == RUNS
+    (row,) = (row for row in rows if row["run"] == "right, two_layer_viscoelastic")
     answers = read_answers(recording)
     start, duration = float(row["heel_strike_s"]), float(row["duration_s"])
     inside = (answers["stamp"] >= start * 1e9) & (answers["stamp"] <= (start + duration) * 1e9)
@@ -143,7 +143,7 @@ def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tm
 def test_the_events_are_in_their_file(both: Path) -> None:
     rows = read(both / "events.csv")
     assert tuple(rows[0]) == EVENT_COLUMNS
-    left = [row for row in rows if row["run"] == "left, healthy"]
+    left = [row for row in rows if row["run"] == "left, kelvin_voigt"]
     kinds = ["load peak", "toe-off", "heel strike", "load peak", "load peak", "toe-off", "heel strike"]
     assert [row["event"] for row in left] == kinds
     assert numbers(left, "stamp_s") == pytest.approx(numbers(left, "time_s") + 0.53, abs=1e-8)
@@ -157,13 +157,21 @@ def test_the_page_is_valid_and_needs_nothing_else(both: Path) -> None:
     page = page_of(both)
     check_html(page)
     references = re.findall(r"""(?:src|href|action|poster|data)\s*=\s*["']([^"']*)""", page)
-    assert len(references) == 6  # five pictures and an empty icon
+    assert len(references) == 8  # seven pictures and an empty icon
     assert all(each.startswith("data:") for each in references)
     assert not re.search(r"https?://|@import|url\((?!data:)", page)
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert [base64.b64decode(each) for each in pictures] == [
         (both / name).read_bytes()
-        for name in ("flexion.png", "contact_force.png", "depth.png", "over_time_1.png", "over_time_2.png")
+        for name in (
+            "knee_1.png",
+            "knee_2.png",
+            "contact_force.png",
+            "depth.png",
+            "flexion.png",
+            "over_time_1.png",
+            "over_time_2.png",
+        )
     ]
 
 
@@ -174,7 +182,7 @@ def test_the_page_says_what_it_should(both: Path) -> None:
         "doi:10.1186/ar4138", "387 in 1.93 s (200 Hz)", "0.747 mm", "0.538 mm", "0.915 s (47.4 %)",
         "the contact law has one layer", "ticks not converged", "impulse of stance [BW s]", "1.084", "1265.2", "47.3",
         "heel strike at 2° of flexion", "2 heel strikes, 1 toe-off, 4 load peaks.", "contact.layer_depth",
-        "two_layer_viscoelastic", "with osteoarthritis.yaml over its parameters", "The contact point does not move",
+        "two_layer_viscoelastic", "but for the contact law of osteoarthritis.yaml", "The contact point does not move",
     ):  # fmt: skip
         assert words in text
 
@@ -188,6 +196,18 @@ def test_published_ranges_are_of_the_same_load(both: Path, bags: tuple[Path, Pat
     assert "total: the whole axial joint reaction" in text
     assert MEDIAL[0].text not in text
     assert TOTAL[0].text in text
+
+
+def test_what_differs_is_below_every_figure(both: Path) -> None:
+    page = page_of(both)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page, flags=re.DOTALL)
+    assert len(captions) == 7
+    for caption in captions:
+        assert "law: kelvin_voigt → two_layer_viscoelastic" in caption
+        assert "layer_depth: – → 0.0005 m" in caption
+    peaks, _, rest = page.partition("<figure>")
+    assert "second peak: depth [mm]" in peaks  # on top
+    assert "What these numbers are" in rest
 
 
 def test_published_numbers_name_their_sources() -> None:
@@ -205,12 +225,14 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
     text = text_of(page_of(tmp_path / "out"))
     assert "Recorded with knee_contact_ros" in text
     assert "700 default 737.068" in text  # stored, and not that of healthy.yaml
-    healthy = [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == "knee, healthy"]
-    # --compare sets what its file names: healthy.yaml has the law and the body weight of the paper
+    healthy, own = (
+        [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == f"knee, {law}"]
+        for law in ("kelvin_voigt", "two_layer_viscoelastic")
+    )
     assert float(healthy[1]["penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
-    assert float(healthy[1]["load_BW"]) == pytest.approx(float(healthy[1]["load_N"]) / BODY_WEIGHT, rel=1e-8)
-    own = [row for row in read(tmp_path / "out" / "peaks.csv") if row["run"] == "knee"]
-    assert float(own[1]["load_BW"]) == pytest.approx(float(own[1]["load_N"]) / 700.0, rel=1e-8)
+    for rows in (healthy, own):  # healthy.yaml says 737.068 N, and a comparison is no other person
+        assert float(rows[1]["load_BW"]) == pytest.approx(float(rows[1]["load_N"]) / 700.0, rel=1e-8)
+    assert "body_weight 700 (not 737.068)" in text
 
 
 def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
@@ -228,11 +250,13 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     assert main(["report", str(path), *arguments]) == 0
     rows = read(tmp_path / "out" / "peaks.csv")
     labels = list(dict.fromkeys(row["run"] for row in rows))
-    assert labels == ["both left/knee_contact", "both left/knee_contact, healthy", "both right/knee_contact",
-                      "both right/knee_contact, healthy"]  # fmt: skip
+    assert labels == ["both left/knee_contact, not told", "both left/knee_contact, kelvin_voigt",
+                      "both right/knee_contact, not told", "both right/knee_contact, kelvin_voigt"]  # fmt: skip
     depths = [max(float(row["penetration_depth_mm"]) for row in rows if row["run"] == label) for label in labels]
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
     text = text_of(page_of(tmp_path / "out"))
+    assert "contact.law: not told → kelvin_voigt" in text
+    assert not list((tmp_path / "out").glob("knee_*.png"))  # of surfaces that nobody knows
     assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text
     arguments = ["-p", "body_weight:=600.0", "--output", str(tmp_path / "again")]
     assert main(["report", str(path), *arguments]) == 0
@@ -257,7 +281,11 @@ def test_a_femur_from_mri_shows_the_way_of_the_contact_point(bags: tuple[Path, P
 def test_without_gait_everything_is_over_time(tmp_path: Path) -> None:
     bag = make_bag(tmp_path / "standing.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(400)])
     assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "over_time_1.png"} | TABLES
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "report.html",
+        "knee_1.png",
+        "over_time_1.png",
+    } | TABLES
     text = text_of(page_of(tmp_path / "out"))
     assert "No two heel strikes that follow each other" in text
     assert "0 heel strikes, 0 toe-offs, 0 load peaks." in text

@@ -1,8 +1,10 @@
-"""Published ranges that figures show behind the curves. Every number was read in the source named with it."""
+"""Published ranges that figures show behind the curves, and what was measured or computed there; for all figures.
+
+Every number was read in the source named with it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.parameters.schema import Parameters
@@ -25,8 +27,8 @@ class Source(NamedTuple):
 class Range(NamedTuple):
     """A range of a quantity's peak."""
 
-    text: str
-    """In a legend, in BW or mm"""
+    what: str
+    """What was measured or computed, and in whom, as a legend tells it"""
     lowest: float
     """[BW] of a force, [mm] of a depth; equal to `highest` where the source gives one number"""
     highest: float
@@ -34,6 +36,11 @@ class Range(NamedTuple):
     """Percent of the gait cycle in which it is drawn"""
     sources: tuple[int, ...]
     """Numbers in `SOURCES`, counted from 0"""
+
+    @property
+    def text(self) -> str:
+        """In a legend of the report, with the numbers of its sources."""
+        return f"{self.what} [{', '.join(str(number + 1) for number in self.sources)}]"
 
 
 SOURCES = (
@@ -62,13 +69,15 @@ SOURCES = (
         "the model's paper, 2025",
         "“The prediction of knee contact forces with the novel two-dimensional dynamic model of human knee” (2025), "
         "the model's paper. Medial force of healthy people walking in the studies that it names: first peak 1.8–2, "
-        "second peak 2–2.3 body weights.",
+        "second peak 2–2.3 body weights. It does not say how they came about; in a knee without an implant that force "
+        "cannot be measured, but only computed.",
         "",
     ),
     Source(
         "Liu et al. 2010",
         "Liu F. et al. (2010): In vivo tibiofemoral cartilage deformation during the stance phase of gait. J Biomech "
-        "43:658–665, as quoted by the model's paper: peak deformations of 7–23 % of the resting thickness.",
+        "43:658–665, as quoted by the model's paper: peak deformations of 7–23 % of the resting thickness, in healthy "
+        "people, by dual fluoroscopy and MRI.",
         "",
     ),
 )
@@ -78,31 +87,26 @@ MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
 """[BW] of the total force: the mean of five people, and that of five studies"""
 MEDIAL_SHARES = (0.6, 0.8)
 TOTAL = (
-    Range("in vivo: 2.5–2.8 [2]", *PEAKS, STANCE, (1,)),
-    Range("in vivo: mean 2.61 [1]", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
+    Range("in vivo, knee implants: 2.5–2.8 BW", *PEAKS, STANCE, (1,)),
+    Range("in vivo, knee implants: mean 2.61 BW", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
 )
 MEDIAL = (
     Range(
-        "in vivo: 60–80 % of 2.5–2.8 [2, 3]",
+        "60–80 % of in vivo, knee implants: 2.5–2.8 BW",
         MEDIAL_SHARES[0] * PEAKS[0],
         MEDIAL_SHARES[1] * PEAKS[1],
         STANCE,
         (1, 2),
     ),
-    Range("healthy people, computed [4]", 1.8, 2.0, FIRST_PEAK, (3,)),
-    Range("healthy people, computed [4]", 2.0, 2.3, SECOND_PEAK, (3,)),
+    Range("computed, healthy people: 1.8–2, 2–2.3 BW", 1.8, 2.0, FIRST_PEAK, (3,)),
+    Range("computed, healthy people: 1.8–2, 2–2.3 BW", 2.0, 2.3, SECOND_PEAK, (3,)),
 )
+COMPUTED = MEDIAL[1:]
+"""Of the first and the second peak, which the model's paper compares its own with"""
 DEPTH = Range(
-    f"in vivo, 7–23 % of {CARTILAGE_THICKNESS:g} mm [5]", 0.07 * CARTILAGE_THICKNESS, 0.23 * CARTILAGE_THICKNESS,
-    (0.0, 100.0), (4,),
+    f"in vivo, MRI and fluoroscopy: 7–23 % of {CARTILAGE_THICKNESS:g} mm", 0.07 * CARTILAGE_THICKNESS,
+    0.23 * CARTILAGE_THICKNESS, (0.0, 100.0), (4,),
 )  # fmt: skip
-
-
-def cited(ranges: Sequence[Range]) -> str:
-    """The sources of ranges, each once."""
-    numbers = sorted({number for each in ranges for number in each.sources})
-    told = ((number + 1, SOURCES[number]) for number in numbers)
-    return "; ".join(f"[{number}] {', '.join(filter(None, (each.short, each.identifier)))}" for number, each in told)
 
 
 def is_total(parameters: Parameters) -> bool:
