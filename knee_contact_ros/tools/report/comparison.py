@@ -32,7 +32,7 @@ class Difference(NamedTuple):
     def __str__(self) -> str:
         """As below a figure: `damping: 5000 → 0 N s/m`."""
         texts = (NONE if value is None else short(value) for value in (self.before, self.after))
-        return f"{self.name}: {' → '.join(texts)}{unit(self.name)}"
+        return f"{self.name}: {' → '.join(texts)}{unit(SECTION + self.name)}"
 
 
 class Overlay(NamedTuple):
@@ -101,7 +101,7 @@ def named(found: Sequence[Difference], *, after: bool) -> str:
     values = {each.name: each.after if after else each.before for each in found}
     if LAW in values:
         return str(values[LAW])
-    first = [f"{name} {short(value)}{unit(name)}" for name, value in list(values.items())[:NAMED]]
+    first = [f"{name} {short(value)}{unit(SECTION + name)}" for name, value in list(values.items())[:NAMED]]
     return ", ".join([*first, "…"] if len(values) > NAMED else first)
 
 
@@ -113,8 +113,8 @@ def short(value: Any) -> str:
 
 
 def unit(name: str) -> str:
-    """The unit of a constant behind a space, as its description tells; empty if it has none."""
-    meaning = known_parameters()[SECTION + name].description
+    """The unit of a parameter behind a space, as its description tells; empty if it has none."""
+    meaning = known_parameters()[name].description
     return f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
 
 
@@ -131,7 +131,7 @@ def between(several: Sequence[Parameters]) -> list[str]:
     names += list(dict.fromkeys(name for each in several for name in _constants(each)))
     told = ((name, [each.get(name) for each in values]) for name in names)
     return [
-        f"{name}: {', '.join(NONE if value is None else short(value) for value in each)}"
+        f"{name}: {', '.join(NONE if value in (None, '') else short(value) for value in each)}{unit(name)}"
         for name, each in told
         if any(value != each[0] for value in each)
     ]

@@ -29,7 +29,7 @@ STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "
 TWO_LAYERS = "two_layer"
 ALIKE = 0.005
 """Of what a figure's curves span, as much as curves may differ that are drawn once: a third of a line's thickness"""
-THINNEST, STEP = 1.8, 2.2
+THINNEST, STEP = 1.8, 1.6
 """Widths of ways over flexion: the same femur has the same way, so that each is seen below the next one"""
 TOGETHER = 1.5
 """[%] of the cycle within which toe-offs are marked once"""
@@ -255,11 +255,11 @@ def joined(group: Sequence[Run]) -> str:
 
 
 def looks(run: Run, hue: str) -> tuple[str, float]:
-    """Style and width of a run's line: a comparison is thin and dashed, over a wide one that is seen below it."""
+    """Style and width of a run's line: what lies above is thinner than what is seen below it."""
     if run.beside is not None:
         return "--", 1.3
-    light = any(hue == pale for _, pale in COLOURS)
-    return "-", 3.0 if light else 1.8
+    number = next((place for place, (dark, _) in enumerate(COLOURS) if hue == dark), None)
+    return "-", 3.2 if number is None else max(3.2 - 0.8 * number, 1.2)
 
 
 def toe_offs(axis: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:

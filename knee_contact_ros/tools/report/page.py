@@ -70,7 +70,8 @@ def lead(runs: Sequence[Run]) -> str:
     """The page in a sentence."""
     cycles = sum(len(run.gathered.cycles) for run in runs if run.beside is None)
     ticks = sum(run.gathered.totals.ticks for run in runs if run.beside is None)
-    compared = ", each computed again with another contact law" if any(run.beside is not None for run in runs) else ""
+    each = ", each" if len({run.source for run in runs}) > 1 else ","
+    compared = f"{each} computed again with another contact law" if any(run.beside is not None for run in runs) else ""
     files = len({run.source for run in runs})
     return (
         f"Tibiofemoral contact in {files} recording{'s' * (files != 1)}{compared}: {ticks} ticks, "

@@ -102,7 +102,7 @@ def test_recordings_with_parameters_of_their_own_say_so() -> None:
     one, other = load_parameters({}), load_parameters({"body_weight": 800.0, "contact.law": "hertz", "deadline": 0.2})
     assert between([one, one]) == []
     assert between([one, other]) == [
-        "body_weight: 737.068, 800", "contact.law: kelvin_voigt, hertz", "contact.damping: 5000, –"
+        "body_weight: 737.068, 800 N", "contact.law: kelvin_voigt, hertz", "contact.damping: 5000, – N s/m"
     ]  # fmt: skip
 
 
