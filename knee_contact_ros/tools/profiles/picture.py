@@ -14,14 +14,13 @@ from knee_contact_ros.tools.profiles.words import MM, side
 
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
-SIZE, DPI = (10.5, 5.4), 110
+WIDTHS = (4.6, 3.5, 2.4, 1.4)
+"""Of circles as straight lines, which may lie on each other"""
+FEMUR, TIBIA, DPI = (10.5, 6.4), (7.6, 8.6), 110
+"""[in] of a picture: a femur's slice beside what is drawn along it, a tibia's above, with the same x"""
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
               "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
               "legend.fontsize": 8.5}  # fmt: skip
-ROOM = 1.2
-"""Of its height above a tibia"""
-OVERHANG = 0.35
-"""Share of its window by which a circle is drawn beyond it"""
 
 
 def picture(fit: Fit, name: str) -> bytes:
@@ -30,37 +29,48 @@ def picture(fit: Fit, name: str) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    panels = [draw_curvature, draw_circles, draw_deviations, *([draw_cartilage] if fit.thickness else [])]
     with mpl.rc_context(STYLE):
-        canvas = Figure(figsize=SIZE, layout="constrained")
+        canvas = Figure(figsize=FEMUR if fit.femur else TIBIA, layout="constrained")
         FigureCanvasAgg(canvas)
-        grid = canvas.add_gridspec(2, 2, width_ratios=(1.15, 1.0))
+        if fit.femur:
+            grid = canvas.add_gridspec(len(panels), 2, width_ratios=(1.1, 1.0))
+            whole, rows = canvas.add_subplot(grid[:, 0]), [grid[row, 1] for row in range(len(panels))]
+        else:
+            grid = canvas.add_gridspec(1 + len(panels), 1, height_ratios=(1.5, *[1.0] * len(panels)))
+            whole, rows = canvas.add_subplot(grid[0]), [grid[row] for row in range(1, 1 + len(panels))]
         title = f"{side(fit).capitalize()} of {name}, z = {MM * fit.z:g} mm"
-        draw_slice(canvas.add_subplot(grid[:, 0]), fit, title.replace("$", r"\$"))
-        top = canvas.add_subplot(grid[0, 1])
-        draw_curvature(top, fit)
-        draw_distances(canvas.add_subplot(grid[1, 1], sharex=top), fit)
+        draw_slice(whole, fit, title.replace("$", r"\$"))
+        first = None
+        for draw, row in zip(panels, rows, strict=True):
+            axis = canvas.add_subplot(row, sharex=first)
+            first = first or axis
+            draw(axis, fit)
+            axis.tick_params(labelbottom=row is rows[-1])
+        axis.set_xlabel(along(fit)[1])
+        if not fit.femur:
+            axis.set_xlim(whole.get_xlim())
+        canvas.align_ylabels()
+        canvas.legend(loc="outside lower center", ncols=3 if fit.femur else 2)
         file = io.BytesIO()
-        canvas.savefig(file, format="png", dpi=DPI)
+        canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()
 
 
 def draw_slice(axis: Any, fit: Fit, title: str) -> None:
-    """The slice as it was cut, the profile, its circles and the bone."""
+    """The slice as it was cut, the profile and the bone; of a femur's circles the sectors that they are fitted to."""
     if fit.thickness is not None:
         for number, piece in enumerate(MM * fit.thickness.bone):
             axis.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
     axis.plot(*(MM * fit.smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
     axis.plot(*(MM * fit.shape.points).T, color=PROFILE, linewidth=1.6, label="profile")
-    for each, colour in zip(fit.circles, CIRCLES, strict=False):
-        arc = MM * arc_of(each)
-        axis.plot(*arc.T, "--", color=colour, linewidth=1.3, label=f"{label(fit, each)}: {MM * each.radius:.1f} mm")
+    for each, colour in zip(fit.circles if fit.femur else (), CIRCLES, strict=False):
+        sector = MM * np.vstack([each.centre, arc_of(each), each.centre])
+        axis.plot(*sector.T, color=colour, linewidth=1.0)
+        axis.plot(*(MM * each.centre), "o", color=colour, markersize=4.0)
     axis.set_aspect("equal", adjustable="datalim" if fit.femur else "box")
     axis.margins(0.06)
-    if not fit.femur:  # flat: the legend goes above it
-        low, high = axis.get_ylim()
-        axis.set_ylim(low, high + ROOM * (high - low))
-    axis.set(xlabel="x, anterior [mm]", ylabel="y, superior [mm]", title=title)
-    axis.legend(**({"loc": "center"} if fit.femur else {"loc": "upper center", "ncols": 2}))
+    axis.set(xlabel="x, anterior [mm]" if fit.femur else "", ylabel="y, superior [mm]", title=title)
 
 
 def label(fit: Fit, each: FittedCircle) -> str:
@@ -70,13 +80,12 @@ def label(fit: Fit, each: FittedCircle) -> str:
 
 
 def arc_of(each: FittedCircle) -> Floats:
-    """The circle over its part and a little beyond, shape (n, 2) [m]."""
+    """The circle over its part, shape (n, 2) [m]."""
     aside = each.part - each.centre
     middle = aside.mean(axis=0)
     base = np.arctan2(middle[1], middle[0])
     angles = (np.arctan2(aside[:, 1], aside[:, 0]) - base + np.pi) % (2.0 * np.pi) - np.pi
-    room = OVERHANG * np.ptp(angles)
-    turn = base + np.linspace(angles.min() - room, angles.max() + room, 200)
+    turn = base + np.linspace(angles.min(), angles.max(), 200)
     return np.asarray(each.centre + abs(each.radius) * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
@@ -87,35 +96,46 @@ def along(fit: Fit) -> tuple[Floats, str]:
     return MM * fit.shape.points[:, 0], "x, anterior [mm]"
 
 
-def draw_curvature(axis: Any, fit: Fit) -> None:
-    """Curvature along the profile, and that of the circles."""
-    place, _ = along(fit)
-    axis.plot(place, fit.shape.curvature / MM, color=PROFILE, linewidth=1.5)
-    for each, colour in zip(fit.circles, CIRCLES, strict=False):
-        axis.plot(each.window, (1.0 / (MM * each.radius),) * 2, "--", color=colour, linewidth=1.3)
-    axis.axhline(0.0, color="0.5", linewidth=0.8)
-    axis.set(ylabel="curvature [1/mm]", title="curvature (dashed: the circles)" if fit.femur else
-             "curvature, concave positive (dashed: the circles)")  # fmt: skip
-
-
-def draw_distances(axis: Any, fit: Fit) -> None:
-    """How far the slice lies off the profile, and how thick the cartilage is."""
+def place_of(fit: Fit, points: Floats) -> Floats:
+    """Where points, shape (n, 2) [m], lie in the panels: at the nearest place of the shape."""
     from scipy.spatial import cKDTree
 
-    place, name = along(fit)
-    at = place[cKDTree(fit.shape.points).query(fit.smoothed.raw)[1]]
-    axis.plot(at, MM * fit.smoothed.deviations, ".", color="0.3", markersize=3.5)
+    return np.asarray(along(fit)[0][cKDTree(fit.shape.points).query(points)[1]])
+
+
+def draw_curvature(axis: Any, fit: Fit) -> None:
+    """Curvature along the profile, and that of the circles."""
+    axis.plot(along(fit)[0], fit.shape.curvature / MM, color=PROFILE, linewidth=1.5)
+    for each, colour, width in zip(fit.circles, CIRCLES, WIDTHS, strict=False):
+        axis.plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
+    axis.axhline(0.0, color="0.5", linewidth=0.8)
+    title = "curvature of the profile and of the circles"
+    axis.set(ylabel="[1/mm]", title=title if fit.femur else f"{title}, concave positive")
+
+
+def draw_circles(axis: Any, fit: Fit) -> None:
+    """How far the profile lies off each circle within its window: as arcs they would hide each other."""
+    for each, colour in zip(fit.circles, CIRCLES, strict=False):
+        outwards = 1.0 if fit.femur or each.radius < 0.0 else -1.0  # out of a concave tibia is towards the centre
+        off = outwards * (np.hypot(*(each.part - each.centre).T) - abs(each.radius))
+        axis.plot(place_of(fit, each.part), MM * off, color=colour, linewidth=1.5,
+                  label=f"circle over {label(fit, each)}: radius {MM * each.radius:.1f} mm")  # fmt: skip
+    axis.axhline(0.0, color="0.5", linewidth=0.8)
+    axis.set(ylabel="[mm]", title="profile outside of each circle")
+
+
+def draw_deviations(axis: Any, fit: Fit) -> None:
+    """How far the slice lies off the profile."""
+    axis.plot(place_of(fit, fit.smoothed.raw), MM * fit.smoothed.deviations, ".", color="0.3", markersize=3.5)
     axis.axhline(0.0, color=PROFILE, linewidth=1.2)
-    title = (
-        f"slice outside of the profile: {MM * fit.smoothed.rms:.3f} mm RMS, {MM * fit.smoothed.largest:.2f} mm at most"
-    )
-    axis.set(xlabel=name, ylabel="deviation [mm]", title=title)
+    most = f"{MM * fit.smoothed.rms:.3f} mm RMS, {MM * fit.smoothed.largest:.2f} mm at most"
+    axis.set(ylabel="[mm]", title=f"slice outside of the profile: {most}")
+
+
+def draw_cartilage(axis: Any, fit: Fit) -> None:
+    """How thick the cartilage is."""
     if fit.thickness is None:
         return
-    axis.set_title(title, pad=14)
-    other = axis.twinx()
-    other.plot(place, MM * fit.thickness.along, color=BONE, linewidth=1.5)
-    other.set_ylabel("cartilage [mm]", color=BONE)
-    other.set_ylim(bottom=0.0)
-    other.grid(visible=False)
-    other.spines["right"].set_visible(True)
+    axis.plot(along(fit)[0], MM * fit.thickness.along, color=BONE, linewidth=1.5)
+    axis.set(ylabel="[mm]", title=f"cartilage: {MM * fit.thickness.mean:.2f} mm on average where gait touches")
+    axis.set_ylim(bottom=0.0)
