@@ -14,10 +14,11 @@ from studies.choosing.study import Row, Study
 COLOURS = {"quasi_static": "#D55E00", "first_order": "#E69F00", "dynamic": "#0072B2", "auto": "#000000"}
 """Of levels: Okabe and Ito's, told apart by colour-blind readers"""
 MARKERS = {CIRCLE: "o", MRI_FEMUR: "s", MRI_KNEE: "^"}
-LINES = {CIRCLE: (0, (5, 2)), MRI_FEMUR: (0, (1, 1.5))}
-OUTPUTS = (("error of the depth [m]", (1e-12, 1e-1)), ("error of the force [N]", (1e-6, 1e5)),
-           ("error of the contact\npoint on the plateau [m]", (1e-14, 1e-1)))  # fmt: skip
-"""What is drawn, and its axis; what is smaller is drawn at its lower end"""
+LINES = {CIRCLE: ("#009E73", (0, (4, 4))), MRI_FEMUR: ("#CC79A7", (4, (4, 4)))}
+"""Of what geometries leave out: where both are the same, one's dashes lie in the other's gaps"""
+OUTPUTS = (("error of the depth", (1e-11, 1e-1), "m"), ("error of the force", (1e-5, 1e5), "N"),
+           ("error of the contact\npoint on the plateau", (1e-12, 1e-1), "m"))  # fmt: skip
+"""What is drawn, its axis and unit; what is smaller is drawn at the axis' lower end, which then says 0"""
 BAND, BAND_SHARE = "#CFCFCF", 0.1
 """The band of the inputs holds those that do at least this part of what the most effective one does"""
 DEFAULT_TOLERANCE = 1e-6
@@ -35,12 +36,12 @@ def draw(study: Study, path: Path) -> None:
     for column, scene in enumerate(study.scenes):
         axes[0, column].set_title(scene.name, fontsize=11, fontweight="bold")
         axes[-1, column].set_xlabel("time per tick [µs]")
-        for output, (_, ends) in enumerate(OUTPUTS):
+        for output, (_, ends, unit) in enumerate(OUTPUTS):
             axis = axes[output, column]
             levels(axis, [row for row in study.rows if row.scene == scene.name], output, ends)
             references(axis, study, scene.name, output)
-            dress(axis, ends)
-    for output, (label, _) in enumerate(OUTPUTS):
+            dress(axis, ends, unit, zero=any(row.error[output] <= ends[0] for row in study.rows))
+    for output, (label, *_) in enumerate(OUTPUTS):
         axes[output, 0].set_ylabel(label, fontsize=11)
     key(figure)
     figure.savefig(path, dpi=DPI)
@@ -64,7 +65,8 @@ def references(axis: Any, study: Study, scene: str, output: int) -> None:
     axis.axhspan(low, high, color=BAND, zorder=0, linewidth=0)
     for left in study.left:
         if left.scene == scene and left.geometry in LINES:
-            axis.axhline(left.error[output], color="0.25", linewidth=1.3, linestyle=LINES[left.geometry], zorder=2)
+            colour, style = LINES[left.geometry]
+            axis.axhline(left.error[output], color=colour, linewidth=2.0, linestyle=style, zorder=2)
 
 
 def band(effects: Sequence[Effect], output: int) -> tuple[float, float]:
@@ -73,16 +75,20 @@ def band(effects: Sequence[Effect], output: int) -> tuple[float, float]:
     return min(size for size in sizes if size >= BAND_SHARE * max(sizes)), max(sizes)
 
 
-def dress(axis: Any, ends: tuple[float, float]) -> None:
-    """Axes and grid."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+def dress(axis: Any, ends: tuple[float, float], unit: str, *, zero: bool) -> None:
+    """Axes and grid; ticks with their unit, and one at the lower end if something is 0."""
+    from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_ylim(*ends)
-    axis.yaxis.set_major_locator(LogLocator(base=100.0, numticks=12))
+    ticks = [10.0**power for power in range(-12, 6, 3) if 2.0 * ends[0] < 10.0**power <= ends[1]]
+    named = EngFormatter(unit)
+    axis.yaxis.set_major_locator(FixedLocator([*[ends[0]] * zero, *ticks]))
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: named(value) if value > ends[0] else "0"))
     axis.yaxis.set_minor_locator(LogLocator(base=10.0, numticks=20))
     axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.grid(visible=True, which="major", color="0.9", linewidth=0.8)
     axis.set_axisbelow(True)
     axis.tick_params(labelsize=9)
@@ -91,19 +97,32 @@ def dress(axis: Any, ends: tuple[float, float]) -> None:
 
 
 def key(figure: Any) -> None:
-    """The legend below."""
+    """The legend below: a column a kind."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    level_keys = [Line2D([], [], color=colour, linewidth=2.5, label=level) for level, colour in COLOURS.items()]
-    geometry_keys = [Line2D([], [], color="0.4", marker=marker, linestyle="", markersize=7, label=geometry)
-                     for geometry, marker in MARKERS.items()]  # fmt: skip
-    others = [
-        Line2D([], [], color="0.25", linestyle=LINES[CIRCLE], label="what the circle leaves out"),
-        Line2D([], [], color="0.25", linestyle=LINES[MRI_FEMUR], label="what the flat plateau leaves out"),
-        Patch(color=BAND, label="what uncertain inputs do"),
-        Line2D([], [], color="0.4", marker="o", linestyle="", markersize=7, label="tolerance 1e-6 m (default)"),
-        Line2D([], [], color="0.4", marker="o", linestyle="", markersize=4, label="1e-4, 1e-5, 1e-8 m"),
-    ]  # fmt: skip
-    figure.legend(handles=[*level_keys, *geometry_keys, *others], loc="outside lower center", ncols=4, frameon=False,
-                  fontsize=10)  # fmt: skip
+    def marks(looks: dict[str, dict[str, Any]]) -> list[Line2D]:
+        return [Line2D([], [], label=label, **look) for label, look in looks.items()]
+
+    def point(marker: str, size: float) -> dict[str, Any]:
+        return {"color": "0.4", "marker": marker, "linestyle": "", "markersize": size}
+
+    references = marks({
+        f"what the {name} leaves out": {"color": LINES[geometry][0], "linestyle": LINES[geometry][1], "linewidth": 2.0}
+        for name, geometry in (("circle", CIRCLE), ("flat plateau", MRI_FEMUR))
+    })  # fmt: skip
+    columns: dict[str, list[Any]] = {
+        "level (colour)": marks({level: {"color": colour, "linewidth": 2.5} for level, colour in COLOURS.items()}),
+        "geometry (shape)": marks({geometry: point(marker, 7) for geometry, marker in MARKERS.items()}),
+        "tolerance (size)": marks({"1e-6 m, the default": point("o", 7), "1e-4, 1e-5, 1e-8 m": point("o", 4)}),
+        "beside": [*references, Patch(color=BAND, label="what uncertain inputs do")],
+    }
+    longest = max(map(len, columns.values()))
+    handles = []
+    for title, column in columns.items():
+        blanks = [Line2D([], [], linestyle="", label="") for _ in range(longest - len(column))]
+        handles += [Line2D([], [], linestyle="", label=title), *column, *blanks]
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(columns), frameon=False, fontsize=10)
+    for text in legend.get_texts():
+        if text.get_text() in columns:
+            text.set_fontweight("bold")
