@@ -87,12 +87,12 @@ MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
 """[BW] of the total force: the mean of five people, and that of five studies"""
 MEDIAL_SHARES = (0.6, 0.8)
 TOTAL = (
-    Range("in vivo, knee implants: 2.5–2.8 BW", *PEAKS, STANCE, (1,)),
-    Range("in vivo, knee implants: mean 2.61 BW", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
+    Range("total, in vivo, knee implants: 2.5–2.8 BW", *PEAKS, STANCE, (1,)),
+    Range("total, in vivo, knee implants: mean 2.61 BW", MEAN_PEAK, MEAN_PEAK, STANCE, (0,)),
 )
 MEDIAL = (
     Range(
-        "60–80 % of in vivo, knee implants: 2.5–2.8 BW",
+        "60–80 % of the total in vivo (knee implants: 2.5–2.8 BW)",
         MEDIAL_SHARES[0] * PEAKS[0],
         MEDIAL_SHARES[1] * PEAKS[1],
         STANCE,

@@ -67,6 +67,16 @@ def test_all_files_are_there_and_nothing_else(both: Path) -> None:
         assert figure.read_bytes().startswith(PNG)
 
 
+def test_nothing_is_cut_at_the_figures_edges(both: Path) -> None:
+    from PIL import Image
+
+    for figure in sorted(both.glob("*.png")):
+        with Image.open(figure) as image:
+            pixels = np.asarray(image.convert("L"))
+        for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
+            assert edge.min() == 255, figure.name
+
+
 def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> None:
     rows = [row for row in read(both / "cycles.csv") if row["run"] == "right, two_layer_viscoelastic"]
     assert numbers(rows, "gait_cycle_percent") == pytest.approx(PERCENT)
