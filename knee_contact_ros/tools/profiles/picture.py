@@ -14,6 +14,8 @@ from knee_contact_ros.tools.profiles.words import MM, side
 
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
+LINE = 0.24
+"""[in] of the legend, a line with its share of what is around"""
 WIDTHS = (4.6, 3.5, 2.4, 1.4)
 """Of circles as straight lines, which may lie on each other"""
 FEMUR, TIBIA, DPI = (10.5, 6.4), (7.6, 8.6), 110
@@ -51,7 +53,10 @@ def picture(fit: Fit, name: str) -> bytes:
         if not fit.femur:
             axis.set_xlim(whole.get_xlim())
         canvas.align_ylabels()
-        canvas.legend(loc="outside lower center", ncols=3 if fit.femur else 2)
+        columns, entries = 3 if fit.femur else 2, 2 + len(fit.circles) + (fit.thickness is not None)
+        below = LINE * -(-entries // columns) / canvas.get_size_inches()[1]
+        canvas.legend(loc="lower center", ncols=columns)
+        canvas.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
         file = io.BytesIO()
         canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()

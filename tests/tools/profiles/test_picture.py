@@ -15,7 +15,7 @@ from tests.tools.profiles.meshes import MIDDLE, TWO_RADII, femoral_curve, swept,
 
 pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
 pytest.importorskip("trimesh")
-pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra mesh: matplotlib 3.7")
+pytest.importorskip("matplotlib")
 
 
 @pytest.fixture(scope="module", params=["femur", "tibia"])
