@@ -28,7 +28,7 @@ EXTRA = "knee-contact-ros[report]"
 BONE, CARTILAGE, EDGE = "#F0E8D6", "#A9D0EC", "#7A7060"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Where cartilages overlap, where more than the first layer does, the force, texts"""
-MM_PER_WEIGHT = 9.0
+MM_PER_WEIGHT = 6.0
 """Length of the force's arrow for a body weight"""
 SLENDER = 0.85
 """Width over height that a knee has room for at least"""
@@ -126,22 +126,25 @@ class Window(NamedTuple):
 
     half_width: float
     """[m] along the surface"""
-    depth: float
-    """[m] of the deepest, at least `LEAST_DEPTH`"""
+    above: float
+    """[m] over the tibia's surface"""
+    below: float
+    """[m] under it"""
 
     @classmethod
     def around(cls, shown: Sequence[Moment]) -> Window:
         """Wide and high enough for some knees."""
         pictures = [posed(each)[1] for each in shown]
-        depth = max(LEAST_DEPTH, *(abs(picture.depth) for picture in pictures))
+        depth, gap = (max(LEAST_DEPTH, *(sign * picture.depth for picture in pictures)) for sign in (1.0, -1.0))
         radius = max(each.model.femoral_radius for each in shown)
         widths = [0.5 * float(np.ptp(picture.overlap[:, 0])) for picture in pictures if len(picture.overlap)]
-        return cls(SIDE * max([*widths, math.sqrt(2.0 * radius * LEAST_DEPTH)]), depth)
+        half_width = SIDE * max([*widths, math.sqrt(2.0 * radius * LEAST_DEPTH)])
+        return cls(half_width, max(ABOVE * depth, BELOW * gap if gap > LEAST_DEPTH else 0.0), BELOW * depth)
 
     @property
     def magnification(self) -> float:
         """Of heights against widths; a whole number if it can be."""
-        factor = FLAT * 2.0 * self.half_width / ((ABOVE + BELOW) * self.depth)
+        factor = FLAT * 2.0 * self.half_width / (self.above + self.below)
         return max(round(factor), 1) if factor > 1.0 else factor
 
 
@@ -186,7 +189,7 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     fill(axis, overlap, OVERLAP, OVERLAP)
     deep = overlap[:0] if anatomy.thickness_is_drawn else beyond(overlap, 2.0 * MM * anatomy.thickness)
     fill(axis, deep, DEEP, DEEP)
-    width, low, high = MM * window.half_width, -MM * BELOW * window.depth, MM * ABOVE * window.depth
+    width, low, high = MM * window.half_width, -MM * window.below, MM * window.above
     axis.set(aspect=window.magnification, xlim=(-width, width), ylim=(low, high), xticks=[], yticks=[])
     for edge in axis.spines.values():
         edge.set_color("0.75")

@@ -107,3 +107,4 @@ def test_a_knee_that_is_apart_is_drawn(config: Path) -> None:
     draw_knee(knee, shown)
     draw_contact(contact, shown, Window.around([shown]))
     assert "0.400 mm apart" in {text.get_text() for text in contact.texts}
+    assert contact.get_ylim()[1] > 0.4  # mm: the femur is seen
