@@ -27,6 +27,10 @@ MOST_AT_ONCE = 2**28
 """[B] of chunks that are unpacked at a time"""
 MOST_SAID = 3
 """Faults that are told in a line"""
+MOST_NAMED = 8
+"""Files, likewise"""
+BAG_FILES = (".mcap", ".db3")
+"""How their names end"""
 BLOCK = 2**20
 """[B] of a compressed file that are unpacked at a time"""
 
@@ -161,13 +165,28 @@ def files_of(bag: Path) -> list[Path]:
     return [bag / name for name in (*listed, *later_files(bag, listed[0], listed))]
 
 
+def others_beside(bag: Path) -> list[str]:
+    """A sentence about other recordings in a bag's folder, which are not read; none if there are none."""
+    if not bag.is_dir():
+        return []
+    read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
+    others = sorted(path.name for path in bag.iterdir() if path.suffix in BAG_FILES and path.name not in read)
+    if not others:
+        return []
+    return [f"of {bag}, {_named(sorted(read))} is read; what else is there, give as a file: {_named(others)}"]
+
+
+def _named(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + " ..." * (len(names) > MOST_NAMED)
+
+
 def guessed(folder: Path) -> list[str]:
     """Names of the files, without `metadata.yaml`: the only one, or those that are numbered.
 
     Raises:
         UsageError: there are none, or of more than one bag.
     """
-    names = sorted(path.name for path in folder.iterdir() if path.suffix in {".mcap", ".db3"})
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in BAG_FILES)
     if not names:
         raise UsageError(f"{folder} is no rosbag2 folder: it has no {METADATA} of use, and no files")
     numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
@@ -176,7 +195,8 @@ def guessed(folder: Path) -> list[str]:
     if recording := as_one_recording(folder, names):
         return recording
     raise UsageError(
-        f"{folder / METADATA} is of no use, and there is not one bag beside it: give the .mcap or .db3 file instead"
+        f"{folder} has more than one recording, and no {METADATA} of use that names one; "
+        f"give one of these files: {_named(names)}"
     )
 
 

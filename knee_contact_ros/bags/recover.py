@@ -102,7 +102,7 @@ def _check(source: Path, output: Path, overwrite: bool) -> None:
     if output.exists() and output.samefile(source):
         raise UsageError(f"{output} is the input: it is never touched; choose another name")
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
-        raise UsageError(f"{output} exists already; choose another name, or give --overwrite")
+        raise UsageError(f"{output} exists already; choose another name, or --overwrite")
 
 
 def _opened(source: Path, advance: Callable[[int, int], None]) -> McapFile:

@@ -62,10 +62,12 @@ class BagWriter:
         overwrite: bool = False,
         limits: Limits = Limits(),  # noqa: B008  (a tuple: it cannot change)
         go_on: bool = False,
+        alone: bool = False,
     ) -> None:
         """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
 
-        With `go_on`, the first free one of its names is used, as those of further files are.
+        With `go_on`, the first free one of its names is used, as those of further files are. A file that is `alone`,
+        as one wherever a user wants it, makes no rosbag2 folder of where it lies.
 
         Raises:
             UsageError: see `claim` and `open_claimed`.
@@ -80,6 +82,7 @@ class BagWriter:
         """Name of the first file"""
         self.remarks: list[str] = []
         """What the user shall know"""
+        self._alone = alone
         self._complete: list[FileFacts] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
         self._behind: ThreadPoolExecutor | None = None
@@ -141,7 +144,7 @@ class BagWriter:
         return self.file.free_space()
 
     def close(self) -> None:
-        """Complete the recording, and write `metadata.yaml` beside it unless that is another bag's."""
+        """Complete the recording, and write `metadata.yaml` beside it unless it is alone, or that is another bag's."""
         self._settle(wait=True)
         self._list_at = -math.inf
         self._complete_file(self.file)
@@ -188,10 +191,12 @@ class BagWriter:
             self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
 
     def _prepare_metadata(self) -> Callable[[], Identity | None]:
+        if self._alone:
+            return self._leave_metadata()
         return prepare_metadata(self.path.parent, information(self._complete, self._types), self._listed)
 
     def _leave_metadata(self) -> Callable[[], Identity | None]:
-        """For a file that they will name later."""
+        """For a file that they will name later, if ever."""
         return lambda: self._listed
 
     def _settle(self, wait: bool) -> None:

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from knee_contact_ros.cli.output_option import Output
+
 DEFAULT_PARAMETERS = "healthy.yaml"
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
@@ -152,7 +154,7 @@ opensim_run_options = together(
         multiple=True,
         type=click.Path(path_type=Path),
         metavar="FOLDER|FILE",
-        help="Run OpenSim instead (pip install 'knee-contact-ros[opensim]'): the folder with the set-up files, or each "
+        help="Run OpenSim instead (extra opensim): the folder with the set-up files, or each "
         "of them. It is copied, and stays as it is.",
     ),
     click.option(
@@ -164,7 +166,7 @@ opensim_run_options = together(
     ),
     click.option(
         "--work",
-        type=click.Path(path_type=Path, file_okay=False),
+        type=Output(folder=True),
         metavar="DIR",
         help="For --setup: a new folder that keeps logs and all results.",
     ),

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros.cli.options import together
+from knee_contact_ros.cli.output_option import Output
 
 fit_profile_options = together(
     click.option(
@@ -18,7 +19,7 @@ fit_profile_options = together(
     ),
     click.option(
         "--output",
-        type=click.Path(path_type=Path, dir_okay=False),
+        type=Output(".csv"),
         required=True,
         metavar="OUT.csv",
         help="Profile to write; OUT.png and OUT.yaml come beside it.",

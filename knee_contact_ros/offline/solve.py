@@ -70,7 +70,7 @@ def solve(
         pipeline.frame.is_known = isinstance(how, Provenance)
         if parameters.frame.tibia and not pipeline.frame.is_known:
             learn_transforms(bag, pipeline.frame)
-        writer = opened.enter_context(BagWriter(output, overwrite=overwrite))
+        writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
         recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
         summary = Summary(parameters.body_weight, pipeline.doubts)
         run, done = Run(pipeline, recorder, summary, changes), 0
@@ -80,6 +80,7 @@ def solve(
             advance(done, reader.count)
         run.keep(pipeline.finish())
         recorder.finish(pipeline.ending())
+        summary.finish()
         damage = reader.damage
         if isinstance(how, Provenance):
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]

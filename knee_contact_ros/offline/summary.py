@@ -18,10 +18,12 @@ from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.compartments import Split
 from knee_contact_ros.parameters.plausibility import Doubts
-from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
+from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvent, GaitEvents
 
 PEAKS = ("load", "contact_force", "penetration_depth")
 """Fields whose largest values are kept"""
+LOOK_BACK = 3_000_000_000
+"""[ns] A peak of the load is certain within two seconds"""
 
 
 class Peak(NamedTuple):
@@ -75,7 +77,11 @@ class Summary:
     split: Split | None = None
     """Where the frontal moment decides what the compartment gets"""
     load_peaks: list[LoadPeak] = field(default_factory=list)
-    """Local peaks of the load, where they were looked for"""
+    """Where the load has a peak of stance; see `GaitEvents`. Complete after `finish`"""
+
+    def __post_init__(self) -> None:
+        self._events = GaitEvents(self.body_weight)
+        self._recent = np.empty(0, [(name, np.int64 if name == "stamp" else np.float64) for name in LoadPeak._fields])
 
     def add(self, answers: Rows) -> None:
         """Take answers into account, at least one."""
@@ -95,9 +101,28 @@ class Summary:
             if name not in self.peaks or value > self.peaks[name].value:
                 self.peaks[name] = Peak(value, int(stamps[index]))
         self.doubts.add_all(stamps, answers["load"], answers["penetration_depth"], status)
+        self._find_peaks(answers)
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
+
+    def finish(self) -> None:
+        """Nothing more comes."""
+        self._keep(self._events.finish())
+
+    def _find_peaks(self, answers: Rows) -> None:
+        added = np.empty(len(answers), self._recent.dtype)
+        for name in LoadPeak._fields:
+            added[name] = answers[name]
+        self._recent = np.concatenate((self._recent, added))
+        self._keep(self._events.add(added["stamp"], np.zeros(len(added)), added["load"]))
+        self._recent = self._recent[np.abs(self._recent["stamp"] - added["stamp"][-1]) <= LOOK_BACK]
+
+    def _keep(self, events: Sequence[GaitEvent]) -> None:
+        for event in events:
+            if event.kind == LOAD_PEAK:
+                at = np.flatnonzero(self._recent["stamp"] == event.stamp)[-1]
+                self.load_peaks.append(LoadPeak(*self._recent[at].item()))
 
     @property
     def duration(self) -> float:
@@ -111,17 +136,15 @@ def bound(errors: float | NDArray[np.float64]) -> float:
 
 
 def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = None) -> Summary:
-    """Summarise a short recording, a file or a folder; looks for the peaks of the load too. `body_weight` is in N.
+    """Summarise a recording, a file or a folder. `body_weight` is in N.
 
     `doubts` are those about its parameters, if they are known.
     """
     summary = Summary(body_weight, doubts or Doubts())
-    rows: list[LoadPeak] = []
     for answers in answer_blocks(recording):
         summary.add(answers)
-        rows += [LoadPeak(*row) for row in answers[list(LoadPeak._fields)].tolist()]
+    summary.finish()
     summary.refused = read_refused(recording)
-    summary.load_peaks = load_peaks(rows, body_weight)
     return summary
 
 
@@ -132,12 +155,3 @@ def read_refused(recording: Path) -> Counter[str]:
         records |= {record.name: record.metadata for record in metadata_records(path)}
     counts = records.get(REFUSED_SAMPLES, {})
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})
-
-
-def load_peaks(rows: Sequence[LoadPeak], body_weight: float) -> list[LoadPeak]:
-    """The rows where the load has a peak of stance; see `GaitEvents`. `body_weight` is in N."""
-    stamps, load = np.array([row.stamp for row in rows], dtype=np.int64), np.array([row.load for row in rows])
-    finder = GaitEvents(body_weight)
-    events = finder.add(stamps, np.zeros_like(load), load) + finder.finish()
-    found = {event.stamp for event in events if event.kind == LOAD_PEAK}
-    return [row for row in rows if row.stamp in found]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -15,6 +16,8 @@ from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.terminal import WIDTH, shown
 
+MOST_PEAKS = 12
+"""That have a row each"""
 MM = 1e3
 MICROMETRE = 1e6
 
@@ -27,6 +30,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
     figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
+    if len(summary.load_peaks) > MOST_PEAKS:
+        figures.add_row("peaks", f"{len(summary.load_peaks)} of the load")
     for name, value in live.items():
         figures.add_row(name, shown(value))
     if summary.split:
@@ -57,7 +62,7 @@ def error_of_force(summary: Summary) -> str:
 
 
 def peak_table(summary: Summary) -> Table:
-    """Peaks in N, BW and mm: those of the whole run, and each local peak of the load if they were looked for."""
+    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("")
     for heading in ("load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"):
@@ -67,7 +72,12 @@ def peak_table(summary: Summary) -> Table:
         weight = summary.body_weight
         return f"{load:.1f}", f"{load / weight:.2f}", f"{force:.1f}", f"{force / weight:.2f}", f"{depth * MM:.3f}"
 
-    for number, peak in enumerate(summary.load_peaks, start=1):
+    peaks = summary.load_peaks
+    if len(peaks) > MOST_PEAKS:
+        _, *means = np.mean(peaks, axis=0)
+        table.add_row("mean peak", *forces(*means), "")
+        peaks = []
+    for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
         table.add_row(f"peak {number}", *values, f"{peak.stamp / NANOSECONDS:.3f}")
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))

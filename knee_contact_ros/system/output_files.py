@@ -118,7 +118,7 @@ def refuse_existing(path: Path) -> None:
         UsageError: the output or an unfinished one of its name exists.
     """
     if os.path.lexists(path):
-        raise UsageError(f"{path} exists already, and recordings are not overwritten")
+        raise UsageError(f"{path} exists already; choose another name, or --overwrite")
     partial = partial_name(path)
     if not os.path.lexists(partial):
         return

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.ports import LOCALHOST
 from knee_contact_ros.system.processes import Process, start
 from knee_contact_ros.view.visitors import unguessable_address
 
-NOT_INSTALLED = "rerun-sdk is not installed: pip install 'knee-contact-ros[viewer]'"
+NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY = "1GB"
 """What a viewer beside a node may take; older data goes first"""

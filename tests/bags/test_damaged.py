@@ -101,7 +101,10 @@ def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None
     (tmp_path / "bag" / "metadata.yaml").write_text("{")
     assert damage_of(tmp_path / "bag") == ["metadata.yaml cannot be read"]
     mcap(tmp_path / "bag" / "other.mcap", CompressionType.ZSTD)
-    with pytest.raises(UsageError, match="there is not one bag beside it"):
+    with pytest.raises(
+        UsageError,
+        match=r"more than one recording.* give one of these files: bag_0.mcap, bag_1.mcap, bag_2.mcap, other.mcap$",
+    ):
         damage_of(tmp_path / "bag")
 
 

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
+from knee_contact_ros.bags.bag_files import others_beside
 from knee_contact_ros.bags.provenance import (
     MOST_CHANGES,
     Change,
@@ -259,3 +260,6 @@ def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: P
     assert read_provenance(folder / "a_earlier.mcap") is not None
     assert read_provenance(folder) is None
     assert bag_digest(folder) == digest
+    (told,) = others_beside(folder)
+    assert told.endswith("gait2354_right_0.mcap is read; what else is there, give as a file: a_earlier.mcap")
+    assert others_beside(right_bag) == others_beside(folder / "a_earlier.mcap") == []

@@ -180,7 +180,7 @@ def test_a_recording_is_one_without_metadata(tmp_path: Path) -> None:
     assert recorded_ticks(tmp_path) == list(range(250))
     record(tmp_path / "knee_3.mcap", range(250), Limits())
     (tmp_path / "metadata.yaml").unlink()
-    with pytest.raises(UsageError, match="there is not one bag"):
+    with pytest.raises(UsageError, match="more than one recording"):
         recorded_ticks(tmp_path)
 
 

@@ -20,6 +20,4 @@ HAS_VIEWER = find_spec("rerun") is not None
 """Whether Rerun is there"""
 HAS_REPORT = has_at_least("matplotlib", 3, 7)
 """Whether Matplotlib is there, and new enough for reports"""
-needs_viewer = pytest.mark.skipif(
-    not HAS_VIEWER, reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'"
-)
+needs_viewer = pytest.mark.skipif(not HAS_VIEWER, reason="needs the extra viewer")

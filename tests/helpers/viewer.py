@@ -19,7 +19,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import View, ViewerClient, ViewerState
 
 from knee_contact_ros.system.ports import free_port

@@ -81,4 +81,5 @@ def test_bags(name: str, command: str, run: Run, tmp_path: Path) -> None:
 def test_a_good_bag_passes_the_same_way(run: Run, tmp_path: Path) -> None:
     for command in ("solve", *["report"][:HAS_REPORT], *["view"][:HAS_VIEWER]):
         assert run(COMMANDS[command](str(GAIT), str(tmp_path)), tmp_path / "log")[0] == 0
+    (tmp_path / "again").mkdir()
     assert run(COMMANDS["recover"](str(tmp_path / "out.mcap"), str(tmp_path / "again")), tmp_path / "log")[0] == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.types import blank
 from knee_contact_ros.offline.summary import Summary, bound, read_summary
 from knee_contact_ros.offline.summary_table import show_summary
@@ -32,3 +33,39 @@ def test_a_recording_from_before_the_force_error(old_recording: Path, capsys: py
     assert [round(peak.contact_force / 737.068, 2) for peak in summary.load_peaks] == [1.72, 2.11, 1.82, 2.19]
     show_summary(summary, {}, {})
     assert "um of depth at most, no bound of force" in capsys.readouterr().out
+
+
+def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = blank(40_000)
+    rows["stamp"] = np.arange(40_000) * 1_000_000
+    rows["load"] = 1200.0 * np.abs(np.sin(np.pi * rows["stamp"] * 1e-9)) + 10.0 * (rows["stamp"] > 20e9)
+    rows["contact_force"], rows["penetration_depth"] = rows["load"] + 1.0, 1e-6 * rows["load"]
+    found = []
+    for parts in (1, 7, 400):
+        summary = Summary(700.0)
+        for part in np.array_split(rows, parts):
+            summary.add(part)
+        summary.finish()
+        found.append(summary.load_peaks)
+    assert found[0] == found[1] == found[2]
+    assert [peak.stamp for peak in found[0]] == [500_000_000 + 1_000_000_000 * number for number in range(40)]
+    show_summary(summary, {}, {})
+    told = capsys.readouterr().out
+    assert "mean peak     1205.0   1.72              1206.0   1.72        1.205" in told
+    assert "peaks            40 of the load" in told
+    assert "peak 1 " not in told
+
+
+def test_solve_prints_the_peaks_that_the_demo_does(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["solve", str(right_bag), "--output", str(tmp_path / "out.mcap")]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" peak")]
+    assert [(row[3], row[6]) for row in rows] == [
+        ("1.72", "0.635"),
+        ("2.11", "0.729"),
+        ("1.81", "0.658"),
+        ("2.19", "0.747"),
+    ]

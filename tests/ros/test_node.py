@@ -24,6 +24,7 @@ from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.executor import NO_EVENTS
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.ports import free_port
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
@@ -298,10 +299,7 @@ def test_a_node_without_rerun_tells_what_to_install(start_node: Start, tmp_path:
     arguments = ["-p", f"record.path:={tmp_path / 'new.mcap'}", "-p", f"rerun.mode:={mode}", "-p", "rerun.path:=x.rrd"]
     code, output = start_node(*arguments, without="rerun_cli").wait()
     assert code == 2
-    assert output == (
-        f"knee-contact: parameter rerun.mode: {mode}: rerun-sdk is not installed: "
-        "pip install 'knee-contact-ros[viewer]'\n"
-    )
+    assert output == (f"knee-contact: parameter rerun.mode: {mode}: {not_installed('rerun-sdk', 'viewer')}\n")
     assert not list(tmp_path.iterdir())
 
 

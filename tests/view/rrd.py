@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.chunk import RrdReader
 
 

@@ -11,7 +11,7 @@ from ipaddress import ip_address
 import psutil
 import pytest
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 import rerun as rr
 
 from knee_contact_ros import load_model

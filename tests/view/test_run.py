@@ -17,7 +17,7 @@ import numpy as np
 import psutil
 import pytest
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient
 
 from knee_contact_ros.bags.answer_recorder import AnswerWriter

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer

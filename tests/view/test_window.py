@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib import invalidate_caches
 from pathlib import Path
@@ -28,7 +29,7 @@ def test_a_viewer_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     assert viewer() is None
-    with pytest.raises(UsageError, match=r"^rerun-sdk is not installed: pip install 'knee-contact-ros\[viewer\]'$"):
+    with pytest.raises(UsageError, match=f"^{re.escape(NOT_INSTALLED)}$"):
         executable()
 
 

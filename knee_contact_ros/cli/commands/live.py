@@ -15,6 +15,7 @@ from knee_contact_ros.cli.options import (
     parameter_files,
     timing_options,
 )
+from knee_contact_ros.cli.output_option import Output
 
 
 @click.command()
@@ -22,7 +23,7 @@ from knee_contact_ros.cli.options import (
 @parameter_files
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=Output(folder=True),
     default="knee_contact_demo",
     show_default=True,
     metavar="DIR",
@@ -77,7 +78,10 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) ->
     On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
     rate.
     """
+    from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.offline.replay.replay import Timing, run_replay
+    from knee_contact_ros.system.terminal import warn
 
+    warn(others_beside(bag))
     run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace))

@@ -13,13 +13,14 @@ from knee_contact_ros.cli.options import (
     parameter_files,
     parameter_values,
 )
+from knee_contact_ros.cli.output_option import Output
 
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @parameter_files
 @parameter_values
-@click.option("--save", type=click.Path(path_type=Path), metavar="OUT.rrd", help="Write a Rerun file instead.")
+@click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.rrd if it exists.")
 @click.option("--serve", is_flag=True, help="Serve it to browsers and viewers on this machine instead.")
 @click.option(
@@ -44,10 +45,13 @@ def view(
     from knee_contact_ros.view.window import executable
 
     executable()  # before what imports its library
+    from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.offline.view import ViewOptions, run_view
     from knee_contact_ros.parameters.reading import load_parameters
     from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.terminal import warn
 
+    warn(sentence for source in sources for sentence in others_beside(Path(source)))
     parameters = load_parameters([*found(parameter_files), parameters_of(parameter_values)])
     run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
 
@@ -56,7 +60,7 @@ def view(
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=Output(folder=True),
     default="knee_contact_report",
     show_default=True,
     metavar="DIR",
@@ -89,11 +93,12 @@ def report(
 
     A page (report.html, which needs no other file), figures (PNG) and data (CSV). FILEs are recordings of ours, or
     bags with the inputs, which are computed with --params; several are shown side by side, as both knees. Needs
-    pip install 'knee-contact-ros[report]'.
+    the extra report.
     """
+    from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.system.ros_arguments import parameters_of
-    from knee_contact_ros.system.terminal import say
+    from knee_contact_ros.system.terminal import say, warn
     from knee_contact_ros.tools.report.run import run_report
     from knee_contact_ros.tools.report.runs import ReportOptions
 
@@ -103,3 +108,4 @@ def report(
     compared = found(compare) if compare else []
     for path in run_report(ReportOptions(files, labels, sources, given, compared, names), output):
         say(str(path))
+    warn(sentence for path in files for sentence in others_beside(path))

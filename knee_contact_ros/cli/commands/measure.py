@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
+from knee_contact_ros.cli.output_option import Output
+
 
 @click.command()
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=Output(folder=True),
     default="knee_contact_trade",
     show_default=True,
     metavar="DIR",
@@ -35,7 +37,7 @@ def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], rep
     """Measure what precision costs.
 
     Work and precision of this model and of what could be taken instead (SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim:
-    pip install 'knee-contact-ros[trade]'). All of it takes some ten minutes.
+    the extra trade). All of it takes some ten minutes.
     """
     from knee_contact_ros.tools.work_precision.run import run_trade
 
@@ -45,7 +47,7 @@ def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], rep
 @click.command()
 @click.option(
     "--output",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=Output(folder=True),
     default="knee_contact_latency",
     show_default=True,
     metavar="DIR",

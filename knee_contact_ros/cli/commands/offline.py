@@ -14,6 +14,7 @@ from knee_contact_ros.cli.options import (
     parameter_files,
     parameter_values,
 )
+from knee_contact_ros.cli.output_option import Output
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 
@@ -27,9 +28,7 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
     metavar="FILE",
     help="Subject file: body mass, profile, cartilage thickness and bag; --params and -p win over it.",
 )
-@click.option(
-    "--output", type=click.Path(path_type=Path), required=True, metavar="OUT.mcap", help="Recording to write."
-)
+@click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Recording to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 @names_in_bag_options
 def solve(
@@ -49,7 +48,7 @@ def solve(
     again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
     the command then says what is missing, and ends with code 1.
     """
-    from knee_contact_ros.bags.bag_files import in_a_line
+    from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.provenance import read_provenance, with_values
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.offline.solve import solve as solve_bag
@@ -75,6 +74,7 @@ def solve(
     source = f"those in {bag.name}, made with {stored.package}" if stored else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
+    warn(others_beside(bag))
     warn([*summary.doubts.sentences, *([summary.split.problem] if summary.split and summary.split.problem else [])])
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
@@ -82,7 +82,7 @@ def solve(
 
 @click.command()
 @click.argument("source", type=click.Path(path_type=Path), metavar="IN")
-@click.argument("output", type=click.Path(path_type=Path), metavar="OUT.mcap")
+@click.argument("output", type=Output(".mcap"), metavar="OUT.mcap")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 def recover(source: Path, output: Path, overwrite: bool) -> None:
     """Make a cut-off recording whole again.

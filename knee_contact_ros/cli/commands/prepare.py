@@ -11,6 +11,7 @@ from knee_contact_ros.cli.options import (
     opensim_results_options,
     opensim_run_options,
 )
+from knee_contact_ros.cli.output_option import Output
 from knee_contact_ros.cli.profile_options import fit_profile_options
 
 
@@ -20,7 +21,7 @@ from knee_contact_ros.cli.profile_options import fit_profile_options
 @click.option("--side", type=click.Choice(["right", "left", "both"]), required=True, help="both: a bag for each.")
 @click.option(
     "--output",
-    type=click.Path(path_type=Path),
+    type=Output(),
     required=True,
     metavar="BAG",
     help="rosbag2 folder to write; of both sides BAG_right and BAG_left.",
@@ -45,7 +46,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 
     Cuts MESH (STL, PLY, OBJ, VTP; points as text; a NIfTI label map), smooths the articular side of the slice, and
     writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
-    pip install 'knee-contact-ros[mesh]'.
+    the extra mesh.
     """
     from knee_contact_ros.system.terminal import say
     from knee_contact_ros.tools.profiles.run import FitOptions, run_fit_profile

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.terminal import Bar
 from knee_contact_ros.tools.opensim.opensim_process import run_step
 from knee_contact_ros.tools.opensim.opensim_setups import (
@@ -32,7 +33,7 @@ from knee_contact_ros.tools.opensim.opensim_setups import (
 )
 from knee_contact_ros.tools.opensim.storage import read_storage, repaired, text_of
 
-EXTRA = "knee-contact-ros[opensim]"
+EXTRA = "opensim"
 GB = 10**9
 HIDDEN = "/."
 """In the path of what is not copied"""
@@ -87,7 +88,7 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
     if missing:
         raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(found)}")
     if find_spec("opensim") is None:
-        raise UsageError(f"opensim is not installed: pip install '{EXTRA}'")
+        raise UsageError(not_installed("opensim", EXTRA))
     chosen = [found.get(step, found.get(CMC)) for step in CHOOSABLE if step in wanted]
     setups = [setup for setup in chosen if setup is not None]
     folder = common_folder(setups)

@@ -14,11 +14,12 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.tools.profiles.label_map import LABEL_MAPS, read_label_map
 from knee_contact_ros.tools.profiles.surface import Surface, parse_axes, placed
 
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
-EXTRA = "knee-contact-ros[mesh]"
+EXTRA = "mesh"
 BODY_AXES, SCANNER_AXES = "x,y,z", "y,z,x"
 """Of a mesh in the axes of a body, and of a right knee in a scanner's axes (x right, y anterior, z superior)"""
 
@@ -147,4 +148,4 @@ def need_libraries() -> None:
     """
     for needed in ("pyvista", "trimesh", "nibabel", "matplotlib"):
         if find_spec(needed) is None:
-            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+            raise UsageError(not_installed(needed, EXTRA))

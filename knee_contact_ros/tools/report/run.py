@@ -8,6 +8,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.extras import how_to_get, not_installed
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
@@ -15,7 +16,7 @@ from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 NEEDED = ("matplotlib", "jinja2")
 OLDEST = (3, 7)
 """matplotlib that has legends outside of figures; Ubuntu 24.04 has 3.6"""
-EXTRA = "knee-contact-ros[report]"
+EXTRA = "report"
 PAGE = "report.html"
 TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
 FIGURES = (
@@ -39,11 +40,11 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
     """
     for needed in NEEDED:
         if find_spec(needed) is None:
-            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+            raise UsageError(not_installed(needed, EXTRA))
     import matplotlib as mpl
 
     if mpl.__version_info__[:2] < OLDEST:
-        raise UsageError(f"matplotlib {mpl.__version__} is too old: pip install '{EXTRA}'")
+        raise UsageError(f"matplotlib {mpl.__version__} is too old; {how_to_get(EXTRA)}")
     if asked.labels and len(asked.labels) != len(asked.files):
         raise UsageError(f"--label: {len(asked.labels)} given for {len(asked.files)} FILEs; give one each, or none")
     with work_folder(output) as work:

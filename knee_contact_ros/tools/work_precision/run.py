@@ -12,13 +12,14 @@ from rich.table import Table
 
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.tools.work_precision import frontier, ours, plot, report, steadiness, study
 from knee_contact_ros.tools.work_precision.peers import PEERS, Entry, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems, problems
 from knee_contact_ros.tools.work_precision.study import Row
 
-EXTRA = "knee-contact-ros[trade]"
+EXTRA = "trade"
 FILES = ("trade.md", "trade.csv", "trade.png")
 WIDTH = 120
 """Of the tables where there is no terminal"""
@@ -42,7 +43,7 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
     """
     for needed in DRAWING:
         if find_spec(needed) is None:
-            raise UsageError(f"{needed} is not installed: pip install '{EXTRA}'")
+            raise UsageError(not_installed(needed, EXTRA))
     chosen = known_problems(problem_names)
     candidates, absent = available()
     solvers = matching(candidates, solver_names)
@@ -84,7 +85,7 @@ def available() -> tuple[list[Entry], list[str]]:
         if peer.installed:
             found += peer.entries()
         else:
-            absent.append(f"{peer.name} is not installed: pip install '{EXTRA}'")
+            absent.append(not_installed(peer.name, EXTRA))
     return found, absent
 
 

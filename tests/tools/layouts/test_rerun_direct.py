@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
-pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
+pytest.importorskip("rerun", reason="needs the extra viewer")
 import pyarrow as pa
 from rerun.chunk import RrdReader
 

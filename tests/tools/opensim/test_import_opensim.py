@@ -50,6 +50,7 @@ def test_a_bag_comes_out_that_solve_takes(
 
 def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: list[str], tmp_path: Path) -> None:
     for name in ("a", "b"):
+        (tmp_path / name).mkdir()
         assert main([*results, "--side", "left", "--output", str(tmp_path / name / "walk"), "--rate", "100"]) == 0
     bags = [tmp_path / name / "walk" for name in ("a", "b")]
     record = origin(bags[0])
@@ -63,9 +64,9 @@ def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: l
 
 
 def test_both_sides_are_two_bags(results: list[str], tmp_path: Path) -> None:
-    assert main([*results, "--side", "both", "--output", str(tmp_path / "out" / "walk")]) == 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["walk_left", "walk_right"]
-    assert origin(tmp_path / "out" / "walk_left")["side"] == "left"
+    assert main([*results, "--side", "both", "--output", str(tmp_path / "walk")]) == 0
+    assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk_left", "walk_right"]
+    assert origin(tmp_path / "walk_left")["side"] == "left"
 
 
 def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
@@ -103,11 +104,11 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
 def test_bad_input_is_one_line_and_leaves_nothing(
     results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
 ) -> None:
-    assert main([*results, "--side", "right", "--output", str(tmp_path / "out" / "walk"), *arguments]) == 2
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "walk"), *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "walk").exists()
 
 
 def test_what_is_missing_is_named(results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.tools.opensim.model_file import read_xml
 from knee_contact_ros.tools.opensim.opensim_pipeline import plan, results_of
 from knee_contact_ros.tools.opensim.opensim_setups import (
@@ -181,7 +182,7 @@ def test_without_opensim_the_command_says_what_to_install(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("knee_contact_ros.tools.opensim.opensim_pipeline.find_spec", lambda name: None)
-    arguments = ["--setup", str(folder), "--side", "right", "--output", str(tmp_path / "out" / "walk")]
+    arguments = ["--setup", str(folder), "--side", "right", "--output", str(tmp_path / "walk")]
     assert main(["import-opensim", *arguments]) == 2
-    assert "opensim is not installed: pip install 'knee-contact-ros[opensim]'" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    assert not_installed("opensim", "opensim") in capsys.readouterr().err
+    assert not (tmp_path / "walk").exists()

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.cli.main import main
+from knee_contact_ros.system.extras import not_installed
 from tests.tools.profiles.meshes import femoral_curve, saved, swept, tibial_curve
 
-pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("pyvista", reason="needs the extra mesh")
 pytest.importorskip("trimesh")
 pytest.importorskip("matplotlib")
 nibabel = pytest.importorskip("nibabel")
@@ -151,4 +152,4 @@ def test_a_missing_library_is_named(
     monkeypatch.setattr("knee_contact_ros.tools.profiles.read_surface.find_spec", lambda _name: None)
     arguments = ["fit-profile", str(tmp_path / "a.stl"), "--slice", "-18", "--output", str(tmp_path / "c.csv")]
     assert main(arguments) == 2
-    assert "pyvista is not installed: pip install 'knee-contact-ros[mesh]'" in capsys.readouterr().err
+    assert not_installed("pyvista", "mesh") in capsys.readouterr().err

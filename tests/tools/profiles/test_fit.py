@@ -18,7 +18,7 @@ from knee_contact_ros.tools.profiles.shape import concave, dented
 from knee_contact_ros.tools.profiles.surface import Surface
 from tests.tools.profiles.meshes import EDGE, MIDDLE, ONE_RADIUS, TWO_RADII, femoral_curve, saved, swept, tibial_curve
 
-pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("pyvista", reason="needs the extra mesh")
 pytest.importorskip("trimesh")
 pytest.importorskip("matplotlib")
 

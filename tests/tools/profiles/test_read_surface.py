@@ -12,7 +12,7 @@ from knee_contact_ros.tools.profiles.fit import fit
 from knee_contact_ros.tools.profiles.read_surface import read_surface
 from tests.tools.profiles.meshes import MIDDLE, femoral_curve, saved, swept
 
-pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("pyvista", reason="needs the extra mesh")
 pytest.importorskip("trimesh")
 nibabel = pytest.importorskip("nibabel")
 

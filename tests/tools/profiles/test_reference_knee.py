@@ -17,7 +17,7 @@ from knee_contact_ros.tools.profiles.shape import concave, dented
 from knee_contact_ros.tools.profiles.surface import Surface
 from knee_contact_ros.tools.profiles.words import csv
 
-pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("pyvista", reason="needs the extra mesh")
 pytest.importorskip("trimesh")
 
 MM = 1e-3

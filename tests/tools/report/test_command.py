@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.cli.main import main
+from knee_contact_ros.system.extras import not_installed
 from tests.tools.report.pages import page_of, text_of
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
@@ -56,7 +57,7 @@ def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, "report", str(bags[0]), "--output", str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 2
-    assert run.stderr == "knee-contact: jinja2 is not installed: pip install 'knee-contact-ros[report]'\n"
+    assert run.stderr == f"knee-contact: {not_installed('jinja2', 'report')}\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

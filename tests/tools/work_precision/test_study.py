@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from knee_contact_ros.cli.main import knee_contact, main
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.tools.work_precision import frontier, run, steadiness, study, targets, worker
 from knee_contact_ros.tools.work_precision.peers import PEERS, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems
@@ -95,7 +96,7 @@ def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "PEERS", (PEERS[0]._replace(name="Nothing", module="no_such_module"),))
     found, absent = run.available()
     assert {entry.solver.peer for entry in found} == {"knee-contact"}
-    assert absent == ["Nothing is not installed: pip install 'knee-contact-ros[trade]'"]
+    assert absent == [not_installed("Nothing", "trade")]
 
 
 def test_unknown_names_end_the_command_with_one_line(capsys: pytest.CaptureFixture[str]) -> None:

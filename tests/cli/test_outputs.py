@@ -1,0 +1,88 @@
+"""Where the commands write, and what they refuse to."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.cli.main import main
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["solve", "{bag}", "--output", "typo/out.mcap"],
+        ["recover", "{file}", "typo/out.mcap"],
+        ["view", "{bag}", "--save", "typo/out.rrd"],
+        ["report", "{bag}", "--output", "typo/report"],
+        ["demo", "--output", "typo/demo"],
+        ["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"],
+        ["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"],
+        ["trade", "--output", "typo/trade"],
+        ["latency", "--output", "typo/latency"],
+    ],
+)
+def test_a_misspelt_folder_is_not_made(
+    arguments: list[str], right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    file = right_bag / "gait2354_right_0.mcap"
+    assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
+    assert capsys.readouterr().err.endswith(": there is no folder typo; make it first\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap"),
+        (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
+        (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
+        (
+            ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
+            "--output x.yaml: its name must end with .csv",
+        ),
+    ],
+)
+def test_a_name_tells_what_is_written(
+    arguments: list[str], says: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    file = right_bag / "gait2354_right_0.mcap"
+    assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
+    assert capsys.readouterr().err == f"knee-contact: {says}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_solve_leaves_a_file_and_nothing_beside(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two in one folder are two recordings: of the folder none is taken, and both are named."""
+    for name in ("a", "b"):
+        assert main(["solve", str(right_bag), "--output", str(tmp_path / f"{name}.mcap")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
+    assert main(["solve", str(tmp_path / "a.mcap"), "--output", str(tmp_path / "b.mcap")]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"knee-contact: {tmp_path / 'b.mcap'} exists already; choose another name, or --overwrite\n"
+    )
+    assert main(["solve", str(tmp_path), "--output", str(tmp_path / "c.mcap")]) == 2
+    assert capsys.readouterr().err == (
+        f"knee-contact: {tmp_path} has more than one recording, and no metadata.yaml of use that names one; "
+        "give one of these files: a.mcap, b.mcap\n"
+    )
+
+
+def test_the_other_recordings_of_a_bags_folder_are_named(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "bag"
+    shutil.copytree(right_bag, folder)
+    shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")
+    assert main(["solve", str(folder), "--output", str(tmp_path / "out.mcap")]) == 0
+    told = "gait2354_right_0.mcap is read; what else is there, give as a file: later.mcap\n"
+    assert capsys.readouterr().err == f"knee-contact: warning: of {folder}, {told}"
