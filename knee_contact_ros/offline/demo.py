@@ -11,10 +11,11 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import click
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -33,6 +34,7 @@ from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.replay import Replayer
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import show_summary
+from knee_contact_ros.offline.view import look
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -46,7 +48,8 @@ from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.ros_graph import joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
-from knee_contact_ros.view.window import NOT_INSTALLED, viewer
+from knee_contact_ros.view.picture import write_peak
+from knee_contact_ros.view.window import NOT_INSTALLED, executable, has_screen, hidden, viewer
 
 NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
@@ -56,6 +59,7 @@ LAST_ANSWERS = 3.0
 """How long [s] to wait for the last answers once nothing more comes."""
 RECORDING = Path("recording") / "recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
+PICTURE = Path("knee.png")
 NODE_LOG = Path("node.log")
 COMPANION_LOG = Path("companion.log")
 COMPANION_COMMANDS = "knee_effort_controller/commands"
@@ -125,10 +129,36 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
 
             play(reader, rate, listener, all_are_alive, companion)
         summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
-        for result in (RECORDING.parent, RERUN_FILE, NODE_LOG, COMPANION_LOG):
+        picture = draw_peak(work)
+        for result in (RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
-    show_summary(summary, live_rows(listener, summary), result_files(output, companion))
+    show_summary(summary, live_rows(listener, summary), result_files(output, companion) | picture_row(output, picture))
     warn(summary.doubts.sentences)
+    if viewer():
+        offer(output / RERUN_FILE)
+
+
+def draw_peak(work: Path) -> str:
+    """Draw the knee at the largest load; give why there is no picture, nothing if there is one."""
+    try:
+        write_peak(work / RECORDING.parent, work / PICTURE)
+    except UsageError as error:
+        return str(error)
+    return ""
+
+
+def picture_row(output: Path, missing: str) -> dict[str, str]:
+    """Where the picture is, or why it is missing."""
+    return {"No picture": missing} if missing else {"Knee at the peak": str(output / PICTURE)}
+
+
+def offer(scene: Path) -> None:
+    """On a terminal with a screen, ask whether to open the scene, and do."""
+    if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
+        return
+    with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
+        if click.confirm("Open the scene in the Rerun viewer?", default=True):
+            look([str(executable()), *hidden(), str(scene)])
 
 
 def check_before(bag: Path, parameters: Parameters) -> Doubts:

@@ -21,10 +21,11 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
 
 MM = 1e3
-EXTRA = "knee-contact-ros[report]"
+EXTRA = "report"
 BONE, CARTILAGE, EDGE = "#F0E8D6", "#A9D0EC", "#7A7060"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Where cartilages overlap, where more than the first layer does, the force, texts"""
@@ -73,7 +74,7 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
         UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
     """
     if find_spec("matplotlib") is None:
-        raise UsageError(f"matplotlib is not installed: pip install '{EXTRA}'")
+        raise UsageError(not_installed("matplotlib", EXTRA))
     topics = answer_topics(recording)
     if not topics:
         raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")

@@ -81,13 +81,18 @@ def hidden() -> tuple[str, ...]:
     return "--bind", unguessable_address(), *ANY_PORT
 
 
+def has_screen() -> bool:
+    """Whether this machine shows windows to whoever started this process."""
+    return any(os.environ.get(name) for name in SCREENS)
+
+
 def refuse_blind(instead: str) -> None:
     """Tell that a viewer could not be seen, and what to do `instead`.
 
     Raises:
         UsageError: this machine has no screen.
     """
-    if not any(os.environ.get(name) for name in SCREENS):
+    if not has_screen():
         raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
 
 

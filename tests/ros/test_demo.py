@@ -16,8 +16,10 @@ import pytest
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.work_folder import replace
-from tests.helpers.needs import HAS_VIEWER
+from knee_contact_ros.view.window import SCREENS
+from tests.helpers.needs import HAS_REPORT, HAS_VIEWER, needs_viewer
 from tests.helpers.sockets import internet_sockets
+from tests.helpers.terminals import Terminal
 from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words
 
@@ -61,7 +63,13 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path
         assert max(len(line.rstrip()) for line in output.split("\n\n")[0].splitlines()) <= 80
         results = sorted(str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*"))
         expected = ["node.log", "recording", "recording/metadata.yaml", "recording/recording_0.mcap"]
-        assert results == [*["knee_contact.rrd"][:HAS_VIEWER], *expected]
+        assert results == [*["knee.png"][:HAS_REPORT], *["knee_contact.rrd"][:HAS_VIEWER], *expected]
+        if HAS_REPORT:
+            assert f"Knee at the peak: {tmp_path / name / 'knee.png'}\n" in output
+            assert (tmp_path / name / "knee.png").read_bytes().startswith(b"\x89PNG")
+        else:
+            assert "No picture: matplotlib is not installed; " in output
+        assert "Open the scene" not in output  # nobody is asked in a pipe
         solved = run("solve", right_bag, "--params", config / name, "--output", tmp_path / f"{name}.mcap")
         assert solved.returncode == 0
         assert recorded(tmp_path / f"{name}.mcap") == recorded(tmp_path / name / "recording")
@@ -165,7 +173,7 @@ def test_an_unknown_joint_is_told_before_anything_starts(
 ) -> None:
     (tmp_path / "p.yaml").write_text(f"knee_contact: {{ros__parameters: {{{parameters}}}}}")
     bag = ["--bag", right_bag] if command == "demo" else [right_bag]
-    done = run(command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out")
+    done = run(command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out.mcap")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert f"joint_states has no joint '{joint}'; it has knee" in done.stderr
@@ -186,3 +194,27 @@ def test_help_and_version_are_quick_to_say() -> None:
     assert "not a medical device" in " ".join(run("--help").stdout.split())
     assert run("--version").stdout.startswith("knee-contact 0.")
     assert "--ros-args" in run("node", "--help").stdout
+
+
+@needs_viewer
+def test_on_a_terminal_with_a_screen_it_offers_to_open_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-D is a no; what is opened here is Rerun's viewer, which says that there is no such screen."""
+    code = f"from pathlib import Path; from knee_contact_ros.offline.demo import offer; offer(Path('{tmp_path}/a.rrd'))"
+    for screen in SCREENS:
+        monkeypatch.delenv(screen, raising=False)
+    with Terminal(sys.executable, "-c", code) as terminal:
+        assert "Open" not in terminal.wait_for(r"(?s)^(.*)\[ended with 0")[1]
+    monkeypatch.setenv("DISPLAY", ":4711")
+    for keys, then in (
+        (b"n\n", r"\[ended with 0"),
+        (b"\x04", r"\[ended with 0"),
+        (b"\n", "viewer has ended"),
+    ):
+        with Terminal(sys.executable, "-c", code) as terminal:
+            terminal.wait_for(r"Open the scene in the Rerun viewer\? \[Y/n\]")
+            terminal.press(keys)
+            terminal.wait_for(then)
+            if keys == b"\n":
+                terminal.wait_for(r"\[ended with")
