@@ -46,6 +46,7 @@ html_copy_source = False
 html_show_sphinx = False
 
 CONTENTS = {
+    "Begin": ["docs/README", "docs/tutorial"],
     "Use": [
         "docs/installing", "docs/node", "docs/conventions", "docs/bags", "docs/recording", "docs/recovery",
         "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",

@@ -78,9 +78,9 @@ def test_a_bag_of_which_nothing_is_left_is_refused(tmp_path: Path, capsys: pytes
     bag = tmp_path / "bag.mcap"
     mcap(bag, CompressionType.ZSTD)
     bag.write_bytes(bag.read_bytes()[:300])
-    assert main(["solve", str(bag), "--output", str(tmp_path / "o" / "out.mcap")]) == 2
+    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-    assert not (tmp_path / "o").exists()
+    assert not (tmp_path / "out.mcap").exists()
 
 
 def test_a_missing_file_of_a_folder_is_a_hole(tmp_path: Path) -> None:
