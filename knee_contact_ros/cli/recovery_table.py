@@ -19,13 +19,12 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     """Print what was recovered, what is missing, and where the file is."""
     console = Console(width=WIDTH)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("topic", overflow="fold")
-    table.add_column("type", overflow="fold")
+    table.add_column("topic, and its type", overflow="fold")
     table.add_column("messages", justify="right", no_wrap=True)
     table.add_column("missing", justify="right", no_wrap=True)
     for row in recovery.topics:
         missing = "unknown" if row.missing is None else str(row.missing)
-        table.add_row(shown(row.topic), shown(row.type), str(row.messages), missing)
+        table.add_row(f"{shown(row.topic)}\n  {shown(row.type)}", str(row.messages), missing)
     console.print(table)
     lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
     if recovery.times:

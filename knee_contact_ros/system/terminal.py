@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import shutil
+import sys
+import textwrap
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -10,11 +13,15 @@ from contextlib import contextmanager
 import click
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 from knee_contact_ros.system.printable import printable
 
 WIDTH = 78
+"""Columns of a table: a terminal has 80"""
+UNBOUNDED = 10_000
 PERIOD = 0.05
 """[s] from one movement of a bar to the next: a movement takes some 20 µs, more than many a message"""
 
@@ -60,9 +67,26 @@ def warn(sentences: Iterable[str]) -> None:
         say(f"knee-contact: warning: {sentence}", err=True)
 
 
-def say(line: str, *, err: bool = False) -> None:
-    """Print a line, whatever names and texts of others are in it."""
-    click.echo(printable(line), err=err)
+def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
+    """Print a line, whatever names and texts of others are in it.
+
+    On a terminal that is narrower, one that may `hang` is broken between words, and goes on indented by so many
+    columns.
+    """
+    text = printable(line)
+    if hang is not None and sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
+        text = textwrap.fill(
+            text, width, subsequent_indent=" " * hang, break_long_words=False, break_on_hyphens=False,
+            replace_whitespace=False, drop_whitespace=True,
+        )  # fmt: skip
+    click.echo(text, err=err)
+
+
+def natural_width(table: Table) -> int:
+    """The columns that a table takes if nothing of it is broken."""
+    console = Console(width=UNBOUNDED)
+    return Measurement.get(console, console.options, table).maximum
 
 
 def shown(text: str) -> str:

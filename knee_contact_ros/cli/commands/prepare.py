@@ -49,7 +49,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     the extra mesh.
     """
     from knee_contact_ros.system.terminal import say
-    from knee_contact_ros.tools.profiles.run import FitOptions, run_fit_profile
+    from knee_contact_ros.tools.profiles.run import LABEL, FitOptions, run_fit_profile
 
     asked = FitOptions(
         mesh,
@@ -60,4 +60,4 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
         **others,
     )
     for line in run_fit_profile(asked):
-        say(line)
+        say(line, hang=LABEL)

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 from knee_contact_ros.tools.opensim.opensim_pipeline import WORDS, Run
 from knee_contact_ros.tools.opensim.opensim_quality import Check
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait
@@ -41,7 +41,7 @@ def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
     console.print(rows, highlight=False)
     console.print(peak_table(knee), highlight=False)
     for line in (*(f"- {note}" for note in knee.notes), "", f"Bag: {bag}", ""):
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+        say(line, hang=2)
 
 
 def span(stamps: Stamps) -> str:

@@ -15,6 +15,8 @@ from knee_contact_ros.tools.profiles.read_surface import need_libraries, read_su
 from knee_contact_ros.tools.profiles.surface import Surface
 
 AUTO = "auto"
+LABEL = 11
+"""Columns that the label of a line takes, with the space behind it"""
 
 
 class FitOptions(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from rich.table import Table
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.terminal import WIDTH, natural_width, progress
 from knee_contact_ros.tools.work_precision import frontier, ours, plot, report, steadiness, study
 from knee_contact_ros.tools.work_precision.peers import PEERS, Entry, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems, problems
@@ -21,11 +21,6 @@ from knee_contact_ros.tools.work_precision.study import Row
 
 EXTRA = "trade"
 FILES = ("trade.md", "trade.csv", "trade.png")
-WIDTH = 120
-"""Of the tables where there is no terminal"""
-NAMES, COLUMN = 27, 11
-"""Width of the solvers' names and of a problem's column"""
-"""Columns that the tables need"""
 DRAWING = ("matplotlib", "tabulate")
 
 
@@ -112,27 +107,34 @@ def short_table(rows: Sequence[Row], chosen: Sequence[Problem], mode: str) -> Ta
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for problem in chosen:
-        table.add_column(problem.name, justify="right")
+        table.add_column(problem.name, justify="right", no_wrap=True)
     for name in frontier.line_names(rows):
         table.add_row(name, *(report.short_cell(rows, name, problem.name, mode) for problem in chosen))
     return table
 
 
-def batched(chosen: Sequence[Problem], size: int) -> list[Sequence[Problem]]:
-    """As many problems side by side as there is room for."""
-    return [chosen[begin : begin + size] for begin in range(0, len(chosen), size)]
+def batched(rows: Sequence[Row], chosen: Sequence[Problem], mode: str, width: int) -> Iterator[Table]:
+    """Tables with as many problems side by side as there is room for, at least one."""
+    beside: list[Problem] = []
+    for problem in chosen:
+        if beside and natural_width(short_table(rows, [*beside, problem], mode)) > width:
+            yield short_table(rows, beside, mode)
+            beside = []
+        beside.append(problem)
+    if beside:
+        yield short_table(rows, beside, mode)
 
 
 def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
     """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
     console = Console()
     width = console.width if console.is_terminal else WIDTH
-    wide = Console(width=width)
+    wide = Console(width=max(width, WIDTH))
     asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
     for mode, title in report.TITLES.items():
         console.print(f"{title}: {asked}", highlight=False, soft_wrap=True)
-        for beside in batched(chosen, max(1, (width - NAMES) // COLUMN)):
-            wide.print(short_table(rows, beside, mode))
+        for table in batched(rows, chosen, mode, width):
+            wide.print(table)
     for sentence in absent:
         console.print(sentence, markup=False, highlight=False)
     for path in files:

@@ -1,0 +1,104 @@
+"""What the commands print fits a terminal of 80 columns, and no word of it is broken."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.bags.recover import Recovery, TopicCount
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.offline import summary_table
+from knee_contact_ros.system.terminal import natural_width
+from knee_contact_ros.tools.latency import report as latency
+from knee_contact_ros.tools.opensim import show
+from knee_contact_ros.tools.opensim.opensim_quality import Check as Quality
+from knee_contact_ros.tools.work_precision import run as trade
+from knee_contact_ros.tools.work_precision.problems import problems
+from tests.helpers.terminals import Terminal
+from tests.tools.opensim.storages import kinematics, reactions
+
+COLUMNS = 80
+MODULES = (summary_table, show, latency, sys.modules[show_recovery.__module__])
+NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- ")
+"""Files, and what is said in whole lines"""
+RULE = re.compile("─+")
+
+Print = Callable[[], object]
+Check = Callable[[Print], None]
+
+
+@pytest.fixture
+def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Check:
+    """Lets something print twice, the second time as wide as it wants to be."""
+
+    def both(prints: Print) -> None:
+        capsys.readouterr()
+        prints()
+        narrow = capsys.readouterr().out
+        with monkeypatch.context() as patch:
+            for module in MODULES:
+                patch.setattr(module, "WIDTH", 1000)
+            prints()
+        wide = capsys.readouterr().out
+        assert narrow
+        lines = [line.rstrip() for line in narrow.splitlines() if not NO_TABLE.match(line)]
+        assert [line for line in lines if len(line) > COLUMNS] == []
+        assert sorted(RULE.sub("", narrow).split()) == sorted(RULE.sub("", wide).split())
+
+    return both
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        [],
+        ["--params", "healthy.yaml", "--params", "osteoarthritis.yaml", "--params", "mri_femur.yaml"],
+        ["-p", "load.compartment:=moment_balance", "-p", "body_weight:=300"],
+    ],
+)
+def test_solve(check: Check, right_bag: Path, tmp_path: Path, more: list[str]) -> None:
+    """The last one says much: the share of the load, and what makes no sense."""
+    check(lambda: main(["solve", str(right_bag), *more, "--overwrite", "--output", str(tmp_path / "out.mcap")]))
+
+
+def test_recover(check: Check, right_bag: Path, tmp_path: Path) -> None:
+    assert main(["solve", str(right_bag), "--output", str(tmp_path / "in.mcap")]) == 0
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "in.mcap").read_bytes()[:60_000])
+    check(lambda: main(["recover", str(cut), str(tmp_path / "out.mcap"), "--overwrite"]))
+    topic = TopicCount("/left_leg/exoskeleton_controller/knee_contact", "knee_contact_ros/msg/KneeContact", 10**6, None)
+    check(lambda: show_recovery(Recovery([topic], (0, 10**9), 10, 0, []), "out.mcap"))
+
+
+def test_import_opensim(check: Check, tmp_path: Path) -> None:
+    files = ["--kinematics", str(kinematics(tmp_path / "q.sto")), "--reactions", str(reactions(tmp_path / "jr.sto"))]
+    output = ["--side", "both", "--overwrite", "--output", str(tmp_path / "bag")]
+    check(lambda: main(["import-opensim", *files, *output]))
+    names = ("residual force FX", "residual moment MZ", "reserve knee_angle_r", "marker error, RMS of all")
+    checks = [Quality(name, 1234.5, 567.8, allowed, "N m", "basis") for name in names for allowed in (0.01, 1e4)]
+    check(lambda: show.show_checks(checks))
+
+
+@pytest.mark.parametrize("width", [COLUMNS - 2, 120])
+def test_trade(width: int) -> None:
+    """With all problems, whose names differ in length."""
+    chosen = problems()
+    tables = list(trade.batched([], chosen, "whole", width))
+    assert sum(len(table.columns) - 1 for table in tables) == len(chosen)
+    assert max(map(natural_width, tables)) <= width
+
+
+def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:
+    text = "tolerance  0.05 mm RMS beyond the roughness of 0.041 mm: at most 0.065 mm; 0.064 mm in the slab of a_name"
+    code = f"from knee_contact_ros.system.terminal import say; say({text!r}, hang=11)"
+    with Terminal("/usr/bin/env", "COLUMNS=80", sys.executable, "-c", code) as terminal:
+        printed = terminal.wait_for(r"(?s)^(.*?)\[ended with 0")[1].replace("\r", "").strip("\n")
+    first, second = printed.splitlines()
+    assert len(first) <= COLUMNS
+    assert second.startswith(" " * 11)
+    assert printed.split() == text.split()
