@@ -22,6 +22,7 @@ from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
 from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
 from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.view.cursor import put_on_peak
 from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
@@ -99,7 +100,9 @@ def present(path: Path, way: ViewOptions) -> None:
     if way.serve:
         serve(path, way.port)
     else:
-        look([str(executable()), *hidden(), str(path)])
+        place = hidden()
+        put_on_peak(path, place.url)
+        look([str(executable()), *place.options, str(path)])
 
 
 def drawn_already(sources: Sequence[str], way: ViewOptions) -> Path:
@@ -147,8 +150,8 @@ def draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> 
     """Write the scene of some knees to a file, which is there when it is complete."""
     outlet = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
-        for knee in knees:
-            scene = Scene(outlet.recording, knee.drawing)
+        for number, knee in enumerate(knees):
+            scene = Scene(outlet.recording, knee.drawing, number=number if len(knees) > 1 else None)
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, shown in answers_of(knee, advance):
                     for change in changes:

@@ -39,7 +39,7 @@ PLATEAU = 0.45
 """How far the plateau is drawn to both sides, in extents of the condyle; as far as it was measured at most"""
 PLATEAU_MARGIN = 0.012
 """How far [m] it is drawn at least beyond where a walking knee touches it"""
-TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH = 0.62, 0.34, 0.50
+TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH = 0.62, 0.34, 0.60
 """Of the tibial shaft, in widths of the plateau: its width, how far below the plateau it begins, and where it ends"""
 
 

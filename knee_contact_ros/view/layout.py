@@ -2,49 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
-from knee_contact_ros.view.plots import (
-    BODY_WEIGHTS,
-    CONTACT_POINT,
-    DEPTHS,
-    FLEXION,
-    LAYER,
-    NEWTONS,
-    PLOTS,
-    SLIDING,
-    Plot,
-)
-from knee_contact_ros.view.sagittal import ARROW, LEGEND, MM, PATH, SAGITTAL, extent_of
+from knee_contact_ros.view.colours import BACKGROUND, OF_KNEES
+from knee_contact_ros.view.frame import Frame, common, frame_of
+from knee_contact_ros.view.outlines import KneeOutlines
+from knee_contact_ros.view.plots import DEPTHS, DETAILS, KNEE, LAYER, Plot, plots_of
+from knee_contact_ros.view.sagittal import BODY, CAMERA, PATH
 from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
 PATH_SPAN = 1.5
 """How long [s] the contact point's way stays: a little more than a stride"""
 LIVE_SPAN = 6.0
 """How long [s] the curves are seen while they grow"""
-CLOSE = 10.0
-"""How far [mm] the close view reaches beyond where the contact goes"""
-CELLS = 9
-"""Views beside the planes of a knee that has the screen for itself"""
-DARK = (16, 17, 20)
+HEIGHTS = [1.03, 0.78, 1.12, 1.07]
+"""Of the plots beside the plane, so that all of their ticks can be read"""
+MAIN, BEHIND = "Knee", "Cost, levels, estimates, events"
+"""The two tabs"""
 
 
 def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
     """The layout for these knees, with or without the latency; the view may follow the newest answers."""
-    plots = [plot for plot in PLOTS if latency or not plot.live]
-    arranged = _one if len(drawings) == 1 else _beside
-    knees = [
-        arranged(
-            drawing, {plot.path: _plot(drawing.knee, plot, follow) for plot in plots}, _states(drawing.knee, follow)
-        )
-        for drawing in drawings
-    ]
+    frame = common([frame_of(drawing) for drawing in drawings])
+    planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
+    shown = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
+    main, details = (
+        [_plot(drawings, plot, follow) for plot in plots if plot.path in shown] for plots in (KNEE, DETAILS)
+    )
+    told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
-        rrb.Horizontal(*knees) if len(knees) > 1 else knees[0],
+        rrb.Tabs(
+            rrb.Horizontal(rrb.Horizontal(*planes), rrb.Vertical(*main, row_shares=HEIGHTS[: len(main)]), name=MAIN),
+            rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*told), name=BEHIND),
+        ),
         rrb.TimePanel(
             timeline=TIMELINE, state="collapsed", play_state=PlayState.Following if follow else PlayState.Paused
         ),
@@ -53,76 +47,49 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     )
 
 
-def _one(drawing: KneeOutlines, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
-    """A knee that has the screen for itself: nine cells beside the planes, none of them empty."""
-    cells: dict[str, rrb.View | rrb.Container] = {**plots, "states": states}
-    if len(cells) > CELLS:
-        cells[CONTACT_POINT] = rrb.Tabs(plots[CONTACT_POINT], cells.pop(SLIDING))
-    left = [_plane(drawing), _close(drawing), _events(drawing.knee)]
-    return rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[5, 3, 4]), rrb.Grid(*cells.values(), grid_columns=3), column_shares=[4, 9]
-    )
+def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
+    """What stands above a plot: what it shows and in which unit, and which colour is what."""
+    weight = " or ".join(sorted({f"{drawing.body_weight:.0f}" for drawing in drawings}))
+    several = len(drawings) > 1
+    title = (plot.titles if several else plot.title).format(weight=weight)
+    if plot.path == DEPTHS and any(drawing.has_bone for drawing in drawings):
+        title += "; bone begins, pink"
+    names = [f"{drawing.knee} {OF_KNEES[place % len(OF_KNEES)].name}" for place, drawing in enumerate(drawings)]
+    return f"{title}: {', '.join(names)}" if several else title
 
 
-def _beside(drawing: KneeOutlines, plots: Mapping[str, rrb.View], states: rrb.View) -> rrb.Container:
-    """A knee in a column of its own: what is looked at less lies behind."""
-    in_front = [plots[path] for path in (FLEXION, CONTACT_POINT, BODY_WEIGHTS, DEPTHS)]
-    flexion, point, force, depth = in_front
-    behind = [plot for path, plot in plots.items() if plot not in in_front and path not in (NEWTONS, SLIDING)]
-    return rrb.Vertical(
-        rrb.Horizontal(_plane(drawing), rrb.Vertical(_close(drawing), _events(drawing.knee))),
-        rrb.Grid(
-            flexion,
-            rrb.Tabs(point, plots[SLIDING]),
-            rrb.Tabs(force, plots[NEWTONS]),
-            rrb.Tabs(depth, states, *behind),
-            grid_columns=2,
-        ),
-        row_shares=[4, 5],
-        name=drawing.knee,
-    )
-
-
-def _plane(drawing: KneeOutlines) -> rrb.Spatial2DView:
-    extent = extent_of(drawing)
-    bounds = rrb.VisualBounds2D(x_range=[-1.3 * extent, 1.3 * extent], y_range=[-2.3 * extent, 0.6 * extent])
-    title = f"{drawing.knee}: sagittal [mm], arrow {NEWTONS_PER_MM:g} N/mm"
-    return _spatial(drawing, title, "$origin/**", bounds)
-
-
-def _close(drawing: KneeOutlines) -> rrb.Spatial2DView:
-    low, high = drawing.contact_range
-    middle, half = 0.5 * MM * (low + high), 0.5 * MM * (high - low) + CLOSE
-    height = -MM * float(drawing.tibia[abs(drawing.tibia[:, 0]).argmin(), 1])
-    bounds = rrb.VisualBounds2D(
-        x_range=[middle - half, middle + half], y_range=[height - 0.3 * half, height + 0.15 * half]
-    )
-    contents = ["$origin/**", f"- $origin/{LEGEND}", f"- $origin/{ARROW}"]
-    return _spatial(drawing, f"{drawing.knee}: contact, overlap and path [mm]", contents, bounds)
-
-
-def _spatial(
-    drawing: KneeOutlines, name: str, contents: str | list[str], bounds: rrb.VisualBounds2D
-) -> rrb.Spatial2DView:
-    root = f"{drawing.knee}/{SAGITTAL}"
+def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DView:
+    camera = f"{drawing.knee}/{CAMERA}"
     recent = rrb.VisibleTimeRange(
         TIMELINE,
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-PATH_SPAN),
         end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
     )
-    overrides = {f"{root}/{PATH}": rrb.VisibleTimeRanges([recent])}
     return rrb.Spatial2DView(
-        origin=root, contents=contents, name=name, background=DARK, visual_bounds=bounds,
-        overrides=overrides,  # type: ignore[arg-type]
+        origin=camera, contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
+        name=plane_title(drawing, several), background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=frame.x, y_range=frame.y),
+        overrides={f"{camera}/{PATH}": rrb.VisibleTimeRanges([recent])},
     )  # fmt: skip
 
 
-def _plot(knee: str, plot: Plot, follow: bool) -> rrb.TimeSeriesView:
-    paths = [plot.path, LAYER] if plot.path == DEPTHS else [plot.path]
+def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
+    """What stands above the plane of a knee; the narrower one of several has room for less."""
+    knee = drawing.anatomy
+    drawn = " (drawn only)" if knee.thickness_is_drawn else ""
+    cartilage = f"cartilage 2 × {1e3 * knee.thickness:.2g} mm{drawn}"
+    return f"{drawing.knee}: {cartilage}" if several else f"{drawing.knee}: sagittal plane, {cartilage}"
+
+
+def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.TimeSeriesView:
+    contents = []
+    for drawing in drawings:
+        paths = [plot.path, *([LAYER] if plot.path == DEPTHS and drawing.has_bone else [])]
+        contents += [rr.new_entity_path([drawing.knee, CURVES, path]) for path in paths]
     return rrb.TimeSeriesView(
-        origin=f"{knee}/{CURVES}",
-        contents=[f"$origin/{path}" for path in paths],
-        name=f"{knee}: {plot.title[0].lower()}{plot.title[1:]}",
+        origin="/",
+        contents=contents,
+        name=title_of(drawings, plot),
         axis_x=_time_axis(follow),
         plot_legend=rrb.PlotLegend(visible=False),  # it would cover curves; the title tells the colours
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.anatomy import Anatomy, anatomy_of
 from knee_contact_ros.view.window import executable
 
 VIEWER = "knee_contact_ros.view.output"
@@ -24,6 +26,8 @@ NEWTONS_PER_MM = 50.0
 """Scale of the force arrow"""
 FLEXIONS = np.radians(np.arange(0.0, 81.0, 5.0))
 """Angles [rad] between which a walking knee's contact is looked for"""
+STILL = 1e-5
+"""Less of a way [m] is none"""
 Floats = NDArray[np.float64]
 
 
@@ -42,6 +46,19 @@ class KneeOutlines(NamedTuple):
     """x [m] between which the contact of a walking knee lies"""
     body_weight: float
     """[N] unit of the forces shown"""
+    anatomy: Anatomy
+    """What is drawn of bones and cartilage"""
+
+    @property
+    def has_bone(self) -> bool:
+        """Whether the contact law has a second layer."""
+        return math.isfinite(self.second_layer)
+
+    @property
+    def point_moves(self) -> bool:
+        """Whether the contact of a walking knee moves along the plateau: that of a circle on a hinge stands still."""
+        low, high = self.contact_range
+        return high - low > STILL
 
 
 class Serving(NamedTuple):
@@ -80,7 +97,10 @@ def sink_for(knee: Knee) -> Sink | None:
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     """The outlines of a model; forces will be shown in units of `body_weight` [N]."""
     femur, tibia = model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH)
-    return KneeOutlines(knee, femur, tibia, model.cartilage_thickness, contact_range(model), body_weight)
+    reach = contact_range(model)
+    return KneeOutlines(
+        knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach)
+    )  # fmt: skip
 
 
 def contact_range(model: KneeModel) -> tuple[float, float]:

@@ -107,5 +107,6 @@ def open_output(path: Path | None, serving: Serving, drawing: KneeOutlines) -> V
         drawings = [drawing._replace(knee=name) for name in serving.knees or [drawing.knee]]
         outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
     window = open_window(address(serving.port)) if serving.window and not path else None
-    scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path)
+    number = serving.knees.index(drawing.knee) if len(serving.knees) > 1 and not path else None
+    scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path, number=number)
     return Viewer(outlet, scene, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)

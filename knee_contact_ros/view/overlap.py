@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-POINTS = 25
+POINTS = 13
 """Along an overlap"""
 SAMPLES = 33
 """Places at which the outlines are compared first"""

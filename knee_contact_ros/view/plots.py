@@ -10,17 +10,22 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.view.colours import ANGLE, BAND, BONE, CARTILAGE, COST, DEPTH, ERROR, FORCE, LOAD, SLIP, Colour
+from knee_contact_ros.view.outlines import KneeOutlines
 
 Floats = NDArray[np.float64]
 MM = 1e3
 MICRO = 1e6
 
 
+NOISE, LEAST = 3.0, 0.01
+"""Force less load is none where it is less than so many times its estimated error, or less than that [BW]"""
+
+
 class Series(NamedTuple):
     """A curve."""
 
     name: str
-    """In the legend, with its unit"""
+    """With its unit"""
     colour: Colour
     width: float
     values: Callable[[Rows, float], Floats]
@@ -33,6 +38,9 @@ class Plot(NamedTuple):
     path: str
     """Of its entity under `KNEE/curves`"""
     title: str
+    """With its unit and the colours of one knee"""
+    titles: str
+    """The same where several knees share the view: their colours are told behind it"""
     series: tuple[Series, ...]
     live: bool = False
     """Whether only a running node has it"""
@@ -40,47 +48,72 @@ class Plot(NamedTuple):
     """Whether a value holds until the next one"""
 
 
+def _excess(shown: Rows, weight: float) -> Floats:
+    """Contact force less load [BW]; 0 where it is noise."""
+    excess = shown["contact_force"] - shown["load"]
+    noise = np.maximum(NOISE * np.nan_to_num(shown["force_error_estimate"]), LEAST * weight)
+    return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
+
+
 LAYER = "layer"
 """Entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = BONE
-FLEXION, CONTACT_POINT, SLIDING, NEWTONS, BODY_WEIGHTS, DEPTHS = (
-    "flexion", "contact_point", "sliding", "force_newton", "force_body_weights", "depth"
-)  # fmt: skip
-PLOTS = (
-    Plot(FLEXION, "Flexion angle [deg]", (
+FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
+KNEE = (
+    Plot(FLEXION, "Flexion angle [deg]", "Flexion angle [deg]", (
         Series("flexion angle [deg]", ANGLE, 2.0, lambda shown, _: np.degrees(shown["flexion_angle"])),
     )),
-    Plot(CONTACT_POINT, "Contact point, anterior > 0 [mm]", (
-        Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
-    )),
-    Plot(SLIDING, "Sliding velocity, anterior > 0 [mm/s]", (
-        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
-    )),
-    Plot(NEWTONS, "Force ± error [N]; load grey", (
-        Series("force - error [N]", BAND, 1.0, lambda shown, _: shown["contact_force"] - shown["force_error_estimate"]),
-        Series("force + error [N]", BAND, 1.0, lambda shown, _: shown["contact_force"] + shown["force_error_estimate"]),
-        Series("contact force [N]", FORCE, 3.0, lambda shown, _: shown["contact_force"]),
-        Series("load [N]", LOAD, 1.0, lambda shown, _: shown["load"]),
-    )),
-    Plot(BODY_WEIGHTS, "Force [BW]; load grey", (
+    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]",
+         "Contact force ± error, thick; load; force - load [BW of {weight} N]", (
+        Series("force - error [BW]", BAND, 1.0,
+               lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
+        Series("force + error [BW]", BAND, 1.0,
+               lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
         Series("contact force [BW]", FORCE, 3.0, lambda shown, weight: shown["contact_force"] / weight),
         Series("load [BW]", LOAD, 1.0, lambda shown, weight: shown["load"] / weight),
+        Series("force - load [BW]", LOAD, 1.0, _excess),
     )),
-    Plot(DEPTHS, "Depth ± error [mm]; pink: bone", (
-        Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (of["penetration_depth"] - of["error_estimate"])),
-        Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (of["penetration_depth"] + of["error_estimate"])),
-        Series("penetration depth [mm]", DEPTH, 2.0, lambda shown, _: MM * shown["penetration_depth"]),
-        Series("gap [mm]", LOAD, 1.0, lambda shown, _: MM * shown["gap"]),
+    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", "Depth ± error, apart < 0 [mm]", (
+        Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
+        Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
+        Series("depth [mm]", DEPTH, 2.0, lambda shown, _: MM * _signed(shown)),
     )),
-    Plot("error", "Error: depth [µm], orange force [N]", (
-        Series("error of the force [N]", FORCE, 1.5, lambda shown, _: shown["force_error_estimate"]),
-        Series("error of the depth [µm]", ERROR, 1.5, lambda shown, _: MICRO * shown["error_estimate"]),
+    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]",
+         "Contact point on the plateau, anterior > 0 [mm]", (
+        Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
     )),
-    Plot("evaluations", "Contact law evaluations per tick", (
+)  # fmt: skip
+"""What stands beside the sagittal plane"""
+DETAILS = (
+    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", "Sliding velocity, anterior > 0 [mm/s]", (
+        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
+    )),
+    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]",
+         "Estimated errors: depth, thick [µm]; force [N]", (
+        Series("error of the force [N]", FORCE, 1.0, lambda shown, _: shown["force_error_estimate"]),
+        Series("error of the depth [µm]", ERROR, 2.0, lambda shown, _: MICRO * shown["error_estimate"]),
+    )),
+    Plot("evaluations", "Contact law evaluations per tick", "Contact law evaluations per tick", (
         Series("evaluations per tick", COST, 1.5, lambda shown, _: shown["evaluations"]),
     ), steps=True),
-    Plot("latency", "Latency from load to answer [ms]", (
+    Plot("latency", "Latency from load to answer [ms]", "Latency from load to answer [ms]", (
         Series("latency [ms]", ANGLE, 1.0, lambda shown, _: MM * shown["latency"]),
     ), live=True),
 )  # fmt: skip
+"""What stands in the second tab"""
+
+
+LOAD_PLACE = 3
+"""Of the load in `FORCES`"""
+
+
+def _signed(shown: Rows) -> Floats:
+    """Depth [m], < 0 apart."""
+    return np.asarray(shown["penetration_depth"] - shown["gap"])
+
+
+def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
+    """Those in which there is something to see of a knee."""
+    shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
+    return shown + [plot for plot in DETAILS if latency or not plot.live]

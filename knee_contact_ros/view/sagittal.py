@@ -1,6 +1,9 @@
-"""The sagittal plane in mm: femur over plateau, overlap, contact point and force.
+"""The sagittal plane in mm: femur over tibia, cartilage, overlap, contact point and force.
 
-On the screen y points down in Rerun's 2-D views, so y is negated here.
+Rerun fills no polygons in a plane, but triangles in space. So the knee stands in space, upright before a camera that
+is so far away, and of such a focal length, that a millimetre of it is one on the screen; a plane's view through that
+camera can be moved and magnified, not turned. What is to be seen in front stands a little nearer. On the screen y
+points down, so y is negated here.
 """
 
 from __future__ import annotations
@@ -13,42 +16,91 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, FORCE, NAME_OF_STATE, OF_STATE, SURFACE, WAY
+from knee_contact_ros.view.anatomy import MAGNIFICATION
+from knee_contact_ros.view.colours import (
+    BONE,
+    CARTILAGE,
+    COVER,
+    EDGE,
+    FEMUR,
+    FORCE,
+    OF_STATE,
+    TEXT,
+    TIBIA,
+    WAY,
+)
+from knee_contact_ros.view.frame import SCALE_BAR, Frame
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
-from knee_contact_ros.view.overlap import overlaps
+from knee_contact_ros.view.overlap import POINTS, overlaps
+from knee_contact_ros.view.triangles import band, triangles_of
 
 MM = 1e3
 ON_SCREEN = np.array([MM, -MM])
 """From [m] in the tibia frame to mm on the screen"""
 PICTURE_PERIOD = 5_000_000
 """[ns] of stamps in which there is one picture: more than a screen can show"""
-WIDE, NARROW, POINT_SIZE, PATH_SIZE = -1.5, -0.8, -4.5, -1.2
+AWAY, NEARER = 1000.0, 0.2
+"""The camera's distance from the knee [mm], and what is in front of something is that much nearer to it"""
+LAYERS = ("tibia", "tibial cartilage", "femur", "femoral cartilage", "edge", "overlap")
+"""From back to front"""
+THIN, LINE, WIDE, POINT_SIZE, PATH_SIZE = -0.6, -1.0, -2.2, -4.5, -1.4
 """Half widths on the screen, whatever the magnification: negative in Rerun"""
 ON_TOP, ABOVE = 40.0, 35.0
 """Draw orders; 30 is that of other points"""
-LONG_AXIS = 45.0
-"""Length [mm] of the femur's axis that is drawn"""
-SAGITTAL, FEMUR, POINT, PATH, OVERLAP, ARROW, LEGEND = (
-    "sagittal", "femur", "contact_point", "contact_path", "overlap", "contact_force_on_femur", "legend"
+UNSEEN = -0.01
+"""Half width of a point that only its label shows"""
+FORCE_ABOVE = 9.0
+"""How far [mm] above the arrow's tip its value stands; words stand below their places"""
+CAMERA, BODY = "sagittal", "body"
+"""Entities of the camera, with marks in front of the knee, and of the knee"""
+MOVING_FEMUR, POINT, PATH, OVERLAP, ARROW, FORCE_NAME, DEPTH = (
+    "femur", "contact_point", "contact_path", "overlap", "contact_force_on_femur", "contact_force", "depth"
 )  # fmt: skip
+Floats = NDArray[np.float64]
 Send = Callable[[str, Any], None]
 """Takes an entity's path and what to show there"""
 
 
+def camera() -> rr.Pinhole:
+    """What the plane is seen through: a millimetre at its distance is one on the screen."""
+    return rr.Pinhole(focal_length=AWAY, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
+
+
 def plane_still(drawing: KneeOutlines, send: Send) -> None:
-    """Send what does not change."""
-    femur, extent = drawing.femur * ON_SCREEN, extent_of(drawing)
-    send(f"{FEMUR}/surface", rr.LineStrips2D([femur], colors=[SURFACE], radii=[WIDE]))
-    axis = [[0.0, 0.0], [0.0, -LONG_AXIS]]
-    send(f"{FEMUR}/long_axis", rr.LineStrips2D([axis], colors=[APART], radii=[NARROW]))
-    send(f"{FEMUR}/reference_point", rr.Points2D([[0.0, 0.0]], colors=[APART], radii=[PATH_SIZE]))
-    send("tibial_plateau", rr.LineStrips2D([drawing.tibia * ON_SCREEN], colors=[SURFACE], radii=[WIDE]))
+    """Send what does not change of what is filled."""
+    knee = drawing.anatomy
+    for name, bone, cover, colour in (
+        ("tibia", knee.tibia_bone, knee.tibia_cartilage, TIBIA),
+        (MOVING_FEMUR, knee.femur_bone, knee.femur_cartilage, FEMUR),
+    ):
+        cartilage = "tibial cartilage" if name == "tibia" else "femoral cartilage"
+        send(f"{name}/bone", _filled(bone, name, colour))
+        send(f"{name}/cartilage", _filled(cover, cartilage, COVER))
+        edges = [_in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge") for shape in (bone, cover)]
+        send(f"{name}/edges", rr.LineStrips3D(edges, colors=[EDGE, COVER], radii=[THIN]))
+    rows = 2 if drawing.has_bone else 1
+    indices = np.concatenate([band(POINTS, first=2 * POINTS * pair) for pair in range(1 + rows)])
+    paints = np.array([CARTILAGE, CARTILAGE, BONE][: 1 + rows], dtype=np.uint8)
+    send(OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=paints.repeat(2 * POINTS, axis=0)))
+
+
+def marks_still(frame: Frame, send: Send) -> None:
+    """Send what does not change of the marks in front of the knee."""
+    corner, length = np.array(frame.axes), frame.axis_length
+    ends = np.array([[length, 0.0], [0.0, -length]])
+    send("axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[TEXT], radii=[LINE]))
+    send("axes/anterior", _text(corner + 1.1 * ends[0], "anterior"))
+    send("axes/superior", _text(corner + 1.5 * ends[1], "superior"))
+    bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
+    send("scale", rr.LineStrips2D([bar], colors=[TEXT], radii=[WIDE]))
+    send("scale/name", _text(bar.mean(axis=0), f"{SCALE_BAR:g} mm"))
+    send("tibia/name", _text(frame.tibia_name, "tibia"))
+    send(f"{MOVING_FEMUR}/name", _text(frame.femur_name, "femur"))
     send(POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP))
     send(PATH, rr.Points2D.from_fields(colors=[WAY], radii=[PATH_SIZE], draw_order=ABOVE))
     send(ARROW, rr.Arrows2D.from_fields(colors=[FORCE], radii=[WIDE]))
-    names, colours = list(NAME_OF_STATE.values()), [APART, CARTILAGE, BONE]
-    places = [[(number - 1) * extent, 0.35 * extent] for number in range(len(names))]
-    send(LEGEND, rr.Points2D(places, labels=names, colors=colours, radii=[POINT_SIZE], show_labels=True))
+    send(FORCE_NAME, rr.Points2D.from_fields(colors=[TEXT], radii=[UNSEEN], show_labels=True))
+    send(DEPTH, rr.Points2D.from_fields(positions=[frame.depth_name], colors=[TEXT], radii=[UNSEEN], show_labels=True))
 
 
 class Pictures:
@@ -66,27 +118,39 @@ class Pictures:
 
 
 def plane_moving(drawing: KneeOutlines, shown: Rows, layer: float, send: Send) -> None:
-    """Send pictures, at least one; the second layer begins at the depth `layer` [m]."""
-    zero = np.zeros(len(shown))
-    half = -0.5 * shown["flexion_angle"]  # the screen's y points down, so a turn changes its sign
-    turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-    place = np.stack([MM * shown["femoral_x"], -MM * shown["femoral_height"], zero], axis=1)
-    send(FEMUR, rr.Transform3D.columns(translation=place, quaternion=turn))
+    """Send pictures of what is filled, at least one; the second layer begins at the depth `layer` [m]."""
+    send(MOVING_FEMUR, _pose(shown))
+    send(OVERLAP, _overlap(drawing, shown, layer))
+
+
+def marks_moving(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
+    """Send the marks of as many pictures."""
+    send(MOVING_FEMUR, _pose(shown))
     point = np.stack([shown["contact_point"]["x"], shown["contact_point"]["y"]], axis=1) * ON_SCREEN
     colours = OF_STATE[shown["contact_state"].astype(int)]
     send(POINT, rr.Points2D.columns(positions=point, colors=colours))
     send(PATH, rr.Points2D.columns(positions=point))
-    arrow = shown["contact_force"][:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
+    force = shown["contact_force"]
+    arrow = force[:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
-    send(OVERLAP, _overlap(drawing, shown, layer))
+    weights = force / drawing.body_weight
+    labels = [f"{n:.0f} N = {w:.2f} BW" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
+    send(FORCE_NAME, rr.Points2D.columns(positions=point + arrow - [0.0, FORCE_ABOVE], labels=labels))
+    depths, gaps = (MM * shown[name] for name in ("penetration_depth", "gap"))
+    told = [_told(*pair) for pair in zip(depths.tolist(), gaps.tolist(), strict=True)]
+    send(DEPTH, rr.Points2D.columns(labels=told))
 
 
-def extent_of(drawing: KneeOutlines) -> float:
-    """How far the femur reaches from its reference point [mm]."""
-    return MM * float(np.hypot(*drawing.femur.T).max())
+def _pose(shown: Rows) -> Any:
+    """Where the femur is."""
+    zero = np.zeros(len(shown))
+    half = -0.5 * shown["flexion_angle"]  # the screen's y points down, so a turn changes its sign
+    turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
+    place = np.stack([MM * shown["femoral_x"], -MM * shown["femoral_height"], zero], axis=1)
+    return rr.Transform3D.columns(translation=place, quaternion=turn)
 
 
-def turned(femur: NDArray[np.float64], shown: Rows) -> NDArray[np.float64]:
+def turned(femur: Floats, shown: Rows) -> Floats:
     """Outlines of the femur, shape (n, m, 2) [m], in the tibia frame; flexion turns from anterior to superior."""
     cosine, sine = np.cos(shown["flexion_angle"])[:, None], np.sin(shown["flexion_angle"])[:, None]
     x = shown["femoral_x"][:, None] + cosine * femur[:, 0] - sine * femur[:, 1]
@@ -95,16 +159,39 @@ def turned(femur: NDArray[np.float64], shown: Rows) -> NDArray[np.float64]:
 
 
 def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
-    """Upright lines where the outlines overlap, in the colour of the layer that is reached there."""
+    """The overlap as it is, and its layers one by one with their depth magnified."""
     radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
     found = overlaps(
         turned(drawing.femur, shown), drawing.tibia, shown["contact_point"]["x"], shown["penetration_depth"], radius
     )
-    there = (found.upper > found.lower) & (shown["penetration_depth"] > 0.0)[:, None]
-    ends = np.stack([np.stack([found.x, found.lower], axis=2), np.stack([found.x, found.upper], axis=2)], axis=2)
-    deep = found.upper - found.lower > layer
-    colours = np.where(deep[..., None], *np.array([BONE, CARTILAGE], dtype=np.uint8))
-    numbers = there.sum(axis=1)
-    radii = np.repeat(0.5 * MM * (found.x[:, 1] - found.x[:, 0]), numbers)
-    lines = (ends * ON_SCREEN)[there]
-    return rr.LineStrips2D.columns(strips=lines, colors=colours[there], radii=radii).partition(numbers)
+    normal = np.stack([shown["normal_x"], shown["normal_y"]], axis=1)
+    depth = (found.upper - found.lower) * normal[:, None, 1]
+    rows = [np.stack([found.x, y], axis=2) for y in (found.upper, found.lower)]
+    ends = [0.0 * depth, depth] if not drawing.has_bone else [
+        0.0 * depth, np.minimum(depth, layer), np.minimum(depth, layer), depth
+    ]  # fmt: skip
+    rows += [rows[0] - MAGNIFICATION * end[..., None] * normal[:, None] for end in ends]
+    corners = np.stack(rows, axis=1) * ON_SCREEN
+    vertices = _in_space(corners.reshape(-1, 2), "overlap")
+    return rr.Mesh3D.columns(vertex_positions=vertices).partition(np.full(len(shown), len(rows) * POINTS))
+
+
+def _told(depth: float, gap: float) -> str:
+    """What stands beside the overlap; both in mm."""
+    return f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep, drawn × {MAGNIFICATION:g}"
+
+
+def _filled(polygon: Floats, layer: str, colour: tuple[int, int, int]) -> rr.Mesh3D:
+    vertices = _in_space(polygon * ON_SCREEN, layer)
+    return rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles_of(polygon), albedo_factor=colour)
+
+
+def _text(place: Any, text: str) -> rr.Points2D:
+    """A word below a place on the screen, shape (2,) [mm]."""
+    return rr.Points2D([place], labels=[text], colors=[TEXT], radii=[UNSEEN], show_labels=True)
+
+
+def _in_space(points: Floats, layer: str) -> NDArray[np.float32]:
+    """Points of the screen, shape (n, 2) [mm], where they stand before the camera."""
+    away = np.full((len(points), 1), AWAY - NEARER * LAYERS.index(layer))
+    return np.concatenate([points, away], axis=1).astype(np.float32)

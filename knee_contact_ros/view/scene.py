@@ -11,11 +11,21 @@ import numpy as np
 import rerun as rr
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE
+from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES
+from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, PLOTS
+from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, plots_of
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
-from knee_contact_ros.view.sagittal import SAGITTAL, Pictures, plane_moving, plane_still
+from knee_contact_ros.view.sagittal import (
+    BODY,
+    CAMERA,
+    Pictures,
+    camera,
+    marks_moving,
+    marks_still,
+    plane_moving,
+    plane_still,
+)
 
 TIMELINE = "stamp"
 CURVES, EVENTS, STATES = "curves", "events", "states"
@@ -41,14 +51,16 @@ class Scene:
         latency: bool = False,
         pause: float = 0.0,
         forgetful: bool = False,
+        number: int | None = None,
     ) -> None:
         """Write what does not change.
 
         `latency` says whether there will be some. Rest for `pause` [s] between two messages to Rerun. Where what is
-        old gets lost (`forgetful`), states are repeated.
+        old gets lost (`forgetful`), states are repeated. `number` is the knee's among several in one scene, which its
+        curves' colour tells.
         """
         self._recording, self._drawing, self._pause = recording, drawing, pause
-        self._plots = [plot for plot in PLOTS if latency or not plot.live]
+        self._plots, self._number = plots_of(drawing, latency), number
         self._layer = drawing.second_layer
         self._pictures = Pictures()
         self._remarks = Remarks(drawing.body_weight)
@@ -80,8 +92,8 @@ class Scene:
         pictures = self._pictures.choose(shown["stamp"])
         if len(pictures):
             drawn = shown[pictures]
-            send = self._to(SAGITTAL, drawn["stamp"])
-            plane_moving(self._drawing, drawn, self._layer, send)
+            plane_moving(self._drawing, drawn, self._layer, self._to(BODY, drawn["stamp"]))
+            marks_moving(self._drawing, drawn, self._to(CAMERA, drawn["stamp"]))
         self._write_changes(CONTACT, shown["stamp"], shown["contact_state"], list(NAME_OF_STATE.values()))
         self._write_changes(LEVEL, shown["stamp"], shown["fidelity"], LEVEL_NAMES)
         self._tell(self._remarks.take(shown))
@@ -107,14 +119,20 @@ class Scene:
 
     def _write_still(self) -> None:
         def at(root: str) -> Callable[[str, Any], None]:
-            return lambda path, what: self._recording.log(f"{self._drawing.knee}/{root}/{path}", what, static=True)
+            place = f"{self._drawing.knee}/{root}"
+            return lambda path, what: self._recording.log(f"{place}/{path}" if path else place, what, static=True)
 
-        plane_still(self._drawing, at(SAGITTAL))
+        at(CAMERA)("", camera())
+        plane_still(self._drawing, at(BODY))
+        marks_still(frame_of(self._drawing), at(CAMERA))
         for plot in self._plots:
             names, colours, widths = zip(*(series[:3] for series in plot.series), strict=True)
+            if self._number is not None:
+                colours = (OF_KNEES[self._number % len(OF_KNEES)].colour,) * len(names)
             mode = rr.components.InterpolationMode.StepAfter if plot.steps else None
             at(CURVES)(plot.path, rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode))
-        at(CURVES)(LAYER, rr.SeriesLines(names=[LAYER_NAME], colors=[LAYER_COLOUR], widths=[1.5]))
+        if self._drawing.has_bone:
+            at(CURVES)(LAYER, rr.SeriesLines(names=[LAYER_NAME], colors=[LAYER_COLOUR], widths=[1.5]))
         names = list(NAME_OF_STATE.values())
         at(STATES)(CONTACT, rr.StateConfiguration(values=names, colors=[APART, CARTILAGE, BONE]))
         at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))

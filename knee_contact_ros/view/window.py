@@ -8,11 +8,11 @@ import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.system.ports import LOCALHOST
+from knee_contact_ros.system.ports import LOCALHOST, free_port
 from knee_contact_ros.system.processes import Process, start
 from knee_contact_ros.view.visitors import unguessable_address
 
@@ -76,9 +76,27 @@ def executable(wanted: str = "") -> Path:
     return path
 
 
-def hidden() -> tuple[str, ...]:
+class Hidden(NamedTuple):
     """Where the viewer's own server listens: it answers whoever finds it."""
-    return "--bind", unguessable_address(), *ANY_PORT
+
+    address: str
+    port: int
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """For the viewer."""
+        return "--bind", self.address, "--port", str(self.port)
+
+    @property
+    def url(self) -> str:
+        """For programs that tell it what to show."""
+        return f"rerun+http://{self.address}:{self.port}/proxy"
+
+
+def hidden() -> Hidden:
+    """A place that nobody else knows, and that is free."""
+    address = unguessable_address()
+    return Hidden(address, free_port(address))
 
 
 def has_screen() -> bool:
@@ -115,7 +133,7 @@ def uncoloured() -> dict[str, str]:
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """What opens a viewer that shows what is served at some addresses."""
-    return [*BEHIND, str(executable()), *hidden(), "--memory-limit", MEMORY, *addresses]
+    return [*BEHIND, str(executable()), *hidden().options, "--memory-limit", MEMORY, *addresses]
 
 
 def open_window(address: str) -> Window:

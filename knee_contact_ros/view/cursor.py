@@ -1,0 +1,76 @@
+"""Puts the time cursor of a viewer on the largest load: no file can tell it (Rerun 0.41), but a program can."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from typing import NamedTuple
+
+import numpy as np
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
+
+from knee_contact_ros.view.plots import FORCES, LOAD_PLACE
+from knee_contact_ros.view.scene import CURVES, TIMELINE
+
+PATIENCE = 60.0
+"""How long [s] a viewer may take to load a file"""
+PAUSE = 0.1
+"""[s] between two looks"""
+
+
+class Moment(NamedTuple):
+    """A stamp."""
+
+    stamp: int
+    """[ns]"""
+    is_date: bool
+
+
+def peak_of(path: Path) -> Moment | None:
+    """When the load of any knee in a Rerun file was largest; none where there is no load in it."""
+    found: list[tuple[float, Moment]] = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path.endswith(f"/{CURVES}/{FORCES}") and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            stamps = batch.column(TIMELINE)
+            loads = np.array(batch.column("Scalars:scalars").to_pylist())[:, LOAD_PLACE]
+            best = int(loads.argmax())
+            moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
+            found.append((float(loads[best]), moment))
+    return max(found)[1] if found else None
+
+
+def put_on_peak(path: Path, viewer: str) -> None:
+    """Do so as soon as the viewer that listens at an address has loaded the file; without a hurry, or a complaint."""
+    Thread(target=_put, args=(path, viewer), name="cursor", daemon=True).start()
+
+
+def _put(path: Path, viewer: str) -> None:
+    with suppress(Exception):  # nothing depends on it: the viewer may be gone, or the file be none of ours
+        moment = peak_of(path)
+        if moment:
+            client = _loaded(viewer)
+            if moment.is_date:
+                client.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp, "ns"), play_state="paused")
+            else:
+                client.set_time(TIMELINE, duration=np.timedelta64(moment.stamp, "ns"), play_state="paused")
+
+
+def _loaded(viewer: str) -> ViewerClient:
+    """The viewer, when it has nothing left to load.
+
+    Raises:
+        TimeoutError: it was not so in time.
+    """
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        with suppress(Exception):  # nobody answers yet; the library raises what it likes
+            client = ViewerClient.connect(viewer)
+            state = client.get_state()
+            if state.views and not state.loading and any(item.timelines for item in state.recordings):
+                return client
+        time.sleep(PAUSE)
+    raise TimeoutError

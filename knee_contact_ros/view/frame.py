@@ -1,0 +1,69 @@
+"""How much of the sagittal plane is seen, the same for all knees of a scene, and where words stand in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.view.anatomy import placed
+from knee_contact_ros.view.outlines import KneeOutlines
+
+MM = 1e3
+SCALE_BAR = 10.0
+"""[mm]"""
+FLEXIONS = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
+"""Angles [rad] at which a walking knee is seen whole"""
+MARGIN = 6.0
+"""Around it [mm]"""
+WORD = 10.0
+"""What is left for words below the marks at the bottom [mm]"""
+
+
+class Frame(NamedTuple):
+    """All in mm on the screen, whose y points down."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    axes: tuple[float, float]
+    """Where the arrows to anterior and superior begin"""
+    axis_length: float
+    scale: tuple[float, float]
+    """Where the scale bar begins"""
+    femur_name: tuple[float, float]
+    """On the shaft, femur frame"""
+    tibia_name: tuple[float, float]
+    depth_name: tuple[float, float]
+
+
+def frame_of(drawing: KneeOutlines) -> Frame:
+    """What is seen of a knee."""
+    knee, (low, high) = drawing.anatomy, drawing.contact_range
+    lowest = knee.femur_cartilage[:, 1].min()
+    shapes = [placed(knee.femur_bone, angle, 0.0, -lowest) for angle in FLEXIONS]
+    points = MM * np.concatenate([*shapes, knee.tibia_bone])
+    (left, bottom), (right, top) = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
+    floor = -bottom - WORD
+    shaft = knee.femur_bone[knee.femur_bone[:, 1] > knee.femur_bone[:, 1].max() - 1e-6]
+    middle = MM * 0.5 * (low + high)
+    plateau = MM * float(np.interp(0.5 * (low + high), *drawing.tibia.T))
+    depth = MM * float(np.ptp(knee.tibia_bone[:, 1]))
+    length = 0.09 * (right - left)
+    return Frame(
+        (left, right), (-top, -bottom),
+        axes=(left + WORD, floor), axis_length=length,
+        scale=(right - MARGIN - SCALE_BAR, floor),
+        femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + 10.0),
+        tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 5.0),
+        depth_name=(middle, -plateau + min(11.0, 0.37 * depth)),
+    )  # fmt: skip
+
+
+def common(frames: Sequence[Frame]) -> Frame:
+    """The first one, as large as all of them need: knees side by side have one scale."""
+    x, y = (np.array([frame[axis] for frame in frames]) for axis in (0, 1))
+    first = frames[0]
+    return first._replace(
+        x=(float(x[:, 0].min()), float(x[:, 1].max())), y=(float(y[:, 0].min()), float(y[:, 1].max()))
+    )
