@@ -19,7 +19,10 @@ TIBIA: Colour = (196, 184, 160)
 FEMUR: Colour = (222, 212, 190)
 EDGE: Colour = (92, 84, 70)
 COVER: Colour = (128, 178, 200)
-TEXT: Colour = (235, 235, 235)
+TEXT: Colour = (240, 240, 240)
+"""Of words beside the bones. Rerun puts half-transparent boxes under words, black or white with the theme"""
+INK: Colour = (24, 20, 14)
+"""Of words on the bones"""
 ANGLE: Colour = (70, 170, 120)
 FORCE: Colour = (240, 120, 70)
 LOAD: Colour = (150, 150, 165)

@@ -35,20 +35,19 @@ class Frame(NamedTuple):
     """On the shaft, femur frame"""
     tibia_name: tuple[float, float]
     depth_name: tuple[float, float]
+    """Behind the tibia"""
 
 
 def frame_of(drawing: KneeOutlines) -> Frame:
     """What is seen of a knee."""
-    knee, (low, high) = drawing.anatomy, drawing.contact_range
+    knee = drawing.anatomy
     lowest = knee.femur_cartilage[:, 1].min()
     shapes = [placed(knee.femur_bone, angle, 0.0, -lowest) for angle in FLEXIONS]
     points = MM * np.concatenate([*shapes, knee.tibia_bone])
     (left, bottom), (right, top) = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
     floor = -bottom - WORD
     shaft = knee.femur_bone[knee.femur_bone[:, 1] > knee.femur_bone[:, 1].max() - 1e-6]
-    middle = MM * 0.5 * (low + high)
-    plateau = MM * float(np.interp(0.5 * (low + high), *drawing.tibia.T))
-    depth = MM * float(np.ptp(knee.tibia_bone[:, 1]))
+    rear = MM * knee.tibia_cartilage[0]
     length = 0.09 * (right - left)
     return Frame(
         (left, right), (-top, -bottom),
@@ -56,7 +55,7 @@ def frame_of(drawing: KneeOutlines) -> Frame:
         scale=(right - MARGIN - SCALE_BAR, floor),
         femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + 10.0),
         tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 5.0),
-        depth_name=(middle, -plateau + min(11.0, 0.37 * depth)),
+        depth_name=(0.5 * (left + float(rear[0])), -float(rear[1])),
     )  # fmt: skip
 
 

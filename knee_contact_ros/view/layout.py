@@ -54,7 +54,11 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     title = (plot.titles if several else plot.title).format(weight=weight)
     if plot.path == DEPTHS and any(drawing.has_bone for drawing in drawings):
         title += "; bone begins, pink"
-    names = [f"{drawing.knee} {OF_KNEES[place % len(OF_KNEES)].name}" for place, drawing in enumerate(drawings)]
+    names = [
+        f"{drawing.knee} {OF_KNEES[place % len(OF_KNEES)].name}"
+        for place, drawing in enumerate(drawings)
+        if plot in plots_of(drawing, latency=True)
+    ]
     return f"{title}: {', '.join(names)}" if several else title
 
 

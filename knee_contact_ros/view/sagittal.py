@@ -24,10 +24,12 @@ from knee_contact_ros.view.colours import (
     EDGE,
     FEMUR,
     FORCE,
+    INK,
     OF_STATE,
     TEXT,
     TIBIA,
     WAY,
+    Colour,
 )
 from knee_contact_ros.view.frame import SCALE_BAR, Frame
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
@@ -49,8 +51,10 @@ ON_TOP, ABOVE = 40.0, 35.0
 """Draw orders; 30 is that of other points"""
 UNSEEN = -0.01
 """Half width of a point that only its label shows"""
-FORCE_ABOVE = 9.0
-"""How far [mm] above the arrow's tip its value stands; words stand below their places"""
+ABOVE_TIP = 9.0
+"""How far [mm] above the tip of an arrow its word stands; words stand below their places"""
+FORCE_WITHIN = 0.8
+"""The same above the contact at most, in extents of the femur: where there is bone behind it"""
 CAMERA, BODY = "sagittal", "body"
 """Entities of the camera, with marks in front of the knee, and of the knee"""
 MOVING_FEMUR, POINT, PATH, OVERLAP, ARROW, FORCE_NAME, DEPTH = (
@@ -90,16 +94,16 @@ def marks_still(frame: Frame, send: Send) -> None:
     ends = np.array([[length, 0.0], [0.0, -length]])
     send("axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[TEXT], radii=[LINE]))
     send("axes/anterior", _text(corner + 1.1 * ends[0], "anterior"))
-    send("axes/superior", _text(corner + 1.5 * ends[1], "superior"))
+    send("axes/superior", _text(corner + ends[1] - [0.0, ABOVE_TIP], "superior"))
     bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
     send("scale", rr.LineStrips2D([bar], colors=[TEXT], radii=[WIDE]))
     send("scale/name", _text(bar.mean(axis=0), f"{SCALE_BAR:g} mm"))
-    send("tibia/name", _text(frame.tibia_name, "tibia"))
-    send(f"{MOVING_FEMUR}/name", _text(frame.femur_name, "femur"))
+    send("tibia/name", _text(frame.tibia_name, "tibia", INK))
+    send(f"{MOVING_FEMUR}/name", _text(frame.femur_name, "femur", INK))
     send(POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP))
     send(PATH, rr.Points2D.from_fields(colors=[WAY], radii=[PATH_SIZE], draw_order=ABOVE))
     send(ARROW, rr.Arrows2D.from_fields(colors=[FORCE], radii=[WIDE]))
-    send(FORCE_NAME, rr.Points2D.from_fields(colors=[TEXT], radii=[UNSEEN], show_labels=True))
+    send(FORCE_NAME, rr.Points2D.from_fields(colors=[INK], radii=[UNSEEN], show_labels=True))
     send(DEPTH, rr.Points2D.from_fields(positions=[frame.depth_name], colors=[TEXT], radii=[UNSEEN], show_labels=True))
 
 
@@ -135,7 +139,8 @@ def marks_moving(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
     weights = force / drawing.body_weight
     labels = [f"{n:.0f} N = {w:.2f} BW" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
-    send(FORCE_NAME, rr.Points2D.columns(positions=point + arrow - [0.0, FORCE_ABOVE], labels=labels))
+    within = np.minimum(1.0, FORCE_WITHIN * extent_of(drawing) / np.maximum(np.hypot(*arrow.T), 1e-9))
+    send(FORCE_NAME, rr.Points2D.columns(positions=point + within[:, None] * arrow - [0.0, ABOVE_TIP], labels=labels))
     depths, gaps = (MM * shown[name] for name in ("penetration_depth", "gap"))
     told = [_told(*pair) for pair in zip(depths.tolist(), gaps.tolist(), strict=True)]
     send(DEPTH, rr.Points2D.columns(labels=told))
@@ -150,6 +155,11 @@ def _pose(shown: Rows) -> Any:
     return rr.Transform3D.columns(translation=place, quaternion=turn)
 
 
+def extent_of(drawing: KneeOutlines) -> float:
+    """From the femur's rear to its front [mm]."""
+    return MM * float(np.ptp(drawing.femur[:, 0]))
+
+
 def turned(femur: Floats, shown: Rows) -> Floats:
     """Outlines of the femur, shape (n, m, 2) [m], in the tibia frame; flexion turns from anterior to superior."""
     cosine, sine = np.cos(shown["flexion_angle"])[:, None], np.sin(shown["flexion_angle"])[:, None]
@@ -160,7 +170,7 @@ def turned(femur: Floats, shown: Rows) -> Floats:
 
 def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
     """The overlap as it is, and its layers one by one with their depth magnified."""
-    radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
+    radius = 0.5 * extent_of(drawing) / MM
     found = overlaps(
         turned(drawing.femur, shown), drawing.tibia, shown["contact_point"]["x"], shown["penetration_depth"], radius
     )
@@ -178,17 +188,17 @@ def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
 
 def _told(depth: float, gap: float) -> str:
     """What stands beside the overlap; both in mm."""
-    return f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep, drawn × {MAGNIFICATION:g}"
+    return f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
 
 
-def _filled(polygon: Floats, layer: str, colour: tuple[int, int, int]) -> rr.Mesh3D:
+def _filled(polygon: Floats, layer: str, colour: Colour) -> rr.Mesh3D:
     vertices = _in_space(polygon * ON_SCREEN, layer)
     return rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles_of(polygon), albedo_factor=colour)
 
 
-def _text(place: Any, text: str) -> rr.Points2D:
+def _text(place: Any, text: str, colour: Colour = TEXT) -> rr.Points2D:
     """A word below a place on the screen, shape (2,) [mm]."""
-    return rr.Points2D([place], labels=[text], colors=[TEXT], radii=[UNSEEN], show_labels=True)
+    return rr.Points2D([place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True)
 
 
 def _in_space(points: Floats, layer: str) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient, ViewerState
 
 from knee_contact_ros.system.ports import free_port
-from knee_contact_ros.view.plots import PLOTS
+from knee_contact_ros.view.plots import DETAILS
 from tests.helpers.viewer import rendered, wait_for
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.test_outputs import children, walk
@@ -53,7 +53,7 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     walk(peer, 0, 400)  # nobody looks
     with rendered(address(port)) as screen:
         wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
-        assert len(screen.views()) == len(PLOTS) + 4  # two planes, events, states
+        assert len(screen.views()) == 3 + len(DETAILS) + 3  # plots of a circle; plane, events, states
         assert screen.complaints() == []
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
@@ -147,5 +147,11 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
         assert [line.name for line in recording.timelines] == ["stamp"]
         names = list(screen.views())
         assert screen.complaints() == []
-    assert len([name for name in names if name.startswith("left: ")]) == len(PLOTS) + 4
-    assert len([name for name in names if name.startswith("right: ")]) == len(PLOTS) + 4
+    plots = {name for name in names if name.endswith(": left blue, right orange")}
+    assert len(plots) == 3 + len(DETAILS)
+    each = {
+        f"{side}: {what}"
+        for side in ports
+        for what in ("cartilage 2 × 2.2 mm (drawn only)", "contact and level", "events")
+    }
+    assert set(names) - plots == each

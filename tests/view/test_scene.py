@@ -13,20 +13,27 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.core.types import Rows
+from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.anatomy import placed
+from knee_contact_ros.view.colours import OF_KNEES
+from knee_contact_ros.view.cursor import peak_of
+from knee_contact_ros.view.frame import common, frame_of
+from knee_contact_ros.view.layout import plane_title, title_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
-from knee_contact_ros.view.plots import LAYER_COLOUR, PLOTS
+from knee_contact_ros.view.overlap import POINTS
+from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, plots_of
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
-from tests.helpers.answers import rows_of
+from tests.helpers.answers import contact, rows_of
 from tests.helpers.messages import raw_inputs
 from tests.view.rrd import column, entities, lists
 
 WEIGHT = 737.068
+PLOTS = (*KNEE, *DETAILS)
 
 
 def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
@@ -75,14 +82,15 @@ def test_every_curve_holds_every_tick(knee: tuple[KneeOutlines, list[Answer]], t
     depth, error = (np.array([getattr(c, name) for c in contacts]) for name in ("penetration_depth", "error_estimate"))
     load, force = (np.array([getattr(contact, name) for contact in contacts]) for name in ("load", "contact_force"))
     near = pytest.approx  # the same arithmetic in another order: a few roundings of 1e-16
-    assert curves["depth"][:, 0] == near(1e3 * (depth - error), rel=1e-12)
-    assert curves["depth"][:, 1] == near(1e3 * (depth + error), rel=1e-12)
-    assert curves["depth"][:, 2] == near(1e3 * depth, rel=1e-12)
-    assert curves["depth"][:, 3] == near([1e3 * contact.gap for contact in contacts], rel=1e-12)
+    gap = np.array([contact.gap for contact in contacts])
+    signed = 1e3 * np.stack([depth - gap - error, depth - gap + error, depth - gap], 1)
+    assert curves["depth"] == near(signed, rel=1e-12)
     uncertain = np.array([contact.force_error_estimate for contact in contacts])
-    bands = np.stack([force - uncertain, force + uncertain, force, load], 1)
-    assert curves["force_newton"] == near(bands, rel=1e-12, nan_ok=True)
-    assert curves["force_body_weights"] == near(np.stack([force, load], 1) / WEIGHT, rel=1e-12)
+    noise = np.maximum(3.0 * uncertain, 0.01 * WEIGHT)
+    excess = np.where(np.abs(force - load) > noise, force - load, 0.0)
+    assert 0 < np.count_nonzero(excess) < len(excess)
+    bands = np.stack([force - uncertain, force + uncertain, force, load, excess], 1)
+    assert curves["force"] == near(bands / WEIGHT, rel=1e-12)
     assert curves["flexion"][:, 0] == near([math.degrees(contact.flexion_angle) for contact in contacts], rel=1e-12)
     assert curves["contact_point"][:, 0] == near([1e3 * contact.contact_point.x for contact in contacts], rel=1e-12)
     sliding = [1e3 * contact.sliding_velocity for contact in contacts]
@@ -128,7 +136,11 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert drawn("contact_path", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
-    quaternion = column(path, "/knee/sagittal/femur", "Transform3D:quaternion").reshape(len(answers), 4)
+    told = [text[0] for _, text in lists(path, "/knee/sagittal/contact_force", "Points2D:labels")]
+    assert told == [f"{newtons:.0f} N = {newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
+    in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
+    assert np.array_equal(in_front, behind)
+    quaternion = in_front.reshape(len(answers), 4)
     # Flexion turns the femur from anterior to superior, which is backwards on a screen whose y points down.
     assert 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]) == pytest.approx(-angles, abs=1e-6)
     assert quaternion[:, :2] == pytest.approx(0.0, abs=0.0)
@@ -138,21 +150,113 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
 
 def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
-    strips = lists(path, "/knee/sagittal/overlap", "LineStrips2D:strips")
-    assert len(strips) == len(answers)
-    for (_, lines), contact in zip(strips, rows_of(answers), strict=True):
-        ends = np.array(lines)
-        deepest = np.abs(ends[:, 1, 1] - ends[:, 0, 1]).max()
-        # 24 lines: the nearest is within half a spacing, 1/48 of the overlap's width, of the deepest place, and a
-        # parabola is 1/24**2 lower there; the outline's corners cut some micrometres off.
-        assert deepest == pytest.approx(1e3 * contact.penetration_depth, rel=0.005, abs=2e-3)
-        assert ends[0, 0, 0] < 1e3 * contact.contact_point.x < ends[-1, 0, 0]
-    colours = [set(colours) for _, colours in lists(path, "/knee/sagittal/overlap", "LineStrips2D:colors")]
-    for shown_colours, contact in zip(colours, rows_of(answers), strict=True):
-        deep = contact.penetration_depth
-        if abs(deep - 0.5e-3) > 1e-5:  # a line is not exactly at the deepest place
-            assert len(shown_colours) == (2 if deep > 0.5e-3 else 1)
+    contacts = rows_of(answers)
+    path = written(tmp_path / "knee.rrd", drawing, [contacts])
+    corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
+    # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
+    assert corners.shape == (len(answers), 3 * 2 * POINTS, 3)
+    upper, lower, top, cartilage, bone, bottom = corners.reshape(len(answers), 6, POINTS, 3).transpose(1, 0, 2, 3)
+    depth = 1e3 * contacts["penetration_depth"]
+    # 13 places: the deepest is within half a step, 1/24 of the width, and a parabola is 1/144 lower there; the
+    # outline's corners cut some micrometres off. On the screen y points down.
+    near = {"rel": 0.01, "abs": 2e-3}
+    assert (lower - upper)[..., 1].max(axis=1) == pytest.approx(depth, **near)
+    assert np.array_equal(upper, top)
+    assert (bottom - top)[..., 1].max(axis=1) == pytest.approx(10.0 * depth, rel=0.01, abs=2e-2)
+    assert (cartilage - top)[..., 1].max(axis=1) == pytest.approx(10.0 * np.minimum(depth, 0.5), rel=0.01, abs=2e-2)
+    assert np.array_equal(cartilage, bone)
+    point = 1e3 * contacts["contact_point"]["x"]
+    assert (upper[:, 0, 0] < point).all()
+    assert (point < upper[:, -1, 0]).all()
+    told = [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")]
+    assert told == [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
+
+
+def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
+    model = Pipeline(load_parameters({}), compiled=False).model
+    rows = np.frombuffer(contact(penetration_depth=0.0, gap=1e-3, femoral_height=0.035).tobytes(), ROW)
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
+    corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
+    assert corners.shape == (1, 2 * 2 * POINTS, 3)
+    assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
+    assert [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")] == ["1.00 mm apart"]
+
+
+SHIPPED: dict[str, list[str]] = {
+    "healthy": ["healthy.yaml"],
+    "osteoarthritis": ["osteoarthritis.yaml"],
+    "healthy, MRI femur": ["healthy.yaml", "mri_femur.yaml"],
+    "osteoarthritis, MRI femur": ["osteoarthritis.yaml", "mri_femur.yaml"],
+    "healthy, MRI knee": ["healthy.yaml", "mri_knee.yaml"],
+    "osteoarthritis, MRI knee": ["osteoarthritis.yaml", "mri_knee.yaml"],
+}
+
+
+@pytest.mark.parametrize("latency", [False, True])
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_plot_is_flat_and_no_legend_empty_for_any_shipped_knee(
+    config: Path, right_bag: Path, tmp_path: Path, name: str, latency: bool
+) -> None:
+    files = SHIPPED[name]
+    pipeline = Pipeline(load_parameters([config / file for file in files]), compiled=False)
+    drawing = drawing_of(pipeline.model, "knee", WEIGHT)
+    rows = rows_of(answered(pipeline, right_bag, 150)).copy()
+    rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)
+    path = written(tmp_path / "knee.rrd", drawing, [rows], latency)
+    with_bone, moving = "osteoarthritis" in name, "MRI" in name
+    plots = plots_of(drawing, latency)
+    assert [plot.path for plot in plots if plot in KNEE] == (
+        ["flexion", "force", "depth", "contact_point"] if moving else ["flexion", "force", "depth"]
+    )
+    for plot in plots:
+        curve = column(path, f"/knee/curves/{plot.path}", "Scalars:scalars")
+        assert np.isfinite(curve).all()
+        assert np.ptp(curve, axis=0).max() > 0.0, plot.path
+    held = entities(path)
+    curves = {entity for entity in held if entity.startswith("/knee/curves/")}
+    layer = {"/knee/curves/layer"} if with_bone else set()
+    assert curves == {f"/knee/curves/{plot.path}" for plot in plots} | layer
+    for plot in plots:
+        assert ("bone" in title_of([drawing], plot)) == (with_bone and plot.path == "depth")
+    assert ("drawn only" in plane_title(drawing)) != with_bone
+    assert {"/knee/states/contact", "/knee/states/level"} <= set(held)
+
+
+def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
+    drawings = [
+        drawing_of(Pipeline(load_parameters([config / file for file in files]), compiled=False).model, "knee", WEIGHT)
+        for files in SHIPPED.values()
+    ]
+    frame = common([frame_of(drawing) for drawing in drawings])
+    for drawing in drawings:
+        knee = drawing.anatomy
+        lowest = knee.femur_cartilage[:, 1].min()
+        for angle in (0.0, 1.0):
+            points = 1e3 * np.concatenate([placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone])
+            assert frame.x[0] < points[:, 0].min()
+            assert points[:, 0].max() < frame.x[1]
+            assert frame.y[0] < -points[:, 1].max()
+            assert -points[:, 1].min() < frame.y[1]
+
+
+def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    drawing, _ = knee
+    both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
+    assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
+    still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
+    assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
+    assert len({one.colour for one in OF_KNEES}) == len(OF_KNEES)
+
+
+def test_the_largest_load_is_found_in_a_file(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    whole = rows_of(answers)
+    assert KNEE[1].path == FORCES
+    assert KNEE[1].series[LOAD_PLACE].name == "load [BW]"
+    parts = [whole[:200], whole[200:]]
+    assert peak_of(written(tmp_path / "knee.rrd", drawing, parts)) == (2_430_000_000, False)
+    today = at(whole, DATES_FROM * 5 + whole["stamp"])
+    assert peak_of(written(tmp_path / "today.rrd", drawing, [today])) == (DATES_FROM * 5 + 2_430_000_000, True)
 
 
 def test_how_answers_are_cut_into_batches_makes_no_difference(
@@ -276,7 +380,11 @@ def luminance(colour: tuple[int, int, int]) -> float:
 
 def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
     """Rerun follows the user's theme; in a browser that is mostly the light one."""
-    for colour in [LAYER_COLOUR, *(series.colour for plot in PLOTS for series in plot.series)]:
+    for colour in [
+        LAYER_COLOUR,
+        *(one.colour for one in OF_KNEES),
+        *(series.colour for plot in PLOTS for series in plot.series),
+    ]:
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour
         assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour
