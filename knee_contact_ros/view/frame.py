@@ -35,7 +35,7 @@ class Frame(NamedTuple):
     """On the shaft, femur frame"""
     tibia_name: tuple[float, float]
     depth_name: tuple[float, float]
-    """Behind the tibia"""
+    """Behind the contact, above the plateau: no bone comes there"""
 
 
 def frame_of(drawing: KneeOutlines) -> Frame:
@@ -55,7 +55,7 @@ def frame_of(drawing: KneeOutlines) -> Frame:
         scale=(right - MARGIN - SCALE_BAR, floor),
         femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + 10.0),
         tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 5.0),
-        depth_name=(0.5 * (left + float(rear[0])), -float(rear[1])),
+        depth_name=(0.5 * (left + float(rear[0])), -float(rear[1]) - WORD),
     )  # fmt: skip
 
 

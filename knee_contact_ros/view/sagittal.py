@@ -138,7 +138,7 @@ def marks_moving(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
     arrow = force[:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
     weights = force / drawing.body_weight
-    labels = [f"{n:.0f} N = {w:.2f} BW" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
+    labels = [f"{n:.0f} N = {w:.2f} BW" if n else "0 N" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
     within = np.minimum(1.0, FORCE_WITHIN * extent_of(drawing) / np.maximum(np.hypot(*arrow.T), 1e-9))
     send(FORCE_NAME, rr.Points2D.columns(positions=point + within[:, None] * arrow - [0.0, ABOVE_TIP], labels=labels))
     depths, gaps = (MM * shown[name] for name in ("penetration_depth", "gap"))
