@@ -140,6 +140,7 @@ def test_a_bag_is_solved_to_the_same_bytes(installed: Path, tmp_path: Path) -> N
     bag = installed.parent / "share" / PACKAGE / "bags" / "gait2354_right"
     recordings = []
     for name, programs in (("installed", installed), ("tree", UV.parent)):
+        (tmp_path / name).mkdir()
         recordings.append(tmp_path / name / "solved.mcap")
         run(programs / "knee-contact", "solve", bag, "--output", recordings[-1], folder=tmp_path)
     assert recordings[0].read_bytes() == recordings[1].read_bytes()

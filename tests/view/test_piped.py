@@ -60,6 +60,7 @@ def test_a_disk_that_tells_at_the_end_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
 def test_view_ends_with_one_line_when_the_disk_is_full(right_bag: Path, tmp_path: Path, size: int) -> None:
     recording, path = tmp_path / "answers.mcap", tmp_path / "pictures" / "knee.rrd"
+    path.parent.mkdir()
     solve(right_bag, load_parameters({}), recording, lambda *_: None)
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.cli.main", "view", str(recording), "--save", str(path)],
