@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 import click
 
 from knee_contact_ros.cli.output_option import Output
+from knee_contact_ros.system import resources
 
-DEFAULT_PARAMETERS = "healthy.yaml"
+DEFAULT_PARAMETERS = resources.DEFAULT_PARAMETERS
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -22,7 +23,7 @@ parameter_files = click.option(
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Parameter file; can be given several times, the later one wins. A name that is not found here "
-    f"is looked up among the package's own. [default: {DEFAULT_PARAMETERS}]",
+    f"is looked up among the package's own, as osteoarthritis. [default: {DEFAULT_PARAMETERS}]",
 )
 parameter_values = click.option(
     "-p",
@@ -202,6 +203,4 @@ def found(files: tuple[Path, ...]) -> list[Path]:
 
 def found_file(name: Path) -> Path:
     """A parameter file as given, or from the package's config folder."""
-    from knee_contact_ros.system.resources import find_file
-
-    return find_file(str(name))
+    return resources.parameter_file(str(name))

@@ -13,9 +13,13 @@ from pydantic.fields import FieldInfo
 from knee_contact_ros.parameters.limits import Limits, limits_of
 from knee_contact_ros.parameters.schema import Parameters, Section
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import parameter_file, shipped_parameter_files
 from knee_contact_ros.system.yaml_file import read_mapping
 
 NODE_NAME = "knee_contact"
+Part = Parameters | Mapping[str, Any] | str | Path
+Source = Part | Sequence[Part]
+"""Where parameters come from; of several, the later one wins"""
 LONGEST_VALUE = 80
 """Characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
@@ -47,42 +51,51 @@ def _declared(field: FieldInfo) -> Declaration:
 
 def flat_parameters(parameters: Parameters) -> dict[str, Any]:
     """All values by their dotted names."""
-    return _flat(parameters.model_dump())
+    return dotted(parameters.model_dump())
 
 
 def load_parameters(
-    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path | Mapping[str, Any]],
+    source: Source,
 ) -> Parameters:
     """Read parameters from a ROS 2 parameter file, from a mapping, or from several of these (the later one wins).
 
-    A mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+    A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A mapping
+    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
 
     Raises:
         UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
     """
     if isinstance(source, Parameters):
         return source
-    if isinstance(source, Mapping):
-        return _validated(_flat(_section_of_node(source, "the mapping")), "")
-    parts = [source] if isinstance(source, (str, Path)) else source
+    parts = [source] if isinstance(source, (str, Path, Mapping)) else source
     merged: dict[str, Any] = {}
     for part in parts:
-        if isinstance(part, Mapping):
-            merged |= _flat(_section_of_node(part, "the mapping"))
+        if isinstance(part, Parameters):
+            merged |= flat_parameters(part)
             continue
-        merged |= values_set_in(Path(part))
+        merged |= dotted(_section_of_node(part, "the mapping")) if isinstance(part, Mapping) else values_set_in(part)
     return _validated(merged, "")
 
 
-def values_set_in(path: Path) -> dict[str, Any]:
+def values_set_in(name: str | Path) -> dict[str, Any]:
     """What a parameter file sets, by dotted names; its own values are checked.
 
     Raises:
         UsageError: as `load_parameters`.
     """
-    values = _flat(_section_of_node(read_mapping(path), str(path)))
-    _validated(values, f"{path}: ")
+    values = dotted(_section_of_node(_read(name), str(name)))
+    _validated(values, f"{name}: ")
     return values
+
+
+def _read(name: str | Path) -> Mapping[str, Any]:
+    """The content of a parameter file."""
+    path = parameter_file(str(name))
+    if not path.exists() and path.name == str(name):
+        shipped = ", ".join(path.stem for path in shipped_parameter_files())
+        reason = f"it is neither there nor one of the package's own ({shipped})"
+        raise UsageError(f"{_short(str(name))}: cannot read the parameter file: {reason}")
+    return read_mapping(path)
 
 
 def check_parameter_file(path: Path) -> None:
@@ -93,9 +106,9 @@ def check_parameter_file(path: Path) -> None:
     """
     sections = _sections_of_node(read_mapping(path), str(path))
     for_all = {
-        name: value for key, section in sections.items() if not _is_own(key) for name, value in _flat(section).items()
+        name: value for key, section in sections.items() if not _is_own(key) for name, value in dotted(section).items()
     }
-    own = [_flat(section) for key, section in sections.items() if _is_own(key)]
+    own = [dotted(section) for key, section in sections.items() if _is_own(key)]
     for values in own or [{}]:  # knees in several namespaces may share a file
         _validated(for_all | values, f"{path}: ")
 
@@ -106,7 +119,7 @@ def _section_of_node(content: Mapping[str, Any], name: str) -> Mapping[str, Any]
     if ours:
         merged: dict[str, Any] = {}
         for section in ours.values():
-            merged |= _flat(section)
+            merged |= dotted(section)
         return merged
     if any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
         raise UsageError(f"{name}: no parameters for node {NODE_NAME}; found {_short(', '.join(map(str, content)))}")
@@ -135,12 +148,12 @@ def _is_own(key: object) -> bool:
     return str(key).endswith(NODE_NAME)
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested or dotted names to dotted names."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
+            flat |= dotted(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -11,14 +11,13 @@ from pydantic import Field, ValidationError
 from knee_contact_ros.parameters.reading import first_error, load_parameters
 from knee_contact_ros.parameters.schema import Section
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import expanded, find_file
+from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded, find_file
 from knee_contact_ros.system.yaml_file import read_mapping
 
 GRAVITY = 9.80665
 """[m/s^2]"""
 FEMORAL_SHARE = 9.3014 / 75.16
 """Mass of the femur's segment over that of the body in OpenSim's model gait2354, which scales both alike"""
-DEFAULT = "healthy.yaml"
 
 
 class SubjectFile(Section):
@@ -26,7 +25,7 @@ class SubjectFile(Section):
 
     name: str = Field("", description="of the person; for the reader")
     mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
-    parameters: list[str] = Field([DEFAULT], min_length=1, description="parameter files, the later one wins")
+    parameters: list[str] = Field([DEFAULT_PARAMETERS], min_length=1, description="parameter files, the later one wins")
     profile: str = Field("", description="femoral profile: CSV of x, y [m]")
     tibial_profile: str = Field("", description="CSV of x, y [m]")
     scale: float = Field(1.0, ge=0.2, le=5.0, description="size of this knee over that of the surfaces given")

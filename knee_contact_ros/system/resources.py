@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 PACKAGE = "knee_contact_ros"
+DEFAULT_PARAMETERS = "healthy.yaml"
+"""The parameter file where none is named"""
 
 
 def share_folder() -> Path:
@@ -33,6 +35,21 @@ def find_file(name: str) -> Path:
         return path
     packaged = share_folder() / "config" / path
     return packaged if packaged.exists() else path
+
+
+def parameter_file(name: str) -> Path:
+    """The parameter file that a name means: see `find_file`; its `.yaml` may be left out, as in `osteoarthritis`."""
+    path = find_file(name)
+    if path.suffix or path.is_file():
+        return path
+    with_suffix = find_file(f"{name}.yaml")
+    return with_suffix if with_suffix.is_file() else path
+
+
+def shipped_parameter_files() -> list[Path]:
+    """The package's own parameter files, the default first."""
+    files = sorted((share_folder() / "config").glob("*.yaml"))
+    return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
 
 
 def expanded(name: str) -> Path:

@@ -163,6 +163,22 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str)
 def test_a_missing_file_is_refused() -> None:
     with pytest.raises(UsageError, match=r"nowhere\.yaml: cannot read the parameter file"):
         load_parameters("nowhere.yaml")
+    with pytest.raises(UsageError, match=r"^osteoarthritic: .* \(healthy, .*osteoarthritis\)$"):
+        load_parameters("osteoarthritic")
+
+
+def test_a_name_means_a_file_here_or_one_of_the_packages_own(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = load_parameters(config / "osteoarthritis.yaml")
+    assert load_parameters("osteoarthritis") == load_parameters("osteoarthritis.yaml") == shipped
+    (tmp_path / "osteoarthritis").mkdir()  # of reports, say
+    assert load_parameters("osteoarthritis") == shipped
+    Path("osteoarthritis.yaml").write_text("knee_contact:\n  ros__parameters: {body_weight: 600.0}")
+    assert load_parameters("osteoarthritis").body_weight == 600.0
+    assert load_parameters(["mri_femur", {"femur.scale": 1.1}, {"body_weight": 500.0}]).femur.scale == 1.1
+    assert load_parameters([shipped, {"femur.mass": 8.0}]).contact == shipped.contact
 
 
 def test_files_for_other_nodes_are_none_of_the_nodes_business(tmp_path: Path) -> None:
