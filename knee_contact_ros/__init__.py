@@ -1,28 +1,41 @@
-"""Live tibiofemoral contact from streamed gait: `load_model` gives the model without ROS."""
+"""Live tibiofemoral contact from streamed gait.
+
+`load_model` gives the model and `solve` the answers to a recorded gait, both without ROS; docs/python.md shows them.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from pkgutil import extend_path
 from typing import TYPE_CHECKING, Any
 
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
 __version__ = "0.2.0"
-__all__ = ["UsageError", "load_model"]
+__all__ = ["Results", "UsageError", "load_model", "solve"]
 
 if TYPE_CHECKING:
+    from knee_contact_ros.offline.in_memory import solve
     from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.results import Results
     from knee_contact_ros.system.errors import UsageError
+
+_PLACES = {
+    "Results": "results",
+    "UsageError": "system.errors",
+    "load_model": "parameters.build",
+    "solve": "offline.in_memory",
+}
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that importing the messages alone costs nothing more."""
-    if name == "load_model":
-        from knee_contact_ros.parameters.build import load_model
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+    return value
 
-        return load_model
-    if name == "UsageError":
-        from knee_contact_ros.system.errors import UsageError
 
-        return UsageError
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    """What is public."""
+    return [*__all__, "__version__"]

@@ -158,7 +158,7 @@ def knee(
     )
     if not quick:
         return model
-    from knee_contact_ros.compiled import compiled
+    from knee_contact_ros.compiled.kernel import compiled
 
     return compiled(model)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.cli.commands import live, look, measure, offline, prepare
+from knee_contact_ros.cli.commands import live, look, measure, offline, prepare, warm
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.printable import printable
 
@@ -28,7 +28,7 @@ def knee_contact() -> None:
 
 for command in (
     live.demo, live.node, live.replay, offline.solve, offline.recover, look.view, look.report, prepare.import_opensim,
-    prepare.fit_profile, measure.trade, measure.latency,
+    prepare.fit_profile, measure.trade, measure.latency, warm.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import numba
@@ -22,7 +23,7 @@ from numba.extending import intrinsic
 from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.functions import ENTRY, compiled_function
 from knee_contact_ros.compiled.source_meaning import digest
-from knee_contact_ros.compiled.turns import in_turn
+from knee_contact_ros.compiled.turns import Told, in_turn
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import MEMORY, Memory
@@ -34,10 +35,12 @@ _KEPT: list[Any] = []
 """Compiled code that is called by address"""
 
 
-def bind(scene: Scene, memory: Memory, answer: Rows) -> Callable[[float, float, float, float], None]:
+def bind(
+    scene: Scene, memory: Memory, answer: Rows, told: Told = nullcontext
+) -> Callable[[float, float, float, float], None]:
     """See `Kernel.bind`."""
     kind = numba.typeof(scene)
-    with in_turn(lambda: digest(str(kind))):
+    with in_turn(lambda: digest(str(kind)), told):
         size, put, call = _by_address(kind)
         block = np.zeros(size, dtype=np.uint8)
         put(scene, block.ctypes.data)

@@ -26,14 +26,16 @@ from numba.core.serialize import dumps
 import knee_contact_ros.core
 from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
 from knee_contact_ros.compiled.source_meaning import digest, source_meaning
-from knee_contact_ros.compiled.turns import wait_for_turn
+from knee_contact_ros.compiled.turns import tell_of_compiling, wait_for_turn
 from knee_contact_ros.core.kernel_source import FUNCTIONS
 
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
 """Modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
-KEEPING = ("cache.py", "kernel_folder.py", "turns.py")
+KEEPING = ("cache.py", "choice.py", "kernel_folder.py", "turns.py")
 """Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
+
+NOT_KEPT = "what was compiled is not kept"
 
 _log = logging.getLogger(__name__)
 _told: set[str] = set()
@@ -48,14 +50,26 @@ def kernel_cache(function: Callable[..., Any], scene: types.Type | None = None) 
         return _KernelCache(function, scene)
     except (OSError, RuntimeError) as error:  # no home, no source
         _tell(error, "compiling without keeping")
-        return NullCache()
+        return _NoCache()
+
+
+class _NoCache(NullCache):
+    """Keeps nothing."""
+
+    def load_overload(self, _sig: Any, _target_context: Any) -> None:
+        """There is nothing."""
+        tell_of_compiling()
+
+    def holds(self, _sig: Any, _target_context: Any) -> bool:
+        """Nothing is kept."""
+        return False
 
 
 class _Place(_CacheLocator):
     """Numba wants to know a function's folder, and makes it; ours is looked at when something is read or written."""
 
     def get_cache_path(self) -> str:
-        return str(_folder())
+        return str(kernel_folder())
 
     def ensure_cache_path(self) -> None:
         pass
@@ -83,7 +97,7 @@ class _KernelCache(FunctionCache):
     def __init__(self, function: Callable[..., Any], scene: types.Type | None) -> None:
         super().__init__(function)
         self._scene = scene
-        self._cache_file = _Kernels(function, KernelFolder(_folder()))
+        self._cache_file = _Kernels(function, KernelFolder(kernel_folder()))
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """What `_Kernels` calls a key: types whose sources count, the processor, and what else names the code."""
@@ -98,17 +112,27 @@ class _KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What was kept for a signature; None if there is nothing that can be used."""
         try:
-            return super().load_overload(sig, target_context)
+            kept = super().load_overload(sig, target_context)
         except Exception as error:  # what is whole and ours may still have been made by something else
             _tell(error, "compiling again")
-            return None
+            kept = None
+        if kept is None:
+            tell_of_compiling()
+        return kept
+
+    def holds(self, sig: Any, target_context: Any) -> bool:
+        """Whether there is something under a signature; that it can be used is not looked at."""
+        try:
+            return self._cache_file.holds(self._index_key(sig, target_context.codegen()))
+        except Exception:  # as above, which tells of it
+            return False
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled for a signature, if that can be done."""
         try:
             super().save_overload(sig, data)
         except Exception as error:
-            _tell(error, "what was compiled is not kept")
+            _tell(error, NOT_KEPT)
 
 
 class _Kernels:
@@ -130,6 +154,7 @@ class _Kernels:
         name, start = names
         content = self._folder.read(name)
         if content is None:
+            tell_of_compiling()
             wait_for_turn(self._folder, name)
             content = self._folder.read(name)
         if content is not None:
@@ -137,6 +162,11 @@ class _Kernels:
         if any(other.startswith(start) for other in self._folder.names()):
             raise DoubtError(self._folder.path, "is from another processor")
         return None
+
+    def holds(self, key: Any) -> bool:
+        """Whether something was kept under a key."""
+        names = self._names(key)
+        return names is not None and names[0] in self._folder.names()
 
     def save(self, key: Any, data: Any) -> None:
         """Keep something under a key; what nobody uses any more goes."""
@@ -198,7 +228,7 @@ def _caches() -> Path:
     return caches / "knee_contact_ros"
 
 
-def _folder() -> Path:
+def kernel_folder() -> Path:
     """The folder for what is compiled from this model by this compiler."""
     return _caches() / f"{PREFIX}{_fingerprint()}"
 
@@ -232,9 +262,13 @@ def _file_digest(path: Path) -> str:
 
 
 def _tell(error: Exception, then: str) -> None:
-    """One line for each file, folder or error: that what cannot be read cannot be replaced either is no news."""
+    """One line for each file, folder or error, and one in all for what cannot be kept.
+
+    That what cannot be read cannot be replaced either is no news.
+    """
     places = [str(error.path), str(error.path.parent)] if isinstance(error, DoubtError) else [repr(error)]
-    if _told.isdisjoint(places):
+    once = [then] if then == NOT_KEPT else []
+    if _told.isdisjoint(places + once):
         words = str(error) if isinstance(error, DoubtError) else f"{type(error).__name__}: {error}"
         _log.warning("knee_contact_ros: compiled code: %s; %s", " ".join(words.split()), then)
-    _told.add(places[0])
+    _told.update([places[0], *once])

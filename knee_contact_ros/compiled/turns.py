@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 
 from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
@@ -16,30 +16,41 @@ PATIENCE = 60.0
 """How long [s] to wait at most: who compiles may stand still"""
 LOOK = 0.05
 """How often [s] to look meanwhile"""
+Told = Callable[[], AbstractContextManager[None]]
+"""Tells a person, once something has to be compiled, for as long as that takes"""
 
 
 class Turn:
     """This process's turn to compile something, from its first look on."""
 
-    def __init__(self, name: Callable[[], str]) -> None:
+    def __init__(self, name: Callable[[], str], told: Told) -> None:
         self.name = name
+        self.told: Told | None = told
         self.begun = False
-        self.end: Callable[[], None] = lambda: None
+        self.end = ExitStack()
 
 
 _TURN: ContextVar[Turn | None] = ContextVar("turn", default=None)
 
 
 @contextmanager
-def in_turn(name: Callable[[], str]) -> Iterator[None]:
+def in_turn(name: Callable[[], str], told: Told = nullcontext) -> Iterator[None]:
     """Wait meanwhile, where something has to be compiled, for another process that does that under the same name."""
-    turn = Turn(name)
+    turn = Turn(name, told)
     before = _TURN.set(turn)
     try:
         yield
     finally:
         _TURN.reset(before)
-        turn.end()
+        turn.end.close()
+
+
+def tell_of_compiling() -> None:
+    """Something has to be compiled, here or by another process: within `in_turn` it is told, once."""
+    turn = _TURN.get()
+    if turn and turn.told:
+        told, turn.told = turn.told, None
+        turn.end.enter_context(told())
 
 
 def wait_for_turn(folder: KernelFolder, file: str) -> None:
@@ -61,4 +72,4 @@ def wait_for_turn(folder: KernelFolder, file: str) -> None:
         if waited:
             unlock()
         else:
-            turn.end = unlock
+            turn.end.callback(unlock)

@@ -54,7 +54,7 @@ PLAIN = Kernel(ticks.run, _bind)
 """Uncompiled"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class KneeModel:
     """One tibiofemoral compartment: a femoral surface over a tibial one under a contact law.
 
@@ -84,6 +84,8 @@ class KneeModel:
     """The equations that a tick solves, of `LEVELS`; of no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
     """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
+    results: type[np.recarray[Any, Any]] = np.recarray
+    """What a run's answers come in: a record array that may have more to it (`knee_contact_ros.results`)"""
 
     femoral_radius: float = field(init=False)
     """Of the circle that fits the femoral surface [m]"""
@@ -96,6 +98,18 @@ class KneeModel:
         """
         contract.check(self.modes.law)
         object.__setattr__(self, "femoral_radius", radius_of(self.pair.femur))
+
+    def __repr__(self) -> str:
+        return f"<KneeModel: {self.parts}>"
+
+    @property
+    def parts(self) -> str:
+        """What it is made of, in a line."""
+        tibia = getattr(self.pair, "tibia", None)
+        surfaces = f"{type(self.pair.femur).__name__} on {type(tibia).__name__ if tibia else 'plane'}"
+        law, mechanism = type(self.modes.law.layers[0].formula).__name__, type(self.mechanism).__name__
+        drive = "displacement drive" if self.height_prescribed else "force drive"
+        return f"{surfaces}, {mechanism}, {law} in {len(self.modes.law.layers)} layer(s), {drive}"
 
     @property
     def plausible_depth(self) -> float:
@@ -136,14 +150,14 @@ class KneeModel:
 
         Returns:
             Record array of shape (n,) with the fields of `Contact`: `series.contact_force`, `series.contact_point.x`
-            and so on. Bit for bit the records that `stream().tick` gives.
+            and so on; with `load_model`'s models, `Results`. Bit for bit the records that `stream().tick` gives.
 
         Raises:
             ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
                 `LARGEST_HEIGHT`, time does not increase, or the drive and `femoral_height` do not go together.
         """
         given = (time, flexion_angle, load) if femoral_height is None else (time, flexion_angle, load, femoral_height)
-        columns = [np.asarray(column, dtype=float) for column in given]
+        columns = [np.array(column, dtype=float) for column in given]  # read-only or strided ones are other kernels
         if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
             raise ValueError(f"time, {INPUTS} must be one-dimensional and of equal length, got {shapes}")
@@ -158,7 +172,8 @@ class KneeModel:
         height = heights[0] if heights else np.full(len(time_), math.nan)
         self.kernel.run(self.scene, np.zeros(1, ticks.MEMORY), durations, angles, loads, height, answers)
         answers["stamp"] = stamps
-        return answers.view(np.recarray)
+        series: np.recarray[Any, Any] = answers.view(self.results)
+        return series
 
     def check_drive(self, height_given: bool) -> None:
         """Refuse a series that does not fit the drive.
@@ -175,7 +190,7 @@ class KneeModel:
         return self.pair.closest(angle, self.mechanism.translation(angle)[0], height)
 
 
-@dataclass
+@dataclass(repr=False)
 class Stream:
     """A run of a model, one tick at a time. The first tick is answered with the static solution."""
 
@@ -192,6 +207,10 @@ class Stream:
         self._height_prescribed = self.model.height_prescribed
         self._memory = np.zeros(1, ticks.MEMORY)
         self._bind()
+
+    def __repr__(self) -> str:
+        at = "no tick yet" if self._stamp is None else f"at {self._stamp * NANOSECOND:.9g} s"
+        return f"<Stream {at}: {self.model.parts}>"
 
     def _bind(self) -> None:
         self._tick = self.model.kernel.bind(self.model.scene, self._memory, self.answer)

@@ -143,6 +143,13 @@ class Contact(Row):  # type: ignore[misc]
     latency: Real
     """[s] from the load's arrival to the answer's publication, which the node measures; 0 elsewhere"""
 
+    def __repr__(self) -> str:
+        """In a line; `print` shows all fields."""
+        return (
+            f"<Contact at {1e-9 * self.stamp:.9g} s: load {self.load:.1f} N, contact force {self.contact_force:.1f} N, "
+            f"depth {1e3 * self.penetration_depth:.3f} mm>"
+        )
+
 
 PARTS: dict[str, type[Row]] = {}
 """The classes of fields that have fields of their own, by name"""

@@ -115,7 +115,7 @@ class KneeContactNode(LifecycleNode):
         try:
             self.session = Session(self, self.node_parameters.read(), given_by_user(self))
             self.get_logger().info(
-                "making the model ready; the first time on a machine it compiles for half a minute or more"
+                "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
             )
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()

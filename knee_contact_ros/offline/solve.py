@@ -16,7 +16,8 @@ from knee_contact_ros.bags.provenance import Provenance, provenance_record
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import ROW
+from knee_contact_ros.compiled.choice import forced, worth_compiling
+from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
@@ -35,24 +36,28 @@ BLOCK = 8192
 """Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
 SOURCE_DAMAGE = "source_damage"
 """Name of the metadata record that says what is wrong with the bag"""
-WORTH_COMPILING = 50_000
-"""Messages of a bag from which on compiling the kernel takes less time than it saves"""
+MESSAGES_OF_A_TICK = 2
+"""An angle and a force"""
 
 
 def solve(
     bag: Path,
     how: Parameters | Provenance,
-    output: Path,
+    output: Path | None,
     advance: Callable[[int, int], None],
     overwrite: bool = False,
     names: Names = OWN_NAMES,
+    *,
+    compiled: bool | None = None,
+    keep: Callable[[Rows], object] = len,
 ) -> Summary:
-    """Compute every tick of `bag` and write inputs and outputs to `output`.
+    """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
     `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
     called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
     once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
-    computed; the summary and a metadata record say what is wrong with it.
+    computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
+    given all answers, by and by.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
@@ -64,29 +69,36 @@ def solve(
         source = JOINT_STATES if isinstance(how, Provenance) else parameters.knee.source  # recorded are JointStates
         inputs = opened.enter_context(BagInputs(bag, source, names))
         reader = inputs.reader
-        refuse_input(bag, output)
+        if output:
+            refuse_input(bag, output)
         check_joints(inputs, parameters)
-        pipeline = Pipeline(parameters, compiled=reader.count >= WORTH_COMPILING, curves=curves)
+        pipeline = Pipeline(parameters, compiled=False, curves=curves)
+        ticks = reader.count // MESSAGES_OF_A_TICK
         pipeline.frame.is_known = isinstance(how, Provenance)
         if parameters.frame.tibia and not pipeline.frame.is_known:
             learn_transforms(bag, pipeline.frame)
-        writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-        recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
+        recorder = None
+        if output:
+            writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
+            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
+        if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
+            pipeline.compile(forced)
         summary = Summary(parameters.body_weight, pipeline.doubts)
-        run, done = Run(pipeline, recorder, summary, changes), 0
+        run, done = Run(pipeline, recorder, (summary.add, keep), changes), 0
         for block in blocks(inputs.messages()):
             run.take(block)
             done += len(block)
             advance(done, reader.count)
         run.keep(pipeline.finish())
-        recorder.finish(pipeline.ending())
+        if recorder:
+            recorder.finish(pipeline.ending())
         summary.finish()
         damage = reader.damage
         if isinstance(how, Provenance):
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
             damage = [*how.damage, *damage, *(late if damage and how.changes else []), *_order(pipeline)]
-        if damage:
-            writer.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
+        if damage and recorder:
+            recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if parameters.load.compartment in BY_MOMENT else None
         if not summary.ticks:
@@ -105,10 +117,16 @@ def _order(pipeline: Pipeline) -> list[str]:
 
 
 class Run:
-    """Takes messages, and writes and sums up what comes of them."""
+    """Takes messages, and writes what comes of them, if there is a recorder, and tells others."""
 
-    def __init__(self, pipeline: Pipeline, recorder: AnswerWriter, summary: Summary, changes: Changes) -> None:
-        self._pipeline, self._recorder, self._summary, self._changes = pipeline, recorder, summary, changes
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        recorder: AnswerWriter | None,
+        takers: Sequence[Callable[[Rows], object]],
+        changes: Changes,
+    ) -> None:
+        self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
 
     def take(self, block: Sequence[RawMessage]) -> None:
         """Take messages in their order: at once if they allow it, else one by one."""
@@ -120,12 +138,13 @@ class Run:
         rows = []
         for answer in answers:
             if self._pipeline.frame.turn_note:
-                self._recorder.note(FORCE_TURNED, self._pipeline.frame.told())
-            self._recorder.write(answer.records)
+                self._note(FORCE_TURNED, self._pipeline.frame.told())
+            if self._recorder:
+                self._recorder.write(answer.records)
             rows.append(answer.row)
             self._make_changes()
         if rows:
-            self._summary.add(np.frombuffer(b"".join(rows), ROW))
+            self._tell(np.frombuffer(b"".join(rows), ROW))
 
     def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
         by_topic = [
@@ -135,11 +154,19 @@ class Run:
         answers = take(self._pipeline, *by_topic)
         if answers is None:
             return False
-        write_messages(
-            self._recorder.bag, [part._replace(topic=ABSOLUTE_NAMES[part.topic]) for part in answers.messages]
-        )
-        self._summary.add(answers.rows)
+        if self._recorder:
+            parts = [part._replace(topic=ABSOLUTE_NAMES[part.topic]) for part in answers.messages]
+            write_messages(self._recorder.bag, parts)
+        self._tell(answers.rows)
         return True
+
+    def _tell(self, rows: Rows) -> None:
+        for taker in self._takers:
+            taker(rows)
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        if self._recorder:
+            self._recorder.note(name, values)
 
     def _take_one(self, message: RawMessage) -> Iterator[Answer]:
         self._make_changes()
@@ -148,7 +175,7 @@ class Run:
 
     def _make_changes(self) -> None:
         for name, values in self._changes.make(self._pipeline):
-            self._recorder.note(name, values)
+            self._note(name, values)
 
 
 def blocks(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
+from knee_contact_ros.compiled.choice import chosen, forced
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
 from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
 from knee_contact_ros.core.contact_modes import ContactModes
@@ -21,29 +20,39 @@ from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.parameters.plausibility import doubts_about
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.reading import Source, load_parameters
 from knee_contact_ros.parameters.schema import ContactParameters, Femur, Parameters, Tibia, Translation, constants_of
+from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
 
 
 def load_model(
-    source: Parameters | Mapping[str, Any] | str | Path | Sequence[str | Path],
+    source: Source = DEFAULT_PARAMETERS,
     *,
-    compiled: bool = False,
+    compiled: bool | None = None,
     curves: Mapping[str, str] = MappingProxyType({}),
 ) -> KneeModel:
-    """Build the model that a parameter file (or several, or a mapping) describes. Needs no ROS.
+    """Build the model that a parameter file (or several, or mappings) describes. Needs no ROS.
 
-    With `compiled`, runs and streams use the compiled kernel: the same bits some hundred times quicker, after seconds
-    of compiling or, if this machine has compiled this kind of scene before, a second of loading. `curves` gives the
-    contents of files that parameters name, by parameter, in place of the files. What makes no sense in the parameters
-    (a stiffness or a body weight that must be meant in other units) is warned of.
+    Without an argument it is the healthy knee. Names mean what they mean on the command line: a file as given or one of
+    the package's own, as `"osteoarthritis"`; of several, as `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`, the
+    later one wins.
+
+    The compiled kernel computes the same bits some hundred times quicker, after half a minute or a minute of compiling
+    or, if this machine has compiled this kind of scene before, a second or two of loading. By itself the model takes it
+    for a run where that answers sooner, and for a stream where it need not be compiled; with `compiled` True it always
+    does, with False never.
+
+    `curves` gives the contents of files that parameters name, by parameter, in place of the files. What makes no sense
+    in the parameters (a stiffness or a body weight that must be meant in other units) is warned of.
 
     Raises:
         UsageError: see `load_parameters`; also a profile or a table that cannot be used.
     """
     parameters = load_parameters(source)
-    model = build_model(parameters, compiled=compiled, curves=curve_texts(parameters, curves))
+    plain = build_model(parameters, compiled=False, curves=curve_texts(parameters, curves))
+    model = replace(plain if compiled is False else (forced if compiled else chosen)(plain), results=Results)
     for doubt in doubts_about(parameters, model).about_parameters:
         warnings.warn(doubt, stacklevel=2)
     return model
@@ -71,7 +80,7 @@ def build_model(
     )
     if not compiled:
         return model
-    from knee_contact_ros.compiled import compiled as with_compiled_kernel  # half a second to import
+    from knee_contact_ros.compiled.kernel import compiled as with_compiled_kernel  # half a second to import
 
     return with_compiled_kernel(model)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer, Ending, Record
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
@@ -45,11 +46,11 @@ class Pipeline:
         self.last_refusal = ""
         self._pending: deque[PairedSample] = deque()  # what is being answered
 
-    def compile(self) -> None:
-        """Go on with the compiled kernel; before the first sample."""
-        from knee_contact_ros.compiled import compiled  # half a second to import
+    def compile(self, kernel: Callable[[KneeModel], KneeModel] | None = None) -> None:
+        """Go on with the compiled kernel, or as `kernel` has it; before the first sample."""
+        from knee_contact_ros.compiled.kernel import compiled  # half a second to import
 
-        self.model = compiled(self.model)
+        self.model = (kernel or compiled)(self.model)
         self.stream = self.model.stream()
 
     @property

@@ -9,12 +9,21 @@ import textwrap
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 import click
 from rich.console import Console
 from rich.markup import escape
 from rich.measure import Measurement
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from knee_contact_ros.system.printable import printable
@@ -26,11 +35,16 @@ PERIOD = 0.05
 """[s] from one movement of a bar to the next: a movement takes some 20 µs, more than many a message"""
 
 
+_BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
+"""The one that is on the terminal"""
+
+
 class Bar:
     """A function of (done, total) that moves a bar on the terminal."""
 
     def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
         self._bar = bar
+        self.what = what
         self._task = bar.add_task(shown(what), total=None)
         self._still = still
         self._next = 0.0 if not bar.disable else math.inf
@@ -44,6 +58,7 @@ class Bar:
 
     def describe(self, what: str) -> None:
         """Say something else beside the bar."""
+        self.what = what
         self._bar.update(self._task, description=shown(what), refresh=self._still)
 
 
@@ -58,7 +73,32 @@ def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
     disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a bar that is not shown with an empty line
     with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
         console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
-        yield Bar(bar, what, still=still)
+        moving = Bar(bar, what, still=still)
+        token = _BAR.set(None if disable else moving)
+        try:
+            yield moving
+        finally:
+            _BAR.reset(token)
+
+
+@contextmanager
+def busy(what: str) -> Iterator[None]:
+    """Say on stderr what takes its time: with a clock on a terminal, beside a bar if there is one; else as a line."""
+    console, bar = Console(stderr=True), _BAR.get()
+    if bar:
+        before = bar.what
+        bar.describe(what)
+        yield
+        bar.describe(before)
+    elif console.is_terminal:
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as clock:
+            console.show_cursor(True)
+            clock.add_task(shown(what), total=None)
+            yield
+    else:
+        say(what, err=True)
+        yield
 
 
 def warn(sentences: Iterable[str]) -> None:

@@ -20,7 +20,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.compiled import compiled
+from knee_contact_ros.compiled.kernel import compiled
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.core.contact_modes import ContactModes

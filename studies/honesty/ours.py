@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.compiled import compiled
+from knee_contact_ros.compiled.kernel import compiled
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import OnPlane

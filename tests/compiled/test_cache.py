@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -367,3 +368,38 @@ def test_folders_that_nobody_uses_go(tmp_path: Path) -> None:
         folder.write("a", b"machine code")
     many[0].remove_unused()
     assert all(folder.read("a") for folder in many)
+
+
+NOTHING_FITS = """
+import resource
+from knee_contact_ros.compiled.kernel import compiled_function
+from tests.helpers.tiny_kernel import twice
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+made = compiled_function(twice)
+print(made(21.0), made(21), made(21j))
+"""
+
+
+def test_that_nothing_can_be_kept_is_said_once(tmp_path: Path) -> None:
+    """Whatever the reason: a home that cannot be written is one, a full disk another."""
+    command = [sys.executable, "-c", NOTHING_FITS]
+    home = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run(command, env=home, capture_output=True, text=True, check=True)
+    assert done.stdout == "42.0 42 42j\n"
+    (line,) = done.stderr.splitlines()
+    assert line.endswith("cannot be written: File too large; what was compiled is not kept")
+
+
+def test_what_the_administrator_has_kept_serves_all_users(tmp_path: Path) -> None:
+    """As in the image of a robot: compiled as root, read by others, who cannot change it."""
+    if os.geteuid():
+        pytest.skip("only root may become another user")
+    with TemporaryDirectory(dir="/tmp") as place:
+        folder = KernelFolder(Path(place) / "above" / "kernel-x")
+        folder.write("a", b"kernel")
+        subprocess.run(["/bin/chmod", "-R", "a+rX", place], check=True)
+        child = os.fork()
+        if not child:
+            os.setuid(NOBODY)
+            os._exit(0 if folder.read("a") == b"kernel" else 1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

@@ -12,7 +12,7 @@ import pytest
 from numba import typeof as type_of
 
 import knee_contact_ros
-from knee_contact_ros.compiled import compiled
+from knee_contact_ros.compiled.kernel import compiled
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import knee_contact_ros.core
-from knee_contact_ros.compiled import compiled_function as compiled
+from knee_contact_ros.compiled.functions import compiled_function as compiled
 from knee_contact_ros.core.contact_pairs import ContactPair, CurveContact, OnPlane
 from knee_contact_ros.core.contact_pairs.profile_search import CELL
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle

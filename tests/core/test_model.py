@@ -292,8 +292,8 @@ def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObj
 
 def test_an_answer_prints_with_the_names_of_its_fields() -> None:
     contact = model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0)
-    assert repr(contact).startswith("(flexion_angle=0.1, load=800.0, contact_force=")
-    assert "contact_point=(" in repr(contact)
+    assert str(contact).startswith("(flexion_angle=0.1, load=800.0, contact_force=")
+    assert "contact_point=(" in str(contact)
     assert str(contact.contact_point).startswith("(x=0.0, y=")
 
 

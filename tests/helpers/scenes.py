@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.compiled import compiled
+from knee_contact_ros.compiled.kernel import compiled
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.contact_laws.kelvin_voigt import KelvinVoigtFormula

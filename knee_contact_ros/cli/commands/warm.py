@@ -1,0 +1,43 @@
+"""The command warm: compile what would be compiled at the first start."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from knee_contact_ros.cli.options import found, parameter_files, parameter_values
+
+
+@click.command()
+@parameter_files
+@parameter_values
+def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:
+    """Compile the model ahead of its first use.
+
+    For the image of a robot, say. Without --params and -p: for each of the package's own parameter files. What is
+    compiled is kept in $XDG_CACHE_HOME/knee_contact_ros, else in ~/.cache/knee_contact_ros, for all installations of
+    this version of the model and its compiler on this kind of processor. What is kept already is left as it is.
+    """
+    from knee_contact_ros.compiled.kernel import is_kept, kernel_folder
+    from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.parameters.reading import Source
+    from knee_contact_ros.system.errors import IncompleteError
+    from knee_contact_ros.system.resources import shipped_parameter_files
+    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.terminal import say
+
+    asked: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
+    if parameter_files or parameter_values:
+        names = ", ".join([*map(str, parameter_files), *parameter_values])
+        asked = {names: [*found(parameter_files), parameters_of(parameter_values)]}
+    for name, source in asked.items():
+        model = load_model(source, compiled=True)
+        before, begun = is_kept(model.scene), time.monotonic()
+        model.stream()
+        seconds = time.monotonic() - begun
+        say(f"{name}: {'was there already' if before else 'compiled'} ({seconds:.1f} s)")
+        if not is_kept(model.scene, only_on_disk=True):
+            raise IncompleteError(f"what was compiled could not be kept in {kernel_folder()}")
+    say(f"kept in {kernel_folder()}")

@@ -1,0 +1,95 @@
+"""`knee_contact_ros.solve`: what the command of that name computes, for a notebook."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.bags.bag_files import in_a_line, others_beside
+from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
+from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.core.types import ROW, Rows
+from knee_contact_ros.offline.solve import solve as solve_bag
+from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.subject import Subject
+from knee_contact_ros.results import Results
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
+from knee_contact_ros.system.terminal import progress
+
+Name = str | PathLike[str]
+
+
+def solve(
+    bag: Name | None = None,
+    params: Source | None = None,
+    values: Mapping[str, Any] | None = None,
+    *,
+    subject: Name | None = None,
+    output: Name | None = None,
+    overwrite: bool = False,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+    compiled: bool | None = None,
+) -> Results:
+    """Compute a recorded gait, as `knee-contact solve` does: the same bits. Needs no ROS.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder; None: the one that `subject` names.
+        params: As for `load_model`. None: the healthy knee; of a recording of ours, the parameters stored in it.
+        values: Single parameters, which win over all others: `{"contact.damping": 0.0}`.
+        subject: A subject file; `params` wins over it.
+        output: Recording to write, too.
+        overwrite: Replace `output` if it exists.
+        remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
+        namespace: Take the inputs from /NAMESPACE/... of the bag.
+        compiled: As for `load_model`.
+
+    What makes no sense in parameters or answers, and what of a damaged bag cannot be read, is warned of.
+
+    Raises:
+        UsageError: bag, parameters or output cannot be used, or no tick could be computed.
+    """
+    person = Subject(expanded(str(subject))) if subject else None
+    path = expanded(str(bag)) if bag else person.bag if person else None
+    if path is None:
+        raise UsageError("no bag: give one, or a subject file that names one")
+    how = _parameters(path, params, dotted(values or {}), person)
+    names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+    written, blocks = Path(output) if output else None, list[Rows]()
+    with progress("Solving") as advance:
+        summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
+    for sentence in _doubts(path, summary):
+        warnings.warn(sentence, stacklevel=2)
+    whole = bytearray().join(rows.tobytes() for rows in blocks)  # NumPy would not copy what is between the fields
+    return np.frombuffer(whole, ROW).view(Results)
+
+
+def _parameters(
+    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
+) -> Parameters | Provenance:
+    """What to compute with: as asked, else as a recording says, else the healthy knee."""
+    stored = read_provenance(bag) if params is None and person is None else None
+    if stored:
+        return with_values(stored, values)
+    if params is None:
+        params = () if person else DEFAULT_PARAMETERS
+    given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
+    return load_parameters([*(person.sources() if person else ()), *given, values])
+
+
+def _doubts(bag: Path, summary: Summary) -> list[str]:
+    """What a reader of the answers must know."""
+    doubts = [*others_beside(bag), *summary.doubts.sentences]
+    if summary.split and summary.split.problem:
+        doubts.append(summary.split.problem)
+    if summary.damage:
+        doubts.append(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+    return doubts

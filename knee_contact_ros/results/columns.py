@@ -1,0 +1,37 @@
+"""The numbers of answers as plain columns, with their units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.types import FLAT, Rows
+
+NANOSECOND = 1e-9
+TIME = "time"
+UNITS = {
+    TIME: "s", "flexion_angle": "rad", "load": "N", "contact_force": "N", "penetration_depth": "m", "gap": "m",
+    "penetration_rate": "m/s", "sliding_velocity": "m/s", "contact_point": "m", "femoral_height": "m",
+    "cartilage_depth": "m", "bone_depth": "m", "error_estimate": "m", "force_error_estimate": "N",
+    "contact_wrench_force": "N", "contact_wrench_torque": "N m", "stamp": "ns", "femoral_x": "m", "latency": "s",
+}  # fmt: skip
+"""Of the fields, those of vectors without their component; what is missing has none"""
+
+
+def time_of(rows: Rows) -> NDArray[np.float64]:
+    """Stamps in seconds, shape (n,)."""
+    seconds: NDArray[np.float64] = np.asarray(rows["stamp"]) * NANOSECOND
+    return seconds
+
+
+def columns(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Every number of every answer by its name, shape (n,) each, vectors as `contact_point_x`; first the time [s]."""
+    flat = np.asarray(rows).view(FLAT)
+    return {TIME: time_of(rows)} | {name: np.ascontiguousarray(flat[name]) for name in FLAT.names or ()}
+
+
+def unit_of(name: str) -> str:
+    """The SI unit of a column; empty if it has none."""
+    return UNITS.get(name, UNITS.get(name.rsplit("_", 1)[0] if name[-2:] in ("_x", "_y", "_z") else "", ""))

@@ -1,0 +1,21 @@
+"""Libraries that come with the extra `notebook`."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
+
+
+def library(name: str) -> Any:
+    """A library of the extra.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise UsageError(not_installed(name.partition(".")[0], "notebook")) from None

@@ -1,0 +1,48 @@
+"""The four usual curves of answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.core.types import Rows
+from knee_contact_ros.results.columns import time_of
+from knee_contact_ros.results.extra import library
+
+SIZE = (8.0, 8.0)
+"""[inch]"""
+LEAST = 1.0
+"""[mm] that the contact point's axis spans either way at least: that of a circle on a hinge stays where it is"""
+LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
+
+
+def figure_of(rows: Rows) -> Any:
+    """Flexion, load and contact force, depth, and the contact point on the plateau over time: a matplotlib `Figure`."""
+    matplotlib, pyplot = library("matplotlib"), library("matplotlib.pyplot")
+    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
+    flexion, force, depth, point = axes
+    time = time_of(rows)
+    flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
+    flexion.set_ylabel("flexion [°]")
+    force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load")
+    force.plot(time, rows["contact_force"], color=CONTACT, label="contact force")
+    force.set_ylabel("force [N]")
+    force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
+    force.legend(loc="best", frameon=False)
+    depth.plot(time, 1e3 * np.asarray(rows["penetration_depth"]), color=DEPTH)
+    depth.set_ylim(bottom=0.0)
+    depth.set_ylabel("depth [mm]")
+    places = 1e3 * np.asarray(rows["contact_point"]["x"])
+    point.plot(time, places, color=POINT)
+    if len(places) and np.ptp(places) < LEAST:
+        point.set_ylim(places.mean() - LEAST, places.mean() + LEAST)
+    point.set_ylabel("contact point,\nanterior [mm]")
+    point.set_xlabel("time [s]")
+    for one in axes:
+        one.grid(visible=True, alpha=0.3)
+        one.margins(x=0.0)
+    figure.align_ylabels(axes)
+    if "inline" in matplotlib.get_backend():
+        pyplot.close(figure)  # a notebook shows what a cell gives: once will do
+    return figure

@@ -1,0 +1,77 @@
+"""What `run` and `solve` give."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.results import figure, table
+from knee_contact_ros.results.columns import TIME, columns, time_of, unit_of
+from knee_contact_ros.results.extra import library
+
+
+class Results(np.recarray[Any, Any]):
+    """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
+
+    Fields are attributes and arrays of shape (n,), named as the message's: `results.contact_force` [N]. A slice or a
+    mask gives `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and say so.
+    """
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Stamps [s], shape (n,); `stamp` has them in integer nanoseconds."""
+        return time_of(self)
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` in SI units, a column for every number, indexed by time [s].
+
+        Vectors are columns of their components: `contact_point_x`. The same names are used by all of `to_...`.
+        """
+        pandas, numbers = library("pandas"), columns(self)
+        return pandas.DataFrame(numbers, index=pandas.Index(numbers.pop(TIME), name=TIME))
+
+    def to_polars(self) -> Any:
+        """A `polars.DataFrame` in SI units, a column for every number; the first one is the time [s]."""
+        return library("polars").DataFrame(columns(self))
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`."""
+        numbers = columns(self)
+        variables = {name: (TIME, values, _attributes(name)) for name, values in numbers.items()}
+        return library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
+
+    def to_parquet(self, path: str | PathLike[str]) -> None:
+        """Write the columns of `to_polars` to a Parquet file; one of that name is replaced."""
+        self.to_polars().write_parquet(path)
+
+    def plot(self) -> Any:
+        """Draw flexion, load and contact force, depth, and the contact point over time.
+
+        Returns the `matplotlib.figure.Figure`: a notebook shows it, `savefig` writes it.
+        """
+        return figure.figure_of(self)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(self.dtype.names or ())})
+
+    def __repr__(self) -> str:
+        return f"<Results: {table.in_a_line(self)}>" if self._is_whole else super().__repr__()
+
+    def __str__(self) -> str:
+        return table.as_text(self) if self._is_whole else super().__str__()
+
+    def _repr_html_(self) -> str | None:
+        return table.as_html(self) if self._is_whole else None
+
+    @property
+    def _is_whole(self) -> bool:
+        """Not so is a field with parts of its own, which NumPy gives as an array of the same class."""
+        return "stamp" in (self.dtype.names or ()) and self.ndim == 1
+
+
+def _attributes(name: str) -> dict[str, str]:
+    unit = unit_of(name)
+    return {"units": unit} if unit else {}

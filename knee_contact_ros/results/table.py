@@ -1,0 +1,66 @@
+"""Answers as a short table: the first and the last few, for a terminal and for a notebook."""
+
+from __future__ import annotations
+
+from html import escape
+from io import StringIO
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.core.types import Rows, Status
+from knee_contact_ros.results.columns import time_of
+
+ENDS = 4
+"""Rows that are shown of either end"""
+WIDTH = 78
+HEADINGS = ("time [s]", "flexion [°]", "load [N]", "contact force [N]", "depth [mm]", "point x [mm]", "status")
+
+
+def in_a_line(rows: Rows) -> str:
+    """How many, how long, and the peaks."""
+    if not len(rows):
+        return "no ticks"
+    time = time_of(rows)
+    force, depth = float(np.max(rows["contact_force"])), 1e3 * float(np.max(rows["penetration_depth"]))
+    return f"{len(rows)} ticks over {time[-1] - time[0]:.3f} s, at most {force:.1f} N and {depth:.3f} mm"
+
+
+def as_text(rows: Rows) -> str:
+    """For a terminal."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in HEADINGS:
+        table.add_column(heading.replace("[", r"\["), justify="right")
+    for cells in _cells(rows):
+        table.add_row(*cells)
+    text = StringIO()
+    Console(file=text, width=WIDTH).print(table)
+    lines = [in_a_line(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
+    return "\n".join(filter(None, lines))
+
+
+def as_html(rows: Rows) -> str:
+    """For a notebook."""
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in HEADINGS)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in _cells(rows))
+    whole = f'<table style="text-align: right"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    return f"<p>{escape(in_a_line(rows))}</p>{whole}"
+
+
+def _cells(rows: Rows) -> list[tuple[str, ...]]:
+    if len(rows) <= 2 * ENDS + 1:
+        return _of(rows)
+    return [*_of(rows[:ENDS]), ("…",) * len(HEADINGS), *_of(rows[-ENDS:])]
+
+
+def _of(rows: Rows) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"{second:.3f}", f"{np.degrees(row['flexion_angle']):.1f}", f"{row['load']:.1f}",
+            f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
+            f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
+        )
+        for second, row in zip(time_of(rows), np.asarray(rows), strict=True)
+    ]  # fmt: skip

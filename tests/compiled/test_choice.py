@@ -1,0 +1,134 @@
+"""Compiled or plain: what decides, and that it shows in no bit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.compiled import choice, kernel
+from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, cost_of, worth_compiling
+from knee_contact_ros.core.model import PLAIN, KneeModel
+
+TIME = np.arange(0.0, 0.3, 0.005)
+SERIES = (TIME, 0.4 + 0.3 * np.sin(7.0 * TIME), 900.0 + 600.0 * np.sin(13.0 * TIME))
+KEPT = pytest.mark.xdist_group("kernel for kelvin_voigt")
+
+
+def model(compiled: bool | None = None, **parameters: Any) -> KneeModel:
+    return knee_contact_ros.load_model(parameters, compiled=compiled)
+
+
+def kept(monkeypatch: pytest.MonkeyPatch, is_kept: bool) -> None:
+    monkeypatch.setattr(kernel, "is_kept", lambda _scene: is_kept)
+
+
+@pytest.mark.parametrize(
+    ("source", "measured"),
+    [
+        ("healthy", 0),
+        ("mri_femur", 0),
+        ({"tibia.geometry": "circle"}, 0),
+        (["mri_femur", {"tibia.geometry": "circle"}], 1),
+        ("mri_knee", 2),
+    ],
+)
+def test_as_many_ticks_as_take_as_long_as_compiling_are_compiled_for(
+    source: Any, measured: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    knee, cost = knee_contact_ros.load_model(source), COSTS[measured]
+    assert cost_of(knee.scene) is cost
+    enough = int(cost.compiling / cost.tick) + 2
+    kept(monkeypatch, is_kept=False)
+    assert worth_compiling(knee.scene, enough)
+    assert not worth_compiling(knee.scene, enough // 2)
+    kept(monkeypatch, is_kept=True)
+    assert worth_compiling(knee.scene, enough // 2)
+
+
+def test_a_few_ticks_do_not_even_look_for_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = model().scene
+    monkeypatch.setattr(choice, "_is_kept", lambda _scene: True)
+    monkeypatch.delitem(sys.modules, choice._KERNEL)
+    few = int(LOADING / COSTS[0].tick)
+    assert not worth_compiling(scene, few - 1)
+    assert worth_compiling(scene, few + 2)
+
+
+def test_it_can_be_forced() -> None:
+    assert model().kernel is CHOSEN
+    assert model(compiled=False).kernel is PLAIN
+    assert model(compiled=True).kernel is choice._compiled(model().scene)
+
+
+@KEPT
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_the_choice_never_changes_a_bit(monkeypatch: pytest.MonkeyPatch, is_kept: bool) -> None:
+    compiled, plain = (model(compiled=way).run(*SERIES) for way in (True, False))
+    assert compiled.tobytes() == plain.tobytes()
+    kept(monkeypatch, is_kept)
+    chosen = model()
+    assert chosen.run(*SERIES).tobytes() == plain.tobytes()
+    stream = chosen.stream()
+    ticks = b"".join(stream.tick(*map(float, sample)).tobytes() for sample in zip(*SERIES, strict=True))
+    assert ticks == plain.tobytes()
+
+
+@KEPT
+def test_arrays_of_any_kind_take_the_same_kernel() -> None:
+    """A read-only or strided array would be a type of its own to the compiler, and another half minute."""
+    knee = model(compiled=True)
+    expected = knee.run(*SERIES).tobytes()
+    function: Any = kernel.compiled_function(kernel.ticks.run)
+    before = len(function.overloads)
+    frozen = [column.copy() for column in SERIES]
+    for column in frozen:
+        column.flags.writeable = False
+    strided = [np.stack([column, column], axis=1)[:, 0] for column in SERIES]
+    singles = [column.tolist() for column in SERIES]
+    for given in (frozen, strided, singles):
+        assert knee.run(*given).tobytes() == expected
+    assert len(function.overloads) == before
+
+
+@KEPT
+def test_what_was_compiled_counts_as_kept() -> None:
+    knee = model(compiled=True)
+    knee.run(*SERIES)
+    assert kernel.is_kept(knee.scene)
+    assert kernel.is_kept(knee.scene, only_on_disk=True)
+
+
+COMPILE = """
+import json, sys
+import numpy as np
+import knee_contact_ros
+from knee_contact_ros.compiled import kernel, functions
+from tests.helpers.tiny_kernel import twice
+from knee_contact_ros.compiled.choice import COSTS, telling
+from knee_contact_ros.compiled.turns import in_turn
+for value in (1.0, 1, 1.0):
+    with in_turn(lambda: str(value), telling(COSTS[0])):
+        kernel.compiled_function(twice)(value)
+"""
+
+
+def test_compiling_is_told_once_in_a_line_and_loading_is_not(tmp_path: Path) -> None:
+    def said(home: Path) -> list[str]:
+        code = [sys.executable, "-c", COMPILE]
+        env = {"XDG_CACHE_HOME": str(home), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+        return subprocess.run(code, capture_output=True, text=True, check=True, env=env).stderr.splitlines()
+
+    line = "knee_contact_ros: compiling for this kind of knee, once (some 30 s)"
+    assert said(tmp_path / "home") == [line, line]  # a float and an integer are two kernels
+    assert said(tmp_path / "home") == []
+    (tmp_path / "file").touch()
+    lines = said(tmp_path / "file" / "home")  # nothing can be kept there
+    assert [line for line in lines if line.endswith("what was compiled is not kept")] == []
+    assert json.dumps(lines).count("cannot be read: Not a directory") == 2

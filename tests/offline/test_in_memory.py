@@ -1,0 +1,114 @@
+"""`knee_contact_ros.solve`: the answers of the command of that name, bit for bit, and its options."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros import Results, UsageError
+from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.core.types import FLAT, TOLD
+from tests.offline.test_solve import make_bag
+
+ROWS = [(5_000_000 * i, 0.01 * i, 500.0 + 10.0 * i) for i in range(20)]
+
+
+def told(rows: Any) -> list[bytes]:
+    """All that the message tells of answers, as bytes."""
+    flat = np.asarray(rows).view(FLAT)
+    return [np.ascontiguousarray(flat[name]).tobytes() for name in (*TOLD, "stamp")]
+
+
+WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
+    "nothing": ([], {}),
+    "a name": (["--params", "osteoarthritis.yaml"], {"params": "osteoarthritis"}),
+    "names": (
+        ["--params", "osteoarthritis", "--params", "mri_femur"], {"params": ["osteoarthritis", "mri_femur.yaml"]}
+    ),
+    "a value": (["-p", "contact.damping:=0.0"], {"values": {"contact.damping": 0.0}}),
+    "a nested value": (["-p", "femur.mass:=8.0"], {"values": {"femur": {"mass": 8.0}}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: Path) -> None:
+    arguments, asked = WAYS[way]
+    assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 0
+    (tmp_path / "ours").mkdir()
+    results = knee_contact_ros.solve(right_bag, output=tmp_path / "ours" / "out.mcap", **asked)
+    assert isinstance(results, Results)
+    assert told(results) == told(read_answers(tmp_path / "out.mcap"))
+    assert (tmp_path / "ours" / "out.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
+    assert told(knee_contact_ros.solve(str(right_bag), **asked)) == told(results)
+    assert told(knee_contact_ros.solve(tmp_path / "out.mcap")) == told(results)  # by the parameters in it
+
+
+def test_it_gives_what_the_model_gives(right_bag: Path) -> None:
+    solved = knee_contact_ros.solve(right_bag, "mri_femur")
+    run = knee_contact_ros.load_model("mri_femur").run(solved.time, solved.flexion_angle, solved.load)
+    assert run.tobytes() == solved.tobytes()
+
+
+def test_a_subject_brings_its_bag_and_gives_way_to_parameters(right_bag: Path, tmp_path: Path) -> None:
+    subject = tmp_path / "anna.yaml"
+    subject.write_text(f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}")
+    own = knee_contact_ros.solve(subject=subject)
+    assert own.cartilage_depth.max() == pytest.approx(0.7e-3, abs=1e-9)
+    other = knee_contact_ros.solve(right_bag, {"contact.layer_depth": 0.4e-3}, subject=subject)
+    assert other.cartilage_depth.max() == pytest.approx(0.4e-3, abs=1e-9)
+    last = knee_contact_ros.solve(
+        params={"contact.layer_depth": 0.4e-3}, values={"contact.layer_depth": 0.3e-3}, subject=subject
+    )
+    assert last.cartilage_depth.max() == pytest.approx(0.3e-3, abs=1e-9)
+
+
+def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(right_bag: Path, tmp_path: Path) -> None:
+    knee_contact_ros.solve(right_bag, "osteoarthritis", output=tmp_path / "first.mcap")
+    again = knee_contact_ros.solve(tmp_path / "first.mcap", values={"contact.layer_depth": 0.4e-3})
+    assert told(again) == told(knee_contact_ros.solve(right_bag, ["osteoarthritis", {"contact.layer_depth": 0.4e-3}]))
+    healthy = knee_contact_ros.solve(tmp_path / "first.mcap", "healthy")
+    assert told(healthy) == told(knee_contact_ros.solve(right_bag))
+
+
+def test_inputs_may_have_other_names(tmp_path: Path) -> None:
+    bag = make_bag(tmp_path / "bag.mcap", ROWS)
+    with pytest.raises(UsageError, match="/left/joint_states"):
+        knee_contact_ros.solve(bag, namespace="left")
+    with pytest.raises(UsageError, match="/exo/states"):
+        knee_contact_ros.solve(bag, remap={"joint_states": "/exo/states"})
+
+
+@pytest.mark.xdist_group("kernel for kelvin_voigt")
+def test_plain_and_compiled_give_the_same_bits(right_bag: Path) -> None:
+    plain, compiled = (knee_contact_ros.solve(right_bag, compiled=way) for way in (False, True))
+    assert plain.tobytes() == compiled.tobytes()
+
+
+def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no bag"):
+        knee_contact_ros.solve()
+    with pytest.raises(UsageError, match="no bag at"):
+        knee_contact_ros.solve(tmp_path / "missing.mcap")
+    bad = [(stamp, angle, np.nan if i == 7 else force) for i, (stamp, angle, force) in enumerate(ROWS)]
+    assert len(knee_contact_ros.solve(make_bag(tmp_path / "bad.mcap", bad))) == 19
+    output = tmp_path / "out.mcap"
+    knee_contact_ros.solve(right_bag, output=output)
+    with pytest.raises(UsageError, match="exists"):
+        knee_contact_ros.solve(right_bag, output=output)
+    knee_contact_ros.solve(right_bag, output=output, overwrite=True)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(output.read_bytes()[:50_000])
+    with pytest.warns(UserWarning, match=r"bag .*cut\.mcap is damaged, and solved as far as it can be read"):
+        assert 0 < len(knee_contact_ros.solve(cut, "healthy")) < 387
+    with pytest.warns(UserWarning, match="^387 of 387 ticks") as doubts:
+        knee_contact_ros.solve(right_bag, {"contact.stiffness": 2500.0})
+    assert [str(doubt.message).split()[0] for doubt in doubts] == ["contact.stiffness", "387"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        knee_contact_ros.solve(right_bag)

@@ -1,0 +1,165 @@
+"""What a run's answers are in a notebook, and in other libraries."""
+
+from __future__ import annotations
+
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros import Results
+from knee_contact_ros.core.types import FLAT
+from knee_contact_ros.results.columns import UNITS, columns, unit_of
+from tests import ROOT
+
+TIME = np.arange(0.0, 0.5, 0.005)
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    """A model's, on a tibia that moves the place of contact."""
+    model = knee_contact_ros.load_model({"tibia.slope": 0.1})
+    run = model.run(TIME, 0.3 + 0.2 * np.sin(9.0 * TIME), 700.0 + 500.0 * np.sin(12.0 * TIME))
+    assert isinstance(run, Results)
+    return run
+
+
+def test_they_are_the_same_record_array_with_more_to_it(results: Results) -> None:
+    assert isinstance(results, np.recarray)
+    assert type(results.contact_force) is np.ndarray
+    assert results.time == pytest.approx(TIME, abs=1e-12)
+    assert results.contact_point.x.shape == TIME.shape
+    assert results[0].contact_force == results.contact_force[0]
+    assert (results.stamp == np.rint(TIME * 1e9)).all()
+
+
+def test_a_part_of_them_is_such_too(results: Results) -> None:
+    for part in (results[10:20], results[results.load > 700.0], pickle.loads(pickle.dumps(results))):  # noqa: S301
+        assert isinstance(part, Results)
+        assert len(part.time) == len(part)
+    assert repr(results.contact_point[:1]).startswith("rec.array([(")  # of NumPy: there is no time in it
+    assert results.contact_point._repr_html_() is None
+
+
+def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
+    assert re.fullmatch(r"<Results: 100 ticks over 0\.495 s, at most \d+\.\d N and 0\.\d+ mm>", repr(results))
+    lines = str(results).splitlines()
+    assert len(lines) == 1 + 3 + 4 + 1 + 4
+    assert max(map(len, lines)) <= 78
+    first = results[0]
+    numbers = [
+        f"{first.contact_force:.1f}",
+        f"{1e3 * first.penetration_depth:.3f}",
+        f"{1e3 * first.contact_point.x:.2f}",
+    ]
+    assert lines[4].split() == ["0.000", "17.2", "700.0", *numbers, "OK"]
+    assert results._repr_html_().count("<tr>") == 10
+    assert repr(results[:0]) == "<Results: no ticks>"
+    assert str(results[:0])
+    assert len(str(results[:5]).splitlines()) == 1 + 3 + 5
+
+
+def test_completion_knows_the_fields(results: Results) -> None:
+    assert {"contact_force", "penetration_depth", "time", "to_pandas", "plot"} <= set(dir(results))
+
+
+def assert_whole(names: Any, column: Any, results: Results) -> None:
+    """All numbers are there, bit for bit, and nothing but numbers."""
+    flat = np.asarray(results).view(FLAT)
+    assert list(names) == list(FLAT.names or ())
+    for name in names:
+        assert np.asarray(column(name)).tobytes() == np.ascontiguousarray(flat[name]).tobytes(), name
+
+
+def test_pandas(results: Results) -> None:
+    pytest.importorskip("pandas")
+    table = results.to_pandas()
+    assert_whole(table.columns, table.__getitem__, results)
+    assert table.index.name == "time"
+    assert (table.index == results.time).all()
+    assert all(kind.kind in "fiu" for kind in table.dtypes)
+
+
+def test_polars_and_parquet(results: Results, tmp_path: Path) -> None:
+    polars = pytest.importorskip("polars")
+    table = results.to_polars()
+    assert table.columns[0] == "time"
+    assert_whole(table.columns[1:], table.__getitem__, results)
+    path = tmp_path / "answers.parquet"
+    results.to_parquet(path)
+    assert polars.read_parquet(path).equals(table)
+
+
+def test_xarray_has_units(results: Results) -> None:
+    pytest.importorskip("xarray")
+    data = results.to_xarray()
+    assert_whole(list(data.data_vars), lambda name: data[name].values, results)
+    assert (data.time.values == results.time).all()
+    assert {name: data[name].attrs.get("units") for name in ("time", "load", "contact_point_x", "status")} == {
+        "time": "s", "load": "N", "contact_point_x": "m", "status": None
+    }  # fmt: skip
+
+
+def test_units_are_those_of_the_message() -> None:
+    fields = re.findall(r"^\w[\w/]+ (\w+) +# (?:\[(.+?)\])?", (ROOT / "msg" / "KneeContact.msg").read_text(), re.M)
+    told = {name: unit for name, unit in fields if name != "header"}
+    assert len(told) > 12
+    assert {name: UNITS.get(name, "") for name in told} == told
+    assert all(unit_of(name) == UNITS[name] for name in UNITS)
+    assert unit_of("contact_wrench_torque_z") == "N m"
+
+
+def test_the_figure_has_the_four_curves(results: Results) -> None:
+    pytest.importorskip("matplotlib")
+    figure = results.plot()
+    flexion, force, depth, point = figure.axes
+    assert [len(axes.lines) for axes in figure.axes] == [1, 2, 1, 1]
+    assert flexion.lines[0].get_ydata() == pytest.approx(np.degrees(results.flexion_angle))
+    assert force.lines[1].get_ydata() == pytest.approx(results.contact_force)
+    assert depth.lines[0].get_ydata() == pytest.approx(1e3 * results.penetration_depth)
+    assert point.lines[0].get_xydata() == pytest.approx(np.stack([results.time, 1e3 * results.contact_point.x]).T)
+    low, high = point.get_ylim()
+    assert high - low > 1.99  # [mm] however little it moves
+
+
+ABSENT = """
+import sys
+sys.modules[{name!r}] = None
+import knee_contact_ros
+results = knee_contact_ros.load_model().run([0.0], [0.3], [700.0])
+print(results)
+try:
+    results.{call}
+except knee_contact_ros.UsageError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("pandas", "to_pandas()"),
+        ("polars", "to_parquet('x')"),
+        ("xarray", "to_xarray()"),
+        ("matplotlib", "plot()"),
+    ],
+)
+def test_what_is_missing_is_said_in_a_line(name: str, call: str) -> None:
+    code = ABSENT.format(name=name, call=call)
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    last = said.splitlines()[-1]
+    assert last.startswith(f"{name} is not installed; ")
+    assert "notebook" in last
+
+
+def test_columns_are_numbers_of_their_own(results: Results) -> None:
+    numbers = columns(results)
+    numbers["load"][:] = 0.0
+    assert results.load.min() > 0.0
+    assert all(column.flags.c_contiguous and column.ndim == 1 for column in numbers.values())
