@@ -48,8 +48,8 @@ html_show_sphinx = False
 CONTENTS = {
     "Begin": ["docs/README", "docs/tutorial"],
     "Use": [
-        "docs/installing", "docs/node", "docs/conventions", "docs/bags", "docs/recording", "docs/recovery",
-        "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
+        "docs/installing", "docs/python", "docs/node", "docs/conventions", "docs/bags", "docs/recording",
+        "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
     ],
     "Subjects": ["docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/fit-profile", "bags/README"],
     "Model": ["docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/studies/README"],
