@@ -31,7 +31,7 @@ class Cost(NamedTuple):
     """[s] of compiling run and stream"""
 
 
-COSTS = (Cost(0.3e-3, 30.0), Cost(3e-3, 50.0), Cost(15e-3, 60.0))
+COSTS = (Cost(0.3e-3, 30.0), Cost(3e-3, 45.0), Cost(15e-3, 60.0))
 """By how many measured surfaces the contact is searched for on"""
 LOADING = 1.0
 """[s] of importing the compiler and loading what was compiled before"""

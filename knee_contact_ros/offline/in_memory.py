@@ -61,7 +61,7 @@ def solve(
     path = expanded(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
-    how = _parameters(path, params, dotted(values or {}), person)
+    how = asked_of(path, params, dotted(values or {}), person)
     names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
     written, blocks = Path(output) if output else None, list[Rows]()
     with progress("Solving") as advance:
@@ -72,10 +72,16 @@ def solve(
     return np.frombuffer(whole, ROW).view(Results)
 
 
-def _parameters(
+def asked_of(
     bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
 ) -> Parameters | Provenance:
-    """What to compute with: as asked, else as a recording says, else the healthy knee."""
+    """What to compute a bag with: as asked, else as a recording says of itself, else the healthy knee.
+
+    `values`, by dotted names, win over `params`, and these over the person's.
+
+    Raises:
+        UsageError: see `load_parameters` and `read_provenance`.
+    """
     stored = read_provenance(bag) if params is None and person is None else None
     if stored:
         return with_values(stored, values)

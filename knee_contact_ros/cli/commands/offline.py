@@ -8,8 +8,6 @@ import click
 
 from knee_contact_ros.cli.options import (
     DEFAULT_PARAMETERS,
-    found,
-    found_file,
     names_in_bag_options,
     parameter_files,
     parameter_values,
@@ -49,11 +47,11 @@ def solve(
     the command then says what is missing, and ends with code 1.
     """
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
-    from knee_contact_ros.bags.provenance import read_provenance, with_values
+    from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.offline.in_memory import asked_of
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
-    from knee_contact_ros.parameters.reading import load_parameters
     from knee_contact_ros.parameters.subject import Subject
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
@@ -62,16 +60,13 @@ def solve(
     bag = bag or (person.bag if person else None)
     if bag is None:
         raise UsageError("no BAG: give one, or --subject with a file that names one")
-    stored = None if parameter_files or person else read_provenance(bag)
-    values = parameters_of(parameter_values)
-    sources = [*person.sources(), *map(found_file, parameter_files)] if person else found(parameter_files)
-    how = with_values(stored, values) if stored else load_parameters([*sources, values])
+    how = asked_of(bag, parameter_files or None, parameters_of(parameter_values), person)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
         summary = solve_bag(bag, how, output, advance, overwrite, names)
     given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
     files = ", ".join(map(str, given))
-    source = f"those in {bag.name}, made with {stored.package}" if stored else files
+    source = f"those in {bag.name}, made with {how.package}" if isinstance(how, Provenance) else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
     warn(others_beside(bag))
