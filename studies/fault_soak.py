@@ -220,7 +220,7 @@ def again(recording: Path, firsts: Sequence[int]) -> Again:
             status = Status(status_of(mine))
             while stretch + 1 < len(firsts) and mine.log_time >= firsts[stretch + 1] - SECOND // round(RATE):
                 stretch += 1
-            flags[stretch].update(bit.name or "" for bit in Status if bit in status)
+            flags[stretch].update(bit.name or "" for bit in Status if bit & status)
             held = (held or bool(status & Status.INPUT_HELD)) and not status & Status.TIME_RESET
             compared += not held
             different += not held and not alike(mine, theirs)

@@ -34,7 +34,6 @@ from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.replay import Replayer
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import show_summary
-from knee_contact_ros.offline.view import look
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -49,7 +48,7 @@ from knee_contact_ros.system.ros_graph import joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.view.picture import write_peak
-from knee_contact_ros.view.window import NOT_INSTALLED, executable, has_screen, hidden, viewer
+from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
 
 NODE_START = 300.0
 """How long [s] the node may take to appear; it may have to compile first."""
@@ -156,9 +155,11 @@ def offer(scene: Path) -> None:
     """On a terminal with a screen, ask whether to open the scene, and do."""
     if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
         return
+    from knee_contact_ros.offline.view import look_at  # Rerun, which may be missing
+
     with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
         if click.confirm("Open the scene in the Rerun viewer?", default=True):
-            look([str(executable()), *hidden(), str(scene)])
+            look_at(scene)
 
 
 def check_before(bag: Path, parameters: Parameters) -> Doubts:
@@ -199,7 +200,7 @@ def play(
             executor.spin_once(timeout_sec=seconds)
             return ()
 
-        with progress("Starting the node (the first time it compiles, for half a minute or more)") as advance:
+        with progress("Starting the node (the first time it compiles, for half a minute or a minute)") as advance:
             deadline = time.monotonic() + NODE_START
             while not (
                 replayer.wait_for_subscribers(0.1, spin)

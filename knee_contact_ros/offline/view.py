@@ -100,9 +100,18 @@ def present(path: Path, way: ViewOptions) -> None:
     if way.serve:
         serve(path, way.port)
     else:
-        place = hidden()
-        put_on_peak(path, place.url)
-        look([str(executable()), *place.options, str(path)])
+        look_at(path)
+
+
+def look_at(path: Path) -> None:
+    """Show a Rerun file in a window, at its largest load, until that is closed.
+
+    Raises:
+        UsageError: as `look`.
+    """
+    place = hidden()
+    put_on_peak(path, place.url)
+    look([str(executable()), *place.options, str(path)])
 
 
 def drawn_already(sources: Sequence[str], way: ViewOptions) -> Path:

@@ -37,7 +37,9 @@ def peak_of(path: Path) -> Moment | None:
             batch = chunk.to_record_batch()
             stamps = batch.column(TIMELINE)
             loads = np.array(batch.column("Scalars:scalars").to_pylist())[:, LOAD_PLACE]
-            best = int(loads.argmax())
+            if np.isnan(loads).all():
+                continue
+            best = int(np.nanargmax(loads))
             moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
             found.append((float(loads[best]), moment))
     return max(found)[1] if found else None

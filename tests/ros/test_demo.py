@@ -43,6 +43,11 @@ def addresses(process: psutil.Process) -> set[str]:
     return {socket.laddr.ip for socket in internet_sockets(process)}
 
 
+def test_it_needs_no_rerun() -> None:
+    code = "import sys; sys.modules['rerun'] = None; import knee_contact_ros.offline.demo"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=TIMEOUT)
+
+
 def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path, config: Path) -> None:
     names = ("healthy.yaml", "osteoarthritis.yaml")
     demos = [
