@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.types import ROW
 from knee_contact_ros.results import figure, table
 from knee_contact_ros.results.columns import TIME, columns, time_of, unit_of
 from knee_contact_ros.results.extra import library
@@ -68,8 +69,8 @@ class Results(np.recarray[Any, Any]):
 
     @property
     def _is_whole(self) -> bool:
-        """Not so is a field with parts of its own, which NumPy gives as an array of the same class."""
-        return "stamp" in (self.dtype.names or ()) and self.ndim == 1
+        """Not so are some of the fields, or one with parts of its own: NumPy gives them as arrays of the same class."""
+        return self.dtype.names == ROW.names and self.ndim == 1
 
 
 def _attributes(name: str) -> dict[str, str]:

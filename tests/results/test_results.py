@@ -45,6 +45,10 @@ def test_a_part_of_them_is_such_too(results: Results) -> None:
         assert len(part.time) == len(part)
     assert repr(results.contact_point[:1]).startswith("rec.array([(")  # of NumPy: there is no time in it
     assert results.contact_point._repr_html_() is None
+    some = results[["stamp", "load"]]
+    assert "700." in repr(some)
+    assert str(some)
+    assert some._repr_html_() is None
 
 
 def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
