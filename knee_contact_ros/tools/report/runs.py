@@ -82,7 +82,7 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
     Raises:
         UsageError: a file or its parameters cannot be used.
     """
-    runs: list[Run] = []
+    own: list[Run] = []
     over = overlay(asked.compare) if asked.compare else None
     recorded = {path: answer_topics(path) for path in asked.files}
     if asked.parameters_given and all(topics and _stored(path, asked) for path, topics in recorded.items()):
@@ -90,19 +90,21 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
     for number, path in enumerate(asked.files):
         label = asked.labels[number] if asked.labels else path.stem
         several = len(recorded[path]) > 1
-        own = [
+        found = [
             _recorded(path, topic, f"{label} {topic.strip('/')}" if several else label, asked, say)
             for topic in recorded[path]
         ]
-        for run in own or [_solved(path, label, asked, work, say)]:
-            if over is None:
-                runs.append(run)
-                continue
-            other = _compared(run, len(runs), over, asked, work, say)
-            names = [named(other.differences, after=after) for after in (False, True)]
-            runs.append(run._replace(label=", ".join(filter(None, (run.label, names[0])))))
-            runs.append(other._replace(label=f"{run.label}, {names[1] or SAME}"))
-    return _told_apart(runs)
+        own += found or [_solved(path, label, asked, work, say)]
+    own = _told_apart(own)  # before they are compared: two of a name differ by their laws' names at most
+    if over is None:
+        return own
+    runs: list[Run] = []
+    for run in own:
+        other = _compared(run, len(runs), over, asked, work, say)
+        names = [named(other.differences, after=after) for after in (False, True)]
+        runs.append(run._replace(label=", ".join(filter(None, (run.label, names[0])))))
+        runs.append(other._replace(label=f"{run.label}, {names[1] or SAME}"))
+    return runs
 
 
 def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:

@@ -280,6 +280,17 @@ def test_files_of_one_name_are_told_apart(bags: tuple[Path, Path], tmp_path: Pat
     assert {row["run"] for row in rows} == {"gait2354_right (1)", "gait2354_right (2)"}
 
 
+def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    recordings = [tmp_path / folder / "knee.mcap" for folder in ("first", "second")]
+    for recording, file in zip(recordings, ("healthy", "osteoarthritis"), strict=True):
+        recording.parent.mkdir()
+        assert main(["solve", str(bags[0]), "--params", file, "--output", str(recording)]) == 0
+    arguments = ["--compare", "osteoarthritis", "--output", str(tmp_path / "out")]
+    assert main(["report", *map(str, recordings), *arguments]) == 0
+    labels = dict.fromkeys(row["run"] for row in read(tmp_path / "out" / "peaks.csv"))
+    assert [label.split(",")[0] for label in labels] == ["knee (1)", "knee (1)", "knee (2)", "knee (2)"]
+
+
 def test_a_femur_from_mri_shows_the_way_of_the_contact_point(bags: tuple[Path, Path], tmp_path: Path) -> None:
     arguments = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "--output", str(tmp_path / "out")]
     assert main(["report", str(bags[0]), *arguments]) == 0
