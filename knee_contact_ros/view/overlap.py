@@ -13,7 +13,9 @@ POINTS = 13
 SAMPLES = 33
 """Places at which the outlines are compared first"""
 MARGIN = 2.0
-"""How much wider than the overlap of a circle and a plane the place looked at is"""
+"""How much wider than the overlap of a circle and a plane the place looked at first is"""
+WIDENINGS = 4
+"""How often it is doubled at most: surfaces that nearly fit overlap along a longer way"""
 
 
 class Overlaps(NamedTuple):
@@ -38,8 +40,13 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius
         radius: roughly that of the femur [m].
     """
     half = MARGIN * np.sqrt(2.0 * radius * np.maximum(depth, 0.0))
-    x = middle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)
-    deep = _above(tibia, x) - lowest_at(femur, x)
+    for _ in range(1 + WIDENINGS):
+        x = middle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)
+        deep = _above(tibia, x) - lowest_at(femur, x)
+        cut = (deep[:, [0, -1]] > 0.0).any(axis=1)
+        if not cut.any():
+            break
+        half = np.where(cut, 2.0 * half, half)
     begin, end = _crossing(x, deep), _crossing(x[:, ::-1], deep[:, ::-1])
     x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
     upper = _above(tibia, x)

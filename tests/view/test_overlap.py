@@ -43,6 +43,18 @@ def test_it_is_the_segment_of_the_circle_below_the_plane(x: float, depth: float)
     assert 2.0 * min(inner, half) - 0.1 * step <= width <= 2.0 * outer + 0.1 * step
 
 
+@pytest.mark.parametrize("tibial_radius", [0.036, 0.04, 0.095])
+def test_it_is_as_wide_as_the_lens_in_a_plateau_that_nearly_fits(tibial_radius: float) -> None:
+    turns = np.linspace(-1.2, 1.2, 2001)
+    tibia = tibial_radius * np.stack([np.sin(turns), 1.0 - np.cos(turns)], axis=1)
+    depth = 5e-4
+    found = overlaps(np.array([circle(0.0, RADIUS - depth)]), tibia, np.array([0.0]), np.array([depth]), RADIUS)
+    apart = tibial_radius - RADIUS + depth  # from centre to centre
+    half = math.sqrt(RADIUS**2 - ((tibial_radius**2 - RADIUS**2 - apart**2) / (2.0 * apart)) ** 2)
+    assert np.ptp(found.x[0]) == pytest.approx(2.0 * half, rel=0.05)
+    assert found.upper[0, [0, -1]] == pytest.approx(found.lower[0, [0, -1]], abs=0.1 * depth)
+
+
 def test_there_is_none_apart() -> None:
     femur = np.array([circle(0.0, RADIUS + 1e-3)])
     found = overlaps(femur, PLANE, np.array([0.0]), np.array([0.0]), RADIUS)
