@@ -20,7 +20,9 @@ PATH_SPAN = 1.5
 LIVE_SPAN = 6.0
 """How long [s] the curves are seen while they grow"""
 HEIGHTS = [1.03, 0.78, 1.12, 1.07]
-"""Of the plots beside the plane, so that all of their ticks can be read"""
+"""Of four plots beside the plane, so that their ticks can be read; three have room enough to be alike"""
+ABREAST = 2
+"""So many planes side by side; more of them stand below, or their words would cover each other"""
 MAIN, BEHIND = "Knee", "Cost, levels, estimates, events"
 """The two tabs"""
 
@@ -36,7 +38,11 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
-            rrb.Horizontal(rrb.Horizontal(*planes), rrb.Vertical(*main, row_shares=HEIGHTS[: len(main)]), name=MAIN),
+            rrb.Horizontal(
+                rrb.Grid(*planes, grid_columns=min(ABREAST, len(planes))),
+                rrb.Vertical(*main, row_shares=HEIGHTS if len(main) == len(HEIGHTS) else None),
+                name=MAIN,
+            ),
             rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*told), name=BEHIND),
         ),
         rrb.TimePanel(

@@ -21,7 +21,7 @@ from knee_contact_ros.view.anatomy import placed
 from knee_contact_ros.view.colours import OF_KNEES
 from knee_contact_ros.view.cursor import peak_of
 from knee_contact_ros.view.frame import common, frame_of
-from knee_contact_ros.view.layout import plane_title, title_of
+from knee_contact_ros.view.layout import blueprint, plane_title, title_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.overlap import POINTS
@@ -257,6 +257,15 @@ def test_the_largest_load_is_found_in_a_file(knee: tuple[KneeOutlines, list[Answ
     assert peak_of(written(tmp_path / "knee.rrd", drawing, parts)) == (2_430_000_000, False)
     today = at(whole, DATES_FROM * 5 + whole["stamp"])
     assert peak_of(written(tmp_path / "today.rrd", drawing, [today])) == (DATES_FROM * 5 + 2_430_000_000, True)
+
+
+@pytest.mark.parametrize(("knees", "columns"), [(1, 1), (2, 2), (3, 2), (4, 2)])
+def test_two_planes_at_most_stand_side_by_side(
+    knee: tuple[KneeOutlines, list[Answer]], knees: int, columns: int
+) -> None:
+    layout = blueprint([knee[0]._replace(knee=f"knee_{number}") for number in range(knees)])
+    planes = layout.root_container.contents[0].contents[0]
+    assert (len(planes.contents), planes.grid_columns) == (knees, columns)
 
 
 def test_how_answers_are_cut_into_batches_makes_no_difference(
