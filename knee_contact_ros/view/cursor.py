@@ -12,7 +12,7 @@ import numpy as np
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from knee_contact_ros.view.plots import FORCES, LOAD_PLACE
+from knee_contact_ros.view.plots import FORCE_PLACE, FORCES, LOAD_PLACE
 from knee_contact_ros.view.scene import CURVES, TIMELINE
 
 PATIENCE = 60.0
@@ -30,19 +30,21 @@ class Moment(NamedTuple):
 
 
 def peak_of(path: Path) -> Moment | None:
-    """When the load of any knee in a Rerun file was largest; none where there is no load in it."""
-    found: list[tuple[float, Moment]] = []
+    """When the load of any knee in a Rerun file was largest, and where it was so for long, the contact force.
+
+    None where there is no load in it.
+    """
+    found: list[tuple[float, float, Moment]] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path.endswith(f"/{CURVES}/{FORCES}") and not chunk.is_static:
             batch = chunk.to_record_batch()
             stamps = batch.column(TIMELINE)
-            loads = np.array(batch.column("Scalars:scalars").to_pylist())[:, LOAD_PLACE]
-            if np.isnan(loads).all():
-                continue
-            best = int(np.nanargmax(loads))
+            curves = np.nan_to_num(np.array(batch.column("Scalars:scalars").to_pylist()), nan=-np.inf)
+            load, force = curves[:, LOAD_PLACE], curves[:, FORCE_PLACE]
+            best = int(np.lexsort((-np.arange(len(load)), force, load))[-1])
             moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
-            found.append((float(loads[best]), moment))
-    return max(found)[1] if found else None
+            found.append((float(load[best]), float(force[best]), moment))
+    return max(found)[-1] if found else None
 
 
 def put_on_peak(path: Path, viewer: str) -> None:

@@ -104,8 +104,8 @@ DETAILS = (
 """What stands in the second tab"""
 
 
-LOAD_PLACE = 3
-"""Of the load in `FORCES`"""
+FORCE_PLACE, LOAD_PLACE = 2, 3
+"""Of contact force and load in `FORCES`"""
 
 
 def _signed(shown: Rows) -> Floats:

@@ -268,6 +268,21 @@ def test_two_planes_at_most_stand_side_by_side(
     assert (len(planes.contents), planes.grid_columns) == (knees, columns)
 
 
+def test_of_the_same_load_the_largest_force_is_found_and_nothing_counts_as_more(
+    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
+) -> None:
+    drawing, answers = knee
+    level = rows_of(answers).copy()
+    level["load"] = 350.0  # as where the height drives
+    assert peak_of(written(tmp_path / "level.rrd", drawing, [level])) == (
+        int(level["stamp"][level["contact_force"].argmax()]),
+        False,
+    )
+    missing = rows_of(answers).copy()
+    missing["load"][:100] = np.nan
+    assert peak_of(written(tmp_path / "missing.rrd", drawing, [missing])) == (2_430_000_000, False)
+
+
 def test_how_answers_are_cut_into_batches_makes_no_difference(
     knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
 ) -> None:
