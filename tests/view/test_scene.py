@@ -15,6 +15,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.view.anatomy import placed
@@ -237,6 +238,27 @@ def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
             assert points[:, 0].max() < frame.x[1]
             assert frame.y[0] < -points[:, 1].max()
             assert -points[:, 1].min() < frame.y[1]
+
+
+@pytest.mark.parametrize(
+    ("files", "changes"),
+    [
+        (["healthy"], {"tibia.slope": -0.7}),
+        (["healthy"], {"tibia.slope": 0.7}),
+        (["healthy"], {"femur.radius": 0.2}),
+    ],
+)
+def test_a_steep_or_large_knee_is_seen_whole_with_its_words(files: list[str], changes: dict[str, float]) -> None:
+    model = load_model([*files, changes])
+    drawing = drawing_of(model, "knee", WEIGHT)
+    frame = frame_of(drawing)
+    for angle in (0.0, 1.0):
+        x, _ = model.mechanism.translation(angle)
+        touching = model.pair.closest(angle, x, 1.0)
+        height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
+        assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
+    room = (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0])
+    assert room > 0.05  # below the marks, where their words stand
 
 
 def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
