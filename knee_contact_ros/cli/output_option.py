@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import checked_output
 
 
 class Output(click.Path):
@@ -23,14 +23,5 @@ class Output(click.Path):
         Raises:
             UsageError: its folder is not there, or its name ends otherwise.
         """
-        path = Path(str(super().convert(value, param, ctx)))
         label = param.opts[0] if isinstance(param, click.Option) else "output"
-        if self._suffixes and path.suffix.lower() not in self._suffixes:
-            raise UsageError(f"{label} {path}: its name must end with {' or '.join(self._suffixes)}")
-        try:
-            there = path.absolute().parent.is_dir()
-        except OSError as error:
-            raise UsageError(f"{label} {path}: {error.strerror}") from None
-        if not there:
-            raise UsageError(f"{label} {path}: there is no folder {path.parent}; make it first")
-        return path
+        return checked_output(Path(str(super().convert(value, param, ctx))), label, *self._suffixes)

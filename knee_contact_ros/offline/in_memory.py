@@ -21,6 +21,7 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subject import Subject
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.terminal import progress
 
@@ -63,7 +64,7 @@ def solve(
         raise UsageError("no bag: give one, or a subject file that names one")
     how = asked_of(path, params, dotted(values or {}), person)
     names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
-    written, blocks = Path(output) if output else None, list[Rows]()
+    written, blocks = checked_output(Path(output), "output", ".mcap") if output else None, list[Rows]()
     with progress("Solving") as advance:
         summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
     for sentence in _doubts(path, summary):

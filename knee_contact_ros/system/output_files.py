@@ -111,6 +111,23 @@ def _exists(folder: Path) -> bool:
     return True
 
 
+def checked_output(path: Path, label: str, *suffixes: str) -> Path:
+    """The path of an output to be: its folder is there, as a misspelt one is not made, and its name tells what it is.
+
+    Raises:
+        UsageError: its folder is not there, or its name ends with none of `suffixes`, if there are any.
+    """
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise UsageError(f"{label} {path}: its name must end with {' or '.join(suffixes)}")
+    try:
+        there = path.absolute().parent.is_dir()
+    except OSError as error:
+        raise UsageError(f"{label} {path}: {error.strerror}") from None
+    if not there:
+        raise UsageError(f"{label} {path}: there is no folder {path.parent}; make it first")
+    return path
+
+
 def refuse_existing(path: Path) -> None:
     """Refuse an output whose name is taken.
 

@@ -97,6 +97,10 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
         knee_contact_ros.solve(tmp_path / "missing.mcap")
     bad = [(stamp, angle, np.nan if i == 7 else force) for i, (stamp, angle, force) in enumerate(ROWS)]
     assert len(knee_contact_ros.solve(make_bag(tmp_path / "bad.mcap", bad))) == 19
+    with pytest.raises(UsageError, match=r"its name must end with \.mcap"):
+        knee_contact_ros.solve(right_bag, output=tmp_path / "out.csv")
+    with pytest.raises(UsageError, match="there is no folder"):
+        knee_contact_ros.solve(right_bag, output=tmp_path / "misspelt" / "out.mcap")
     output = tmp_path / "out.mcap"
     knee_contact_ros.solve(right_bag, output=output)
     with pytest.raises(UsageError, match="exists"):
