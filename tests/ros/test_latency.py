@@ -97,7 +97,7 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
         (["--rounds", "0"], "1<=x<=100"),
         (["--soak", "0"], "1<=x<=1000000000"),
         (["--output", "file"], "'file' is a file"),
-        (["--output", "file/out"], "cannot write to file/out"),
+        (["--output", "file/out"], "there is no folder file"),
     ],
 )
 def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:

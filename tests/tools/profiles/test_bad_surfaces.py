@@ -85,12 +85,13 @@ def test_one_line_says_what_is_wrong(case: str, tmp_path: Path, capsys: pytest.C
     source.parent.mkdir()
     make(source)
     options = options if "--slice" in options else ["--slice", "-18", *options]
+    (tmp_path / "out").mkdir()
     assert main(["fit-profile", str(source), *options, "--output", str(tmp_path / "out" / "a.csv")]) == 2
     told = capsys.readouterr()
     assert words in told.err
     assert len(told.err.splitlines()) == 1
     assert told.out == ""
-    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_an_existing_profile_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

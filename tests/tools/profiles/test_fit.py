@@ -171,6 +171,7 @@ def test_solve_takes_what_was_fitted(right_bag: Path, tmp_path: Path, capsys: py
     mesh = saved(tmp_path / "femur.stl", swept(femoral_curve(TWO_RADII)))
     bone = saved(tmp_path / "bone.stl", swept(femoral_curve(TWO_RADII), inwards=2.5 * MM))
     output = tmp_path / "new" / "profile.csv"
+    output.parent.mkdir()
     arguments = ["fit-profile", str(mesh), "--slice", "-18", "--bone", str(bone), "--output", str(output)]
     assert main(arguments) == 0
     told = capsys.readouterr().out
