@@ -55,6 +55,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.stability
 	$(BIN)/python -m studies.choosing --turns 3
 	$(BIN)/python -m studies.reproduction
+	$(BIN)/python -m studies.validation
 
 clean:
 	rm -rf $(VENV) $(LOWEST) build site *.egg-info .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

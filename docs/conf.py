@@ -51,8 +51,11 @@ CONTENTS = {
         "docs/installing", "docs/python", "docs/node", "docs/conventions", "docs/bags", "docs/recording",
         "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
     ],
-    "Subjects": ["docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/fit-profile", "bags/README"],
-    "Model": ["docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/studies/README"],
+    "Subjects": [
+        "docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/sensors", "docs/fit-profile",
+        "docs/fit-share", "bags/README",
+    ],
+    "Model": ["docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/validation", "docs/studies/README"],
     "API": ["docs/api/README", "docs/api/python", "docs/api/message", "docs/api/parameters", "docs/api/commands"],
     "Project": ["CONTRIBUTING", "docs/from-source", "QUALITY_DECLARATION", "docs/decisions/README", "CHANGELOG"],
 }  # fmt: skip

@@ -25,6 +25,7 @@ from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.cdr import SECOND
+from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -96,7 +97,8 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
     complaints: list[str] = []
     outputs = Outputs(
-        Knee(parameters, pipeline.model, ABSOLUTE_NAMES, {}), Listeners(complaints.append, complaints.append)
+        Knee(parameters, {KNEE_CONTACT: pipeline.model}, ABSOLUTE_NAMES, {}),
+        Listeners(complaints.append, complaints.append),
     )
     outputs.wait_until_known()
     with ExitStack() as stack:

@@ -14,7 +14,7 @@ from threading import Event, Thread
 from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Limits, Settings
 from knee_contact_ros.messages.answer import Ending, Record
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
@@ -24,7 +24,7 @@ PROVENANCE = "knee_contact"
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
 NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
-ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in MESSAGE_TYPES}
+ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}
 
 
 class AnswerWriter:
@@ -36,8 +36,8 @@ class AnswerWriter:
         """`provenance` says how the answers come about; `names` the absolute name under which a topic is recorded."""
         self.bag = bag
         self._names = names
-        for topic, type_name in MESSAGE_TYPES.items():
-            bag.add_topic(names[topic], type_name)
+        for topic, name in names.items():
+            bag.add_topic(name, MESSAGE_TYPES[topic])
         bag.add_metadata(PROVENANCE, dict(provenance))
 
     def write(self, records: Sequence[Record]) -> None:

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from knee_contact_ros.bags.bag_files import in_a_line, open_file
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY
-from knee_contact_ros.bags.metadata import FileFacts, prepare_metadata, to_yaml, with_topics
+from knee_contact_ros.bags.metadata import METADATA, FileFacts, prepare_metadata, to_yaml, with_topics
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import is_being_written, rename_new
 from knee_contact_ros.system.yaml_file import BadYamlError, parse_yaml
@@ -177,12 +177,18 @@ def _put(partial: Path, output: Path, overwrite: bool) -> None:
 
 def _prepared(output: Path, found: McapFile) -> Callable[[], object]:
     """What puts `metadata.yaml` beside, written while nothing is in its place yet."""
-    return prepare_metadata(output.parent, _information(output.name, found)) if _is_described(found) else lambda: None
+    described = _is_described(found) and _is_alone(output)
+    return prepare_metadata(output.parent, _information(output.name, found)) if described else lambda: None
 
 
 def _is_described(found: McapFile) -> bool:
-    """Whether `metadata.yaml` is written: for ROS 2, and for so many topics that others read it."""
+    """Whether ROS 2 has a `metadata.yaml` of it: for its own profile, and for so many topics that others read it."""
     return found.profile == "ros2" and len(found.streams) <= MOST_TOPICS
+
+
+def _is_alone(output: Path) -> bool:
+    """Whether the output's folder is a bag's: with something else in it, it is somebody's working folder."""
+    return all(path.name == METADATA or path.name.startswith(output.name) for path in output.parent.iterdir())
 
 
 def _declare(writer: Writer, found: McapFile) -> dict[int, int]:

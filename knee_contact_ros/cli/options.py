@@ -148,6 +148,15 @@ opensim_results_options = together(
     ),
 )
 
+sensor_map_option = click.option(
+    "--map",
+    "map_file",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="MAP.yaml",
+    help="Which columns are what, in which units and signs.",
+)
+
 opensim_run_options = together(
     click.option(
         "--setup",

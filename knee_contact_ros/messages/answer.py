@@ -15,7 +15,7 @@ class Answer(NamedTuple):
     """One tick."""
 
     row: bytes
-    """Of `ROW`"""
+    """Of `ROW`, one for each compartment, the medial one first"""
     records: tuple[Record, ...]
     """The angles up to its stamp, the load, the answer, its wrench"""
     size: int

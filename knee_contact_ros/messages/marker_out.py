@@ -71,7 +71,7 @@ NOTHING_MORE = NONE + EMPTY + bytes(8) + 2 * EMPTY + 2 * NONE + 3 * EMPTY + NONE
 
 
 class MarkerMessage:
-    """A message that is laid out once; what moves is written over. All is drawn in the plane z = 0 of its frame.
+    """A message that is laid out once; what moves is written over. All is drawn in planes of constant z.
 
     The markers are locked to their frame: a viewer draws them where it is now, not where it was at the stamp.
     """
@@ -93,20 +93,20 @@ class MarkerMessage:
         for places in self._places:
             STAMP.pack_into(self._data, places.stamp, seconds, nanoseconds)
 
-    def move(self, number: int, x: float, y: float, turn: float) -> None:
+    def move(self, number: int, x: float, y: float, turn: float, z: float = 0.0) -> None:
         """Put a marker's own frame to a place [m], turned about z by an angle [rad] from x to y."""
         half = 0.5 * turn
-        POSE.pack_into(self._data, self._places[number].pose, x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+        POSE.pack_into(self._data, self._places[number].pose, x, y, z, 0.0, 0.0, math.sin(half), math.cos(half))
 
     def paint(self, number: int, colour: Colour) -> None:
         """Give a marker another colour."""
         COLOUR.pack_into(self._data, self._places[number].colour, *colour, 1.0)
 
-    def place(self, number: int, *points: tuple[float, float]) -> None:
+    def place(self, number: int, *points: tuple[float, float, float]) -> None:
         """Give a marker other points [m], not more than it has."""
         begin = self._places[number].points
-        for x, y in points:
-            POINT.pack_into(self._data, begin, x, y, 0.0)
+        for point in points:
+            POINT.pack_into(self._data, begin, *point)
             begin += POINT.size
 
     def show(self, number: int, shown: bool) -> None:

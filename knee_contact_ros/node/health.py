@@ -19,7 +19,6 @@ from knee_contact_ros.node.diagnostics import (
 )
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
-from knee_contact_ros.parameters.compartments import BY_MOMENT
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 
@@ -48,7 +47,7 @@ class Health:
         self._node, self._pipeline = node, pipeline
         self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self._pairing = PairingMeter(parameters.pairing.max_gap)
-        self._too_deep_before = 0
+        self._too_deep_before: dict[str, int] = {}
         self._missed_before = 0
 
     def count(self, fidelity: int, status: int, duration: float, latency: float) -> None:
@@ -100,12 +99,12 @@ class Health:
         return diagnostic_status(f"{self._name}: pairing", values, problem, lost)
 
     def _load_status(self) -> Any:
-        """What there is to say of the load, and of its split where the frontal moment decides; problems are logged."""
+        """What there is to say of the load, and of its split where the share varies; problems are logged."""
         doubts, values = self._pipeline.doubts, {}
         problem = doubts.about_load
         if doubts.ticks:
             values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
-        if self.parameters.load.compartment in BY_MOMENT:
+        if self._pipeline.varies:
             split = self._pipeline.split
             values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
             problem = problem or split.problem
@@ -118,9 +117,11 @@ class Health:
         missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
         self._missed_before = self.ticks.missed
         problems = [f"{missed} answers came later than the deadline"] if missed else []
-        doubts = self._pipeline.doubts
-        if doubts.too_deep > self._too_deep_before:
-            self._too_deep_before = doubts.too_deep
+        for compartment in self._pipeline.compartments:
+            doubts = compartment.doubts
+            if doubts.too_deep <= self._too_deep_before.get(compartment.topic, 0):
+                continue
+            self._too_deep_before[compartment.topic] = doubts.too_deep
             problems.append(doubts.about_depth)
             self._node.get_logger().warning(problems[-1], **at_most_every(SILENCE_LOG_PERIOD))
         if lag > self.parameters.deadline:

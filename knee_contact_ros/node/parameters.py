@@ -10,16 +10,18 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from knee_contact_ros.node.qos_overrides import PREFIX, check_qos_overrides
-from knee_contact_ros.parameters.reading import Declaration, known_parameters, load_parameters
+from knee_contact_ros.parameters.lateral import LATERAL
+from knee_contact_ros.parameters.reading import Declaration, all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
-LIVE = frozenset({
+_LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
     "contact.restitution", "contact.least_impact_speed",
     "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
 })  # fmt: skip
+LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
 """Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
 other kernel, and the name of the next recording. They take effect between two ticks."""
 
@@ -58,13 +60,13 @@ class NodeParameters:
         self.user: Callable[[Parameters, dict[str, Any]], None] | None = None
         """Who is told of changes while the node is configured: all parameters, and those that have changed"""
         overrides = self._values()
-        load_parameters(overrides)
+        values = all_values(load_parameters(overrides))
         check_qos_overrides(node, overrides.items())
         for name, declaration in known_parameters().items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
             else:
-                node.declare_parameter(name, declaration.default, described(name, declaration))
+                node.declare_parameter(name, values[name], described(name, declaration))
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 

@@ -11,13 +11,14 @@ from knee_contact_ros.messages.topics import (
     DYNAMIC_JOINT_STATES,
     INPUTS,
     KNEE_CONTACT,
+    KNEE_CONTACT_LATERAL,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_WRENCH,
 )
 from knee_contact_ros.system.errors import UsageError
 
 PREFIX = "qos_overrides."
-OUTPUTS = (KNEE_CONTACT, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, "/diagnostics")
+OUTPUTS = (KNEE_CONTACT, KNEE_CONTACT_LATERAL, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, "/diagnostics")
 OTHERS = ("/clock.", "/parameter_events.", "/rosout.")
 """Topics of every node, with overrides of their own"""
 MOST = 2**31 - 1

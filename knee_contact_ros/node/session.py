@@ -18,18 +18,18 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
-from knee_contact_ros.core.types import reader
+from knee_contact_ros.core.types import ROW, reader
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
 from knee_contact_ros.messages.topics import (
     DYNAMIC_JOINT_STATES,
-    INPUTS,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_WRENCH,
     knee_name,
+    recorded_topics,
 )
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import (
@@ -42,6 +42,7 @@ from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
 from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -51,7 +52,7 @@ from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
 from knee_contact_ros.view.markers import KneeMarkers
-from knee_contact_ros.view.outlines import drawing_of
+from knee_contact_ros.view.outlines import drawings_of
 from knee_contact_ros.view.window import address
 
 OUTPUT_DEPTH = 100
@@ -59,7 +60,7 @@ OUTPUT_DEPTH = 100
 DIAGNOSTICS_PERIOD = 1.0
 
 
-COUNTED = reader("penetration_depth", "fidelity", "status")
+COUNTED = reader("load", "penetration_depth", "fidelity", "status")
 """Of an answer's row"""
 ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
 
@@ -102,12 +103,13 @@ class Session:
         self.angles, self.forces = self._input_streams(parameters, qos_given)
         self.inputs = (self.angles, self.forces)
         self.health = Health(node, parameters, self.pipeline)
-        for doubt in self.pipeline.doubts.about_parameters:
+        for doubt in self.pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
-        topics = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+        topics = recorded_topics(has_both(parameters))
         names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        drawing = drawing_of(self.pipeline.model, knee_name(names[KNEE_CONTACT]), parameters.body_weight)
-        shown = KneeMarkers(drawing)
+        self._names = names
+        models = [each.model for each in self.pipeline.compartments]
+        shown = KneeMarkers(drawings_of(models, knee_name(names[KNEE_CONTACT]), parameters.body_weight))
         tell = Listeners(node.get_logger().error, node.get_logger().warning)
         by_user = QoSOverridingOptions.with_default_policies()
         offered = {
@@ -115,6 +117,7 @@ class Session:
             KNEE_CONTACT_WRENCH: (WrenchStamped, OUTPUT_DEPTH),
             "/diagnostics": (DiagnosticArray, OUTPUT_DEPTH),
             KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
+            **{each.topic: (KneeContact, OUTPUT_DEPTH) for each in self.pipeline.compartments[1:]},
         }
         try:
             self._publishers = [  # each with a profile of its own: overrides change it
@@ -125,7 +128,8 @@ class Session:
             ]
         except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
-        self._contact, self._wrench, self._diagnostics, markers = self._publishers
+        contact, self._wrench, self._diagnostics, markers, *lateral = self._publishers
+        self._contacts = (contact, *lateral)
         self._markers = MarkerTopic(markers, shown)
         self._transforms = StaticTransformTopic(node, self.pipeline.frame)
         self._services: list[Any] = []
@@ -133,7 +137,6 @@ class Session:
         try:  # a file is opened when all else is well
             for name, act in acts.items():
                 self._services.append(self._service(name, act))
-            self._names = names
             self.outputs = Outputs(self._knee(), tell)
         except BaseException:
             self.destroy_endpoints()
@@ -194,9 +197,9 @@ class Session:
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Go on with parameters of which some have changed."""
         self.parameters = self.health.parameters = parameters
-        known = self.pipeline.doubts.about_parameters
+        known = self.pipeline.doubts_about_parameters
         self.pipeline.retune(parameters)
-        for doubt in self.pipeline.doubts.about_parameters:
+        for doubt in self.pipeline.doubts_about_parameters:
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
@@ -268,7 +271,8 @@ class Session:
             for section in (self.parameters.record, self.parameters.rerun)
         )
         parameters = self.parameters.model_copy(update={"record": record, "rerun": rerun})
-        return Knee(parameters, self.pipeline.model, self._names, provenance)
+        models = {each.topic: each.model for each in self.pipeline.compartments}
+        return Knee(parameters, models, self._names, provenance)
 
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
@@ -287,18 +291,22 @@ class Session:
         clock, pipeline = time.perf_counter, self.pipeline
         for pair in pairs:
             begin = clock()
-            message = pipeline.compute(pair)
-            self._contact.publish(message)
+            messages = pipeline.compute(pair)
+            for publisher, message in zip(self._contacts, messages, strict=True):
+                publisher.publish(message)
             end = clock()
             latency = end - pair.load.arrived
-            answer = pipeline.answer(pair, message, latency)
+            answer = pipeline.answer(pair, messages, latency)
             _, _, wrench = answer.records[-1]
             self._wrench.publish(wrench)
             self.outputs.put(answer)
             self._markers.newest = (pair.load, answer.row)
-            depth, fidelity, status = COUNTED.unpack_from(answer.row)
-            self.health.count(fidelity, status, end - begin, latency)
-            pipeline.doubts.add(pair.load.stamp, pair.load.load, depth, status)
+            told, begin_of_row = 0, 0
+            for compartment in pipeline.compartments:
+                load, depth, fidelity, status = COUNTED.unpack_from(answer.row, begin_of_row)
+                compartment.doubts.add(pair.load.stamp, load, depth, status)
+                told, begin_of_row = told | status, begin_of_row + ROW.itemsize
+            self.health.count(fidelity, told, end - begin, latency)
         if pipeline.last_refusal:
             text = f"sample refused: {pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))

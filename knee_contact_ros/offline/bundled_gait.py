@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.messages.topics import JOINT_STATES
-from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.pipeline.samples import angle_sample, joint_state_of, load_sample, wrench_of
 from knee_contact_ros.system.resources import share_folder
 
@@ -28,8 +28,8 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
                 angle = angle_sample(joint_state_of(message), Knee())
                 angles[angle.stamp] = angle.angle
             else:
-                load = load_sample(wrench_of(message), Load())
-                loads[load.stamp] = load.load
+                load = load_sample(wrench_of(message))
+                loads[load.stamp] = 0.5 * load.axial
     stamps = sorted(loads)
     time = np.array(stamps, dtype=np.float64) * 1e-9
     return time, np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])

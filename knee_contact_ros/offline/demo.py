@@ -132,7 +132,7 @@ def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, 
         for result in (RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, COMPANION_LOG):
             replace(work / result, output / result)
     show_summary(summary, live_rows(listener, summary), result_files(output, companion) | picture_row(output, picture))
-    warn(summary.doubts.sentences)
+    warn(summary.sentences)
     if viewer():
         offer(output / RERUN_FILE)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, Change, change_record
-from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
+from knee_contact_ros.parameters.reading import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.errors import UsageError
@@ -42,6 +42,6 @@ class Changes:
 
 def _changed(pipeline: Pipeline, tick: int, values: Mapping[str, Any]) -> Parameters:
     try:
-        return load_parameters(flat_parameters(pipeline.parameters) | dict(values))
+        return load_parameters(all_values(pipeline.parameters) | dict(values))
     except UsageError as error:
         raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None

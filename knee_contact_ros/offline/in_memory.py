@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,15 @@ from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]
+EXAMPLES = {"values": "{'contact.damping': 0.0}", "remap": "{'joint_states': '/exo/joint_states'}"}
+ARGUMENTS = (
+    (r"--remap '?([\w/~]+):=([\w/~]+)'?", r"remap={'\1': '\2'}"),
+    (r"--namespace '?([\w/]+)'?", r"namespace='\1'"),
+    (r"-p ([\w.]+):=(\w+)", r"values={'\1': '\2'}"),
+    (r"--overwrite\b", "overwrite=True"),
+    (r"--(params|remap|namespace|subject)\b", r"\1"),
+)
+"""What the command is told, and how it is told in Python"""
 
 
 def solve(
@@ -41,6 +52,8 @@ def solve(
     compiled: bool | None = None,
 ) -> Results:
     """Compute a recorded gait, as `knee-contact solve` does: the same bits. Needs no ROS.
+
+    With `load.compartment` both, these are the results of the medial compartment, and their `lateral` has the other's.
 
     Args:
         bag: An .mcap file, a .db3 file or a rosbag2 folder; None: the one that `subject` names.
@@ -58,19 +71,47 @@ def solve(
     Raises:
         UsageError: bag, parameters or output cannot be used, or no tick could be computed.
     """
-    person = Subject(expanded(str(subject))) if subject else None
-    path = expanded(str(bag)) if bag else person.bag if person else None
-    if path is None:
-        raise UsageError("no bag: give one, or a subject file that names one")
-    how = asked_of(path, params, dotted(values or {}), person)
-    names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
-    written, blocks = checked_output(Path(output), "output", ".mcap") if output else None, list[Rows]()
-    with progress("Solving") as advance:
-        summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
-    for sentence in _doubts(path, summary):
-        warnings.warn(sentence, stacklevel=2)
+    for name, mapping in (("values", values), ("remap", remap)):
+        if mapping is not None and not isinstance(mapping, Mapping):
+            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
+    with _in_python():
+        person = Subject(expanded(str(subject))) if subject else None
+        path = expanded(str(bag)) if bag else person.bag if person else None
+        if path is None:
+            raise UsageError("no bag: give one, or a subject file that names one")
+        how = asked_of(path, params, dotted(values or {}), person)
+        names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+        written = checked_output(Path(output), "output", ".mcap") if output else None
+        blocks: list[Sequence[Rows]] = []
+        with progress("Solving") as advance:
+            summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
+        for sentence in _doubts(path, summary):
+            warnings.warn(in_python(sentence), stacklevel=2)
+    medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
+    if lateral:
+        medial.lateral = lateral[0]
+    return medial
+
+
+def _joined(blocks: Sequence[Rows]) -> Results:
     whole = bytearray().join(rows.tobytes() for rows in blocks)  # NumPy would not copy what is between the fields
     return np.frombuffer(whole, ROW).view(Results)
+
+
+@contextmanager
+def _in_python() -> Iterator[None]:
+    """Errors of the command, in Python's words."""
+    try:
+        yield
+    except UsageError as error:
+        raise UsageError(in_python(str(error))) from None
+
+
+def in_python(message: str) -> str:
+    """A command's message with its options as arguments of `solve`."""
+    for option, argument in ARGUMENTS:
+        message = re.sub(option, argument, message)
+    return message
 
 
 def asked_of(
@@ -94,7 +135,7 @@ def asked_of(
 
 def _doubts(bag: Path, summary: Summary) -> list[str]:
     """What a reader of the answers must know."""
-    doubts = [*others_beside(bag), *summary.doubts.sentences]
+    doubts = [*others_beside(bag), *summary.sentences]
     if summary.split and summary.split.problem:
         doubts.append(summary.split.problem)
     if summary.damage:

@@ -19,14 +19,14 @@ from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, recorded_topics
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
 from knee_contact_ros.offline.history import Changes
 from knee_contact_ros.offline.joints import check_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.compartments import BY_MOMENT
 from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -49,7 +49,7 @@ def solve(
     names: Names = OWN_NAMES,
     *,
     compiled: bool | None = None,
-    keep: Callable[[Rows], object] = len,
+    keep: Callable[[Sequence[Rows]], object] = len,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
@@ -57,7 +57,7 @@ def solve(
     called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
     once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
     computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
-    given all answers, by and by.
+    given all answers, by and by: an array for each compartment.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
@@ -80,11 +80,13 @@ def solve(
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag))
+            names_of_topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
+            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), names_of_topics)
         if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
             pipeline.compile(forced)
-        summary = Summary(parameters.body_weight, pipeline.doubts)
-        run, done = Run(pipeline, recorder, (summary.add, keep), changes), 0
+        summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
+        summary.lateral = others[0] if others else None
+        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes), 0
         for block in blocks(inputs.messages()):
             run.take(block)
             done += len(block)
@@ -100,7 +102,7 @@ def solve(
         if damage and recorder:
             recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
-        summary.split = pipeline.split if parameters.load.compartment in BY_MOMENT else None
+        summary.split = pipeline.split if pipeline.varies else None
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
@@ -123,7 +125,7 @@ class Run:
         self,
         pipeline: Pipeline,
         recorder: AnswerWriter | None,
-        takers: Sequence[Callable[[Rows], object]],
+        takers: Sequence[Callable[[Sequence[Rows]], object]],
         changes: Changes,
     ) -> None:
         self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
@@ -144,7 +146,8 @@ class Run:
             rows.append(answer.row)
             self._make_changes()
         if rows:
-            self._tell(np.frombuffer(b"".join(rows), ROW))
+            together, number = np.frombuffer(b"".join(rows), ROW), len(self._pipeline.compartments)
+            self._tell([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
         by_topic = [
@@ -155,12 +158,12 @@ class Run:
         if answers is None:
             return False
         if self._recorder:
-            parts = [part._replace(topic=ABSOLUTE_NAMES[part.topic]) for part in answers.messages]
+            parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
             write_messages(self._recorder.bag, parts)
         self._tell(answers.rows)
         return True
 
-    def _tell(self, rows: Rows) -> None:
+    def _tell(self, rows: Sequence[Rows]) -> None:
         for taker in self._takers:
             taker(rows)
 

@@ -18,8 +18,8 @@ from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
 from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Block
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
-from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
+from knee_contact_ros.pipeline.compartment import summed_wrenches
 from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.samples import LAST_STAMP, AngleSample, LoadSample, angle_sample, load_sample
@@ -34,8 +34,8 @@ Fresh = NDArray[np.bool_]
 class Answers(NamedTuple):
     """The answers to a block."""
 
-    rows: Rows
-    """Shape (n,)"""
+    rows: tuple[Rows, ...]
+    """For each compartment, shape (n,)"""
     messages: tuple[Messages, ...]
     """What is to be recorded"""
 
@@ -51,10 +51,13 @@ class _Samples(NamedTuple):
     """The samples in a block's messages."""
 
     states: Block
+    stamps: Stamps
+    """[ns] at which the angles hold, as in `AngleSample`"""
     angles: Floats
     heights: Floats | None
     wrenches: Block
-    loads: Floats
+    axial: Floats
+    moment: Floats
 
 
 def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -> Answers | None:
@@ -76,9 +79,7 @@ def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -
         return None
     if not all_go_on(load_steps, len(steady.load_steps), max_gap):
         return None
-    paired = pair(
-        samples.states.stamps, samples.angles, samples.heights, samples.wrenches.stamps, steady.last_pair, max_gap
-    )
+    paired = pair(samples.stamps, samples.angles, samples.heights, samples.wrenches.stamps, steady.last_pair, max_gap)
     if paired is None or not len(paired.angle):
         return None
     pipeline.frame.hold(samples.wrenches.shape[0])
@@ -101,7 +102,7 @@ def _with_held(steady: Steady, states: Sequence[bytes], forces: Sequence[bytes])
 def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
     """Steps [ns] of the angles and of the loads: the last ones before, and those on to and between the new samples."""
     held = {angle.stamp for angle in (*steady.fresh, *steady.angles)}
-    angles, loads = samples.states.stamps[len(held) :], samples.wrenches.stamps[len(steady.loads) :]
+    angles, loads = samples.stamps[len(held) :], samples.wrenches.stamps[len(steady.loads) :]
     return (
         steps_of(angles, steady.last_angle, steady.angle_steps),
         steps_of(loads, steady.last_load, steady.load_steps),
@@ -113,21 +114,24 @@ def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
     decoded, wrenches = JOINT_STATE.decode_all(block.states), WRENCH.decode_all(block.forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
-    knee, load = pipeline.parameters.knee, pipeline.parameters.load
+    knee = pipeline.parameters.knee
     position = _position(decoded, knee.joint_name)
     heights = _position(decoded, knee.height_joint_name) if pipeline.model.height_prescribed else None
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
     angles = knee.flexion_sign * position + knee.flexion_offset
-    axial, moment = wrenches.numbers["force"][:, 1], wrenches.numbers["torque"][:, 0]
-    loads = COMPARTMENTS[load.compartment](axial, moment, load)
-    columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD), (loads, LARGEST_LOAD)]
+    axial, moment = -wrenches.numbers["force"][:, 1], wrenches.numbers["torque"][:, 0]
+    columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
+    if pipeline.by_moment:
+        part = pipeline.by_moment(axial, moment, 0.0)
+        columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
     columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
     if not all((np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns):
         return None
     if not all(((stamps >= 0) & (stamps <= LAST_STAMP)).all() for stamps in (decoded.stamps, wrenches.stamps)):
         return None
-    return _Samples(decoded, angles, heights, wrenches, loads)
+    stamps = decoded.stamps - pipeline.synchroniser.angle_delay
+    return _Samples(decoded, stamps, angles, heights, wrenches, axial, moment)
 
 
 def _position(states: Block, joint: str) -> Floats | None:
@@ -141,18 +145,28 @@ def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fres
     """The answers to the loads that have found their angles, and what is to be recorded of inputs and answers."""
     number = len(paired.angle)
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
-    rows = pipeline.stream.advance_all(stamps, paired.angle, samples.loads[:number], paired.height)
-    rows["status"] |= paired.status.astype(np.uint8)
+    axial = samples.axial[:number]
+    medial = pipeline.rule(axial, samples.moment[:number], paired.angle)
+    rows = tuple(
+        compartment.advance_all(stamps, paired.angle, loads, paired.height, paired.status)
+        for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)
+    )
     pipeline.ticks += number
-    if pipeline.parameters.load.compartment in BY_MOMENT:
-        pipeline.split.add_all(samples.wrenches.numbers["force"][:number, 1], samples.loads[:number])
+    if pipeline.varies:
+        pipeline.split.add_all(axial, medial, pipeline.beyond and pipeline.beyond(axial, paired.angle))
     taken = fresh & (paired.tick_of_angle < number)
-    states, place = samples.states, 4 * np.arange(number)
+    states, each = samples.states, len(rows) + 3
+    place = each * np.arange(number)
+    answered = [
+        Messages(compartment.topic, stamps, encode_answers(frame_id, stamps, of_it), place + behind)
+        for behind, (compartment, of_it) in enumerate(zip(pipeline.compartments, rows, strict=True), start=2)
+    ]
+    wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
     messages = (
-        Messages(JOINT_STATES, states.stamps[taken], states.data[taken], 4 * paired.tick_of_angle[taken]),
+        Messages(JOINT_STATES, states.stamps[taken], states.data[taken], each * paired.tick_of_angle[taken]),
         Messages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
-        Messages(KNEE_CONTACT, stamps, encode_answers(frame_id, stamps, rows), place + 2),
-        Messages(KNEE_CONTACT_WRENCH, stamps, encode_answer_wrenches(frame_id, stamps, rows), place + 3),
+        *answered,
+        Messages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
     )
     return Answers(rows, messages)
 
@@ -167,18 +181,18 @@ def _hand_over(
 ) -> None:
     """Have the synchroniser hold what it would hold after all samples one by one."""
     number, (states, forces) = len(paired.angle), block
-    angle_stamps, load_stamps = samples.states.stamps, samples.wrenches.stamps
+    angle_stamps, load_stamps = samples.stamps, samples.wrenches.stamps
     last = int(load_stamps[number - 1])
     first = int(np.searchsorted(angle_stamps, last, "right")) - 1
-    knee, load, displacement = pipeline.parameters.knee, pipeline.parameters.load, pipeline.model.height_prescribed
+    knee, displacement = pipeline.parameters.knee, pipeline.model.height_prescribed
 
     def angle(index: int) -> AngleSample:
         message, data = pipeline.decoder.joint_state(states[index])
-        return angle_sample(message, knee, displacement, data)
+        return angle_sample(message, knee, displacement, data, pipeline.synchroniser.angle_delay)
 
     def force(index: int) -> LoadSample:
         message, data = pipeline.decoder.joint_reaction_force(forces[index])
-        return load_sample(message, load, data=data)
+        return load_sample(message, pipeline.by_moment, data=data)
 
     untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))
     pipeline.synchroniser.go_on(

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.recorded_answers import answer_blocks
+from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.topics import KNEE_CONTACT_LATERAL
 from knee_contact_ros.parameters.compartments import Split
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -75,7 +76,9 @@ class Summary:
     peaks: dict[str, Peak] = field(default_factory=dict)
     """Largest value of a field"""
     split: Split | None = None
-    """Where the frontal moment decides what the compartment gets"""
+    """Where the share that the medial compartment gets varies"""
+    lateral: Summary | None = None
+    """Of the lateral compartment, where there are two"""
     load_peaks: list[LoadPeak] = field(default_factory=list)
     """Where the load has a peak of stance; see `GaitEvents`. Complete after `finish`"""
 
@@ -106,9 +109,17 @@ class Summary:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
 
+    def add_each(self, rows: Sequence[Rows]) -> None:
+        """Take the answers of each compartment into account, the lateral one's in `lateral`."""
+        for summary, answers in zip((self, self.lateral), rows, strict=False):
+            if summary:
+                summary.add(answers)
+
     def finish(self) -> None:
         """Nothing more comes."""
         self._keep(self._events.finish())
+        if self.lateral:
+            self.lateral.finish()
 
     def _find_peaks(self, answers: Rows) -> None:
         added = np.empty(len(answers), self._recent.dtype)
@@ -123,6 +134,12 @@ class Summary:
             if event.kind == LOAD_PEAK:
                 at = np.flatnonzero(self._recent["stamp"] == event.stamp)[-1]
                 self.load_peaks.append(LoadPeak(*self._recent[at].item()))
+
+    @property
+    def sentences(self) -> list[str]:
+        """What makes no sense, in either compartment."""
+        of_lateral = self.lateral.doubts.sentences if self.lateral else []
+        return list(dict.fromkeys((*self.doubts.sentences, *of_lateral)))
 
     @property
     def duration(self) -> float:
@@ -143,6 +160,10 @@ def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = No
     summary = Summary(body_weight, doubts or Doubts())
     for answers in answer_blocks(recording):
         summary.add(answers)
+    if (lateral := f"/{KNEE_CONTACT_LATERAL}") in answer_topics(recording):
+        summary.lateral = Summary(body_weight)
+        for answers in answer_blocks(recording, lateral):
+            summary.lateral.add(answers)
     summary.finish()
     summary.refused = read_refused(recording)
     return summary

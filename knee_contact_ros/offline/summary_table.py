@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.terminal import WIDTH, shown
@@ -25,7 +26,10 @@ MICROMETRE = 1e6
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
     """Print the peaks, the figures of the run and where the files are; `live` has rows that only a live run knows."""
     console = Console(width=WIDTH)
-    console.print(peak_table(summary))
+    for name, compartment in compartments(summary):
+        if name:
+            console.print(f"{name} compartment")
+        console.print(peak_table(compartment))
     figures = Table(box=None, show_header=False, pad_edge=False)
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
@@ -37,16 +41,24 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     if summary.split:
         figures.add_row("share of the load", summary.split.text)
     figures.add_row("samples refused", _counts(summary.refused))
-    figures.add_row("ticks flagged", _counts(summary.flagged))
-    figures.add_row("error estimate", f"{error_of_depth(summary)} of depth at most, {error_of_force(summary)} of force")
-    figures.add_row("levels", _shares(summary.levels))
-    figures.add_row("cost", f"{summary.evaluations / max(summary.ticks, 1):.1f} contact law evaluations per tick")
-    for sentence in summary.doubts.sentences:
+    for name, each in compartments(summary):
+        told = f"{name}: " if name else ""
+        figures.add_row("ticks flagged", told + _counts(each.flagged))
+        errors = f"{error_of_depth(each)} of depth at most, {error_of_force(each)} of force"
+        figures.add_row("error estimate", told + errors)
+        figures.add_row("levels", told + _shares(each.levels))
+        figures.add_row("cost", f"{told}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
+    for sentence in summary.sentences:
         figures.add_row("warning", shown(sentence))
     console.print(figures)
     console.print()
     for name, path in files.items():
         console.print(printable(f"{name}: {path}"), soft_wrap=True, highlight=False, markup=False)
+
+
+def compartments(summary: Summary) -> list[tuple[str, Summary]]:
+    """The only compartment, without a name, or both by theirs."""
+    return [(MEDIAL, summary), (LATERAL, summary.lateral)] if summary.lateral else [("", summary)]
 
 
 def error_of_depth(summary: Summary) -> str:

@@ -21,6 +21,7 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
 from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
+from knee_contact_ros.system.resources import refuse_twice
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view.cursor import put_on_peak
 from knee_contact_ros.view.file_server import served
@@ -82,6 +83,7 @@ def run_view(sources: Sequence[str], parameters: Parameters, way: ViewOptions) -
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         work = Path(folder)
         path = way.save or work / "knee_contact.rrd"
+        refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(Path(source), path)
         knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)

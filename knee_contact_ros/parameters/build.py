@@ -18,6 +18,7 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.parameters import copies  # noqa: F401  (models can be copied and pickled)
 from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.parameters.plausibility import doubts_about
 from knee_contact_ros.parameters.reading import Source, load_parameters

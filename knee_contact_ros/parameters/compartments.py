@@ -3,6 +3,9 @@
 The joint reaction acts on the tibia, in the tibia frame (x anterior, y superior, z to the right; left legs are mirrored
 to this): an axial compression F = -F_y and a frontal moment M_x. Two compartments a spacing 2d apart, the medial one
 at z = -d, carry both if the medial one takes (d F - M_x) / 2d.
+
+A rule takes axial compression [N], frontal moment [N m] and flexion angle [rad], numbers or arrays of one shape, to the
+compartment's load [N]: the same bits either way.
 """
 
 from __future__ import annotations
@@ -10,41 +13,68 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Number = TypeVar("Number", float, NDArray[np.float64])
+from knee_contact_ros.parameters.measured_share import PARAMETER as SHARE_FILE
+from knee_contact_ros.parameters.measured_share import MeasuredShare, read_share_table
+
+if TYPE_CHECKING:
+    from knee_contact_ros.parameters.schema import Parameters
+
+Rule = Callable[[Any, Any, Any], Any]
+"""See above"""
 LOADED = 0.5
 """Axial compression [BW] from which on a leg is taken to stand; below it a share says little"""
 
 
-def total(force_y: Number, _moment_x: Number, _load: Any) -> Number:
+def total(_parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
     """All of the axial joint reaction."""
-    return -force_y
+    return lambda axial, _moment, _flexion: axial
 
 
-def fixed_share(force_y: Number, _moment_x: Number, load: Any) -> Number:
+def fixed_share(parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
     """The share `load.share` of it."""
-    return load.share * -force_y  # type: ignore[no-any-return]
+    share = parameters.load.share
+    return lambda axial, _moment, _flexion: share * axial
 
 
-def moment_balance(force_y: Number, moment_x: Number, load: Any) -> Number:
+def moment_balance(parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
     """What balances the frontal moment, with the compartments `load.compartment_spacing` [m] apart."""
-    return 0.5 * -force_y - moment_x / load.compartment_spacing  # type: ignore[no-any-return]
+    spacing = parameters.load.compartment_spacing
+    return lambda axial, moment, _flexion: 0.5 * axial - moment / spacing
 
 
-COMPARTMENTS: Mapping[str, Callable[..., Any]] = {
+def measured_share(parameters: Parameters, texts: Mapping[str, str]) -> Rule:
+    """The share that the table `load.share_file` has at this load, in body weights, and flexion."""
+    name = parameters.load.share_file
+    return MeasuredShare(read_share_table(name, texts[SHARE_FILE]), parameters.body_weight)
+
+
+COMPARTMENTS: Mapping[str, Callable[[Parameters, Mapping[str, str]], Rule]] = {
     "total": total,
     "fixed_share": fixed_share,
     "moment_balance": moment_balance,
+    "measured_share": measured_share,
 }
-"""Load [N] of a compartment from force.y [N], torque.x [N m] and the parameters `load.*`; numbers or arrays"""
+"""How a compartment's load follows from the joint reaction, by the name in `load.compartment`.
+
+From the parameters and the contents of the files that they name, by parameter (`curve_texts`).
+"""
 
 
+BOTH = "both"
+"""In `load.compartment`: medial and lateral contact at once; a rule of `SPLITS` says what the medial one gets"""
+SPLITS = tuple(name for name in COMPARTMENTS if name != "total")
+"""Rules that leave something to the lateral compartment"""
 BY_MOMENT = frozenset({"moment_balance"})
 """Those that need the moment, and may give a compartment more than all of the load, or less than nothing"""
+VARYING = BY_MOMENT | {"measured_share"}
+"""Those whose share is another at every tick"""
+MOST_BEYOND = 0.1
+"""Part of the samples under load that may lie beyond a table of shares before it is said to be another gait's"""
 
 
 @dataclass
@@ -59,38 +89,58 @@ class Split:
     """With more than all of the load: the other compartment would have to pull"""
     below: int = 0
     """With less than nothing of it: this one would have to"""
+    at_bound: int = 0
+    """With all of it, or with nothing"""
+    beyond: int = 0
+    """At a load or a flexion that a table of shares does not reach to"""
     smallest: float = math.inf
     """Share [1]"""
     largest: float = -math.inf
 
-    def add(self, force_y: float, load: float) -> None:
-        """Take a sample: force.y and the compartment's load, both in N."""
-        if -force_y >= LOADED * self.body_weight:
-            share = load / -force_y
+    def add(self, axial: float, load: float, beyond: bool = False) -> None:
+        """Take a sample: axial compression and the compartment's load, both in N; `beyond` a table of shares or not."""
+        if axial >= LOADED * self.body_weight:
+            share = load / axial
             self.samples += 1
             self.above += share > 1.0
             self.below += share < 0.0
+            self.at_bound += load in (0.0, axial)
+            self.beyond += beyond
             self.smallest, self.largest = min(self.smallest, share), max(self.largest, share)
 
-    def add_all(self, force_y: NDArray[np.float64], loads: NDArray[np.float64]) -> None:
-        """Take many samples into account: force.y and the compartment's load [N] in arrays of one shape."""
-        stands = -force_y >= LOADED * self.body_weight
-        shares = loads[stands] / -force_y[stands]
+    def add_all(
+        self, axial: NDArray[np.float64], loads: NDArray[np.float64], beyond: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Take many samples into account: as above, arrays of one shape."""
+        stands = axial >= LOADED * self.body_weight
+        shares = loads[stands] / axial[stands]
         if len(shares):
             self.samples += len(shares)
             self.above += int((shares > 1.0).sum())
             self.below += int((shares < 0.0).sum())
+            self.at_bound += int(((loads == 0.0) | (loads == axial))[stands].sum())
+            self.beyond += int(beyond[stands].sum()) if beyond is not None else 0
             self.smallest = min(self.smallest, float(shares.min()))
             self.largest = max(self.largest, float(shares.max()))
 
     @property
     def text(self) -> str:
-        """The range of the shares."""
-        return f"{self.smallest:.2f} to {self.largest:.2f}" if self.samples else "the leg never stood"
+        """The range of the shares, and how often there was none between 0 and 1, or in the table."""
+        if not self.samples:
+            return "the leg never stood"
+        counted = (("0 or 1", self.at_bound), ("beyond the table", self.beyond))
+        told = [f"{what} in {100.0 * number / self.samples:.1f} %" for what, number in counted if number]
+        return ", ".join([f"{self.smallest:.2f} to {self.largest:.2f}", *told])
 
     @property
     def problem(self) -> str:
         """Why the split cannot be used; empty if it can."""
+        if self.beyond > MOST_BEYOND * self.samples:
+            return (
+                f"load or flexion lie beyond the table of shares in {100.0 * self.beyond / self.samples:.1f} % of the "
+                "samples under load, and its edge is taken there: load.share_file is of another gait, or body_weight "
+                "of another person"
+            )
         if not self.above and not self.below:
             return ""
         above, below = (100.0 * number / self.samples for number in (self.above, self.below))

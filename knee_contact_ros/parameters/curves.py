@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import LARGEST_ANGLE
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.lateral import LATERAL, has_both, lateral_knee
+from knee_contact_ros.parameters.measured_share import PARAMETER as SHARE_FILE
+from knee_contact_ros.parameters.schema import Femur, Parameters, Tibia
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import read_regular
 from knee_contact_ros.system.resources import find_file
@@ -25,16 +27,21 @@ What a profile takes to build grows with their square: 0.8 GB here.
 
 
 def curve_files(parameters: Parameters) -> dict[str, str]:
-    """Files that the model of some parameters needs, by the parameter that names them."""
-    femur, tibia, translation = parameters.femur, parameters.tibia, parameters.translation
-    names = {}
-    if femur.geometry == "profile":
-        names["femur.profile"] = femur.profile
-    if tibia.geometry == "profile":
-        names["tibia.profile"] = tibia.profile
-    if translation.mechanism == "table":
-        names["translation.table"] = translation.table
+    """Files that the answers with some parameters need, by the parameter that names them."""
+    names = _surfaces(parameters, "")
+    if has_both(parameters):
+        names |= _surfaces(lateral_knee(parameters), LATERAL)
+    if parameters.translation.mechanism == "table":
+        names["translation.table"] = parameters.translation.table
+    if parameters.load.rule == "measured_share":
+        names[SHARE_FILE] = parameters.load.share_file
     return names
+
+
+def _surfaces(parameters: Parameters, before: str) -> dict[str, str]:
+    """Files of a compartment's surfaces; the names of its parameters begin with `before`."""
+    surfaces: dict[str, Femur | Tibia] = {"femur.profile": parameters.femur, "tibia.profile": parameters.tibia}
+    return {before + name: bone.profile for name, bone in surfaces.items() if bone.geometry == "profile"}
 
 
 def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, str]:

@@ -14,12 +14,12 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.statics import NO_LIMIT, static_depth
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters
+from knee_contact_ros.parameters.schema import ContactParameters, Pairing, Parameters
 
 GRAVITY = 9.80665
 LIGHTEST = 150.0
 """Body weight [N] below which kg were meant: 15 kg"""
-SHARES = {"total": 1.0, "moment_balance": 0.5}
+SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
 """Part of the body weight that a compartment is tried with, where the parameters do not say it"""
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
 """Ticks, and time [s], from which on a load that was never positive is no swing phase"""
@@ -32,7 +32,7 @@ Integers = NDArray[np.int64]
 
 
 def parameter_doubts(parameters: Parameters, law: ContactLaw, plausible_depth: float) -> list[str]:
-    """What is likely given in another unit: body weight in kg, stiffness in N/mm^n, modulus in MPa.
+    """What is likely given in another unit: body weight in kg, stiffness in N/mm^n, modulus in MPa; a wait too short.
 
     `law` is that of the parameters; beyond `plausible_depth` [m] a depth makes no sense.
     """
@@ -42,6 +42,7 @@ def parameter_doubts(parameters: Parameters, law: ContactLaw, plausible_depth: f
             _body_weight(parameters.body_weight),
             _stiffness(parameters, law, plausible_depth),
             _second_layer(parameters.contact, law),
+            _wait(parameters.pairing),
         )
         if doubt
     ]
@@ -55,7 +56,7 @@ def _body_weight(weight: float) -> str:
 
 def _stiffness(parameters: Parameters, law: ContactLaw, plausible_depth: float) -> str:
     """A depth under the body weight that no knee has."""
-    contact, share = parameters.contact, SHARES.get(parameters.load.compartment, parameters.load.share)
+    contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
     load = share * parameters.body_weight
     depth = static_depth(law, load, 0.0, 0.0, NO_LIMIT).depth
     if depth <= plausible_depth:
@@ -87,6 +88,16 @@ def _second_layer(contact: ContactParameters, law: ContactLaw) -> str:
     told = f"contact.stiffness_2 {_per_metre(contact, hard)} is below contact.stiffness {_per_metre(contact, soft)}"
     meant = f"; {_per_millimetre(contact, hard)}" if MM**contact.exponent * hard >= soft else ""
     return f"{told}: bone softer than cartilage{meant}"
+
+
+def _wait(pairing: Pairing) -> str:
+    """A wait that ends before the angle that is waited for can come."""
+    if pairing.angle_delay <= 0.0 or pairing.wait > pairing.angle_delay:
+        return ""
+    return (
+        f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: live, "
+        "every force is answered before its angle has come (INPUT_HELD)"
+    )
 
 
 def _per_metre(contact: ContactParameters, stiffness: float) -> str:

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
-from pydantic.fields import FieldInfo
 
+from knee_contact_ros.parameters.compartments import BOTH
+from knee_contact_ros.parameters.lateral import (
+    LATERAL,
+    has_both,
+    lateral_knee,
+    own_and_rest,
+    with_medial_values,
+    without_medial_values,
+)
 from knee_contact_ros.parameters.limits import Limits, limits_of
 from knee_contact_ros.parameters.schema import Parameters, Section
 from knee_contact_ros.system.errors import UsageError
@@ -20,6 +28,7 @@ NODE_NAME = "knee_contact"
 Part = Parameters | Mapping[str, Any] | str | Path
 Source = Part | Sequence[Part]
 """Where parameters come from; of several, the later one wins"""
+ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
 """Characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
@@ -36,22 +45,25 @@ class Declaration(NamedTuple):
 
 def known_parameters() -> dict[str, Declaration]:
     """Every parameter by its dotted name."""
-    names: dict[str, Declaration] = {}
-    for name, field in Parameters.model_fields.items():
+    return dict(_declared(Parameters, ""))
+
+
+def _declared(section: type[Section], before: str) -> Iterator[tuple[str, Declaration]]:
+    for name, field in section.model_fields.items():
         if isinstance(field.default, Section):
-            names |= {f"{name}.{key}": _declared(inner) for key, inner in type(field.default).model_fields.items()}
+            yield from _declared(type(field.default), f"{before}{name}.")
         else:
-            names[name] = _declared(field)
-    return names
+            yield before + name, Declaration(field.default, field.description or "", limits_of(field))
 
 
-def _declared(field: FieldInfo) -> Declaration:
-    return Declaration(field.default, field.description or "", limits_of(field))
+def all_values(parameters: Parameters) -> dict[str, Any]:
+    """All values by their dotted names."""
+    return dotted(parameters.model_dump())
 
 
 def flat_parameters(parameters: Parameters) -> dict[str, Any]:
-    """All values by their dotted names."""
-    return dotted(parameters.model_dump())
+    """The same without those of the lateral compartment that are the medial one's, and follow them in an overlay."""
+    return without_medial_values(all_values(parameters))
 
 
 def load_parameters(
@@ -67,9 +79,11 @@ def load_parameters(
     """
     if isinstance(source, Parameters):
         return source
-    parts = [source] if isinstance(source, (str, Path, Mapping)) else source
+    parts = source if isinstance(source, Sequence) and not isinstance(source, str) else [source]
     merged: dict[str, Any] = {}
     for part in parts:
+        if not isinstance(part, (Parameters, Mapping, str, Path)) or part == "":
+            raise UsageError(f"parameters: {_short(repr(part))} is not allowed; {ALLOWED}")
         if isinstance(part, Parameters):
             merged |= flat_parameters(part)
             continue
@@ -92,8 +106,10 @@ def _read(name: str | Path) -> Mapping[str, Any]:
     """The content of a parameter file."""
     path = parameter_file(str(name))
     if not path.exists() and path.name == str(name):
-        shipped = ", ".join(path.stem for path in shipped_parameter_files())
-        reason = f"it is neither there nor one of the package's own ({shipped})"
+        shipped = [path.stem for path in shipped_parameter_files()]
+        near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
+        reason = f"it is neither there nor one of the package's own ({', '.join(shipped)})"
+        reason += f"; did you mean {near[0]}?" if near else ""
         raise UsageError(f"{_short(str(name))}: cannot read the parameter file: {reason}")
     return read_mapping(path)
 
@@ -163,25 +179,33 @@ def _validated(values: Mapping[str, Any], where: str) -> Parameters:
     """Check dotted values against the declarations."""
     known = known_parameters()
     nested: dict[str, Any] = {}
-    for name, value in values.items():
+    for name, value in with_medial_values(values, known).items():
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
             near = difflib.get_close_matches(_short(name), known, n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(own_and_rest(known))}"
             raise UsageError(f"{where}unknown parameter {_short(name)}; {hint}")
-        section, _, inner = name.rpartition(".")
-        (nested.setdefault(section, {}) if section else nested)[inner] = value
+        *sections, inner = name.split(".")
+        place = nested
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[inner] = value
     try:
         parameters = Parameters.model_validate(nested)
     except ValidationError as error:
         raise UsageError(f"{where}parameter {first_error(error)}") from None
     _check_together(parameters, where)
+    if has_both(parameters):
+        if parameters.drive != "force":
+            reason = f"{BOTH!r} is not allowed; drive {parameters.drive} has no load that could be split"
+            raise UsageError(f"{where}parameter load.compartment: {reason}")
+        _check_together(lateral_knee(parameters), where, LATERAL)
     return parameters
 
 
-def _check_together(parameters: Parameters, where: str) -> None:
-    """Refuse values that are allowed alone but not with each other."""
+def _check_together(parameters: Parameters, where: str, before: str = "") -> None:
+    """Refuse values that are allowed alone but not with each other; their names begin with `before`."""
     femur, tibia, contact, translation = parameters.femur, parameters.tibia, parameters.contact, parameters.translation
     material = contact.stiffness_from == "material"
     rules = (
@@ -199,6 +223,8 @@ def _check_together(parameters: Parameters, where: str) -> None:
          f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}"),
         (translation.mechanism == "table" and not translation.table,
          "translation.table is empty; translation.mechanism table needs the name of a CSV file"),
+        (parameters.load.rule == "measured_share" and not parameters.load.share_file,
+         "load.share_file is empty; load.compartment measured_share needs the name of a CSV file"),
         (material and contact.exponent != 1.5,
          f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 (Hertz)"),
         ((material or contact.law == "elastic_foundation") and contact.tibial_radius <= contact.femoral_radius,
@@ -209,7 +235,7 @@ def _check_together(parameters: Parameters, where: str) -> None:
     )  # fmt: skip
     for broken, reason in rules:
         if broken:
-            raise UsageError(f"{where}parameter {reason}")
+            raise UsageError(f"{where}parameter {before}{reason}")
 
 
 def first_error(error: ValidationError) -> str:

@@ -17,7 +17,7 @@ from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, JOINT_STATES
-from knee_contact_ros.parameters.compartments import COMPARTMENTS
+from knee_contact_ros.parameters.compartments import BOTH, COMPARTMENTS, SPLITS
 from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
 
 
@@ -51,11 +51,24 @@ class Knee(Section):
 class Load(Section):
     """Which part of the axial joint reaction drives the compartment."""
 
-    compartment: Annotated[str, OneOf(*COMPARTMENTS)] = Field("fixed_share", description=", ".join(COMPARTMENTS))
-    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
-    compartment_spacing: float = Field(
-        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance"
+    compartment: Annotated[str, OneOf(*COMPARTMENTS, BOTH)] = Field(
+        "fixed_share", description=", ".join((*COMPARTMENTS, BOTH))
     )
+    split: Annotated[str, OneOf(*SPLITS)] = Field(
+        "fixed_share", description=f"compartment both: what the medial one gets, {' or '.join(SPLITS)}"
+    )
+    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
+    share_file: str = Field(
+        "share_medial.csv", description="CSV of flexion_angle [rad], axial_load [BW], medial_share; measured_share"
+    )
+    compartment_spacing: float = Field(
+        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance, both"
+    )
+
+    @property
+    def rule(self) -> str:
+        """The name of the rule in `COMPARTMENTS` that tells the medial (or only) compartment's load."""
+        return self.split if self.compartment == BOTH else self.compartment
 
 
 def _frame_name(name: str) -> str:
@@ -81,6 +94,9 @@ class Pairing(Section):
     )
     max_gap: float = Field(
         0.1, gt=0.0, le=3600.0, description="[s] largest gap between stamps that is not flagged stale"
+    )
+    angle_delay: float = Field(
+        0.0, ge=-1.0, le=1.0, description="[s] by which the angles lag the forces: they are paired so much earlier"
     )
     queue: int = Field(
         20_000, ge=100, le=10**7, description="samples of a stream that may wait for the other one, at most"
@@ -173,6 +189,14 @@ else:
     ContactParameters = with_constants_of_laws(CONTACT_LAWS)
 
 
+class Lateral(Section):
+    """The lateral compartment, where both are modelled; what is not given here is as for the medial one."""
+
+    femur: Femur = Femur()
+    tibia: Tibia = Tibia()
+    contact: ContactParameters = ContactParameters()
+
+
 class FidelityParameters(Section):
     """How exactly to solve, and how much that may cost."""
 
@@ -263,6 +287,7 @@ class Parameters(Section):
     tibia: Tibia = Tibia()
     translation: Translation = Translation()
     contact: ContactParameters = ContactParameters()
+    lateral: Lateral = Lateral()
     fidelity: FidelityParameters = FidelityParameters()
     body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
     autostart: bool = Field(True, description="configure and activate without being asked")

@@ -6,15 +6,17 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer, Ending, Record
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
-from knee_contact_ros.parameters.build import build_model, retuned
-from knee_contact_ros.parameters.compartments import BY_MOMENT, Split
-from knee_contact_ros.parameters.plausibility import doubts_about
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
+from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, VARYING, Rule, Split
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import lateral_knee
+from knee_contact_ros.parameters.measured_share import MeasuredShare
+from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.compartment import aside, compartments_of, summed_wrench
 from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.samples import Decoder, Deserialize, RefusedSampleError, angle_sample, load_sample
 from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample, Synchroniser
@@ -33,25 +35,42 @@ class Pipeline:
     ) -> None:
         """Build the model; see `build_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
         self.parameters = parameters
-        self.model = build_model(parameters, compiled=compiled, curves=curves)
-        self.doubts = doubts_about(parameters, self.model)
-        """What makes no sense: in the parameters, and in the answers that are told to it"""
+        self._texts = curve_texts(parameters, {}) if curves is None else curves
+        self.compartments = compartments_of(parameters, self._texts)
+        """The only one, or medial and lateral"""
         self.decoder = Decoder(deserialize)
         self.frame = ForceFrame(parameters.frame.tibia)
         self.synchroniser = Synchroniser(parameters.pairing)
-        self.stream = self.model.stream()
         self.split = Split(parameters.body_weight)
-        """What the compartment gets, where the frontal moment decides"""
+        """What the compartment gets, where its share varies"""
         self.ticks = 0
         self.last_refusal = ""
         self._pending: deque[PairedSample] = deque()  # what is being answered
+        self._divide(parameters)
+        if compiled:
+            self.compile()
 
     def compile(self, kernel: Callable[[KneeModel], KneeModel] | None = None) -> None:
         """Go on with the compiled kernel, or as `kernel` has it; before the first sample."""
         from knee_contact_ros.compiled.kernel import compiled  # half a second to import
 
-        self.model = (kernel or compiled)(self.model)
-        self.stream = self.model.stream()
+        for compartment in self.compartments:
+            compartment.compile(kernel or compiled)
+
+    @property
+    def model(self) -> KneeModel:
+        """Of the medial compartment, or the only one."""
+        return self.compartments[0].model
+
+    @property
+    def doubts(self) -> Doubts:
+        """What makes no sense there: in the parameters, and in the answers that are told to it."""
+        return self.compartments[0].doubts
+
+    @property
+    def doubts_about_parameters(self) -> list[str]:
+        """What makes no sense in the parameters, of either compartment."""
+        return list(dict.fromkeys(told for each in self.compartments for told in each.doubts.about_parameters))
 
     @property
     def refused(self) -> int:
@@ -74,7 +93,8 @@ class Pipeline:
         """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
         try:
             message, written = self.decoder.joint_state(data)
-            sample = angle_sample(message, self.parameters.knee, self.model.height_prescribed, written)
+            knee, delay = self.parameters.knee, self.synchroniser.angle_delay
+            sample = angle_sample(message, knee, self.model.height_prescribed, written, delay)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         return self.synchroniser.push_angle(sample)
@@ -84,7 +104,7 @@ class Pipeline:
         try:
             came, as_it_came = self.decoder.joint_reaction_force(data)
             message, written = self.frame.turned(came, as_it_came)
-            sample = load_sample(message, self.parameters.load, arrived, written)
+            sample = load_sample(message, self.by_moment, arrived, written)
         except RefusedSampleError as refused:
             return self._refuse(refused)
         if self.frame.is_held:
@@ -95,47 +115,48 @@ class Pipeline:
             self.frame.hold(came.frame_id)
         return pairs
 
-    @property
-    def row(self) -> Rows:
-        """The answer to the last tick, shape (1,); the next one is written over it."""
-        return self.stream.answer
-
-    def compute(self, pair: PairedSample) -> bytes:
-        """Compute a tick; give the answer as the bytes of a `KneeContact`, and leave it in `row`."""
-        if pair.status & TIME_RESET:
-            self.stream = self.model.stream()
+    def compute(self, pair: PairedSample) -> list[bytes]:
+        """Compute a tick; give the answer of each compartment as the bytes of a `KneeContact`."""
         load = pair.load
-        self.stream.advance(load.stamp, pair.angle, load.load, pair.height)
-        if pair.status:
-            self.row["status"] |= pair.status
+        medial = self.rule(load.axial, load.moment, pair.angle)
+        messages = []
+        for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
+            if pair.status & TIME_RESET:
+                compartment.start_anew()
+            compartment.advance(load.stamp, pair.angle, part, pair.height, pair.status)
+            messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
         self.ticks += 1
-        if self.parameters.load.compartment in BY_MOMENT:
-            self.split.add(load.axial, load.load)
-        return encode_answer(load.stamp, load.frame_id, self.row.tobytes())
+        if self.varies:
+            self.split.add(load.axial, medial, self.beyond is not None and self.beyond(load.axial, pair.angle))
+        return messages
 
-    def answer(self, pair: PairedSample, message: bytes, latency: float = 0.0) -> Answer:
-        """All that the tick computed last leaves behind: `row` and its `message`, and what led to them.
+    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
+        """All that the tick computed last leaves behind: rows and their `messages`, and what led to them.
 
         `latency` [s] is that of its publication, where it is measured.
         """
-        self.stream.latency[0] = latency
-        load, row = pair.load, self.row.tobytes()
-        records: list[Record] = [(JOINT_STATES, angle.stamp, angle.data) for angle in pair.angles]
+        load, rows = pair.load, []
+        records: list[Record] = [(JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles]
         records.append((JOINT_REACTION_FORCE, load.stamp, load.data))
-        records.append((KNEE_CONTACT, load.stamp, message))
-        wrench = encode_answer_wrench(load.stamp, load.frame_id, row)
+        for compartment, message in zip(self.compartments, messages, strict=True):
+            compartment.stream.latency[0] = latency
+            rows.append(compartment.row.tobytes())
+            records.append((compartment.topic, load.stamp, message))
+        wrench = encode_answer_wrench(load.stamp, load.frame_id, summed_wrench(rows))
         records.append((KNEE_CONTACT_WRENCH, load.stamp, wrench))
-        size = len(load.data) + len(message) + len(wrench)
-        for angle in pair.angles:
-            size += len(angle.data)
-        return Answer(row, tuple(records), size)
+        size = 0
+        for _, _, data in records:
+            size += len(data)
+        return Answer(b"".join(rows), tuple(records), size)
 
     def retune(self, parameters: Parameters) -> None:
         """Go on with other numbers, between two ticks; see `retuned` for those that count."""
         self.parameters = parameters
-        self.model = retuned(self.model, parameters)
-        self.stream.go_on_with(self.model)
-        self.doubts.go_on_with(doubts_about(parameters, self.model))
+        self._divide(parameters)
+        medial, *lateral = self.compartments
+        medial.retune(parameters, -aside(parameters))
+        for compartment in lateral:
+            compartment.retune(lateral_knee(parameters), aside(parameters))
 
     def reset(self) -> None:
         """Start anew from rest at the next tick, which says so (`TIME_RESET`), with forces in any frame."""
@@ -147,8 +168,16 @@ class Pipeline:
 
     def ending(self) -> Ending:
         """What a recording must hold beside the answers."""
-        inputs = tuple((JOINT_STATES, sample.stamp, sample.data) for sample in self.synchroniser.rest())
+        inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
         return Ending(inputs, dict(self.synchroniser.refused))
+
+    def _divide(self, parameters: Parameters) -> None:
+        """Have the compartment's load follow from the joint reaction as parameters say."""
+        name = parameters.load.rule
+        self.rule = COMPARTMENTS[name](parameters, self._texts)
+        self.by_moment: Rule | None = self.rule if name in BY_MOMENT else None
+        self.varies = name in VARYING
+        self.beyond = self.rule.beyond if isinstance(self.rule, MeasuredShare) else None
 
     def _refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
         self.synchroniser.refuse(refused.reason)

@@ -1,4 +1,4 @@
-"""Messages to samples: the one place where joint names, signs and the compartment's share are applied."""
+"""Messages to samples: the one place where joint names and signs are applied."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Coder, Content, JointState, WrenchStamped
 from knee_contact_ros.messages.ros_types import stamp_to_ns
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
-from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS
-from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.parameters.compartments import Rule
+from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.system.printable import listed, printable
 
 LAST_STAMP = 2**31 * SECOND - 1
@@ -30,26 +30,33 @@ class AngleSample(NamedTuple):
     """A flexion angle at a stamp, and with the displacement drive the femoral height."""
 
     stamp: int
-    """[ns]"""
+    """[ns] at which it holds: that of its message less `delay`, which may be below 0"""
     angle: float
     """[rad] positive in flexion"""
     data: bytes = b""
     """The message it came in, as it is recorded: what came may hold leftovers of the sender's memory between fields"""
     height: float | None = None
     """[m] of the femoral reference point; None with the force drive"""
+    delay: int = 0
+    """[ns] `pairing.angle_delay`"""
+
+    @property
+    def came_at(self) -> int:
+        """Stamp [ns] of its message, under which it is recorded."""
+        return self.stamp + self.delay
 
 
 class LoadSample(NamedTuple):
-    """A compressive compartment load at a stamp."""
+    """A joint reaction at a stamp, of which a compartment gets its part when the flexion angle is known."""
 
     stamp: int
     """[ns]"""
-    load: float
-    """[N] > 0 when it presses the femur onto the tibia"""
+    axial: float
+    """[N] > 0 when it presses the femur onto the tibia: -force.y"""
+    moment: float
+    """[N m] about x; not a number if it is not needed and did not come"""
     frame_id: str
     """The tibia frame"""
-    axial: float
-    """[N] force.y of the joint reaction, of which the load is a part"""
     data: bytes = b""
     """The message it came in, likewise"""
     arrived: float = 0.0
@@ -114,10 +121,12 @@ def wrench_of(message: Any) -> WrenchStamped:
     )  # fmt: skip
 
 
-def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"") -> AngleSample:
+def angle_sample(
+    message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
+) -> AngleSample:
     """Flexion angle from a JointState: sign x position + offset; with `height_prescribed` also the femoral height.
 
-    `data` are the bytes under which it is recorded.
+    `data` are the bytes under which it is recorded; `delay` [ns] is how much earlier than stamped it holds.
 
     Raises:
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees; or the
@@ -131,7 +140,7 @@ def angle_sample(message: JointState, knee: Knee, height_prescribed: bool = Fals
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(_checked(message.stamp, "joint_states"), angle, data, height)
+    return AngleSample(_checked(message.stamp, "joint_states") - delay, angle, data, height, delay)
 
 
 def _position(message: JointState, joint: str) -> float:
@@ -148,8 +157,12 @@ def _position(message: JointState, joint: str) -> float:
     return position
 
 
-def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0, data: bytes = b"") -> LoadSample:
-    """Compressive load from a WrenchStamped on the tibia: the compartment's part of L = -F_y; `data` as above.
+def load_sample(
+    message: WrenchStamped, by_moment: Rule | None = None, arrived: float = 0.0, data: bytes = b""
+) -> LoadSample:
+    """Axial load L = -F_y and frontal moment from a WrenchStamped on the tibia; `data` as above.
+
+    `by_moment` is the rule for the compartment's part where the moment decides: what it gives must be a load of a knee.
 
     Raises:
         RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is beyond all
@@ -158,19 +171,19 @@ def load_sample(message: WrenchStamped, load: Load, arrived: float = 0.0, data: 
     axial, moment = message.force[1], message.torque[0]
     if not math.isfinite(axial):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
-    if not math.isfinite(moment) and load.compartment in BY_MOMENT:
+    if by_moment and not math.isfinite(moment):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: torque.x is {moment}")
     if abs(axial) > LARGEST_LOAD:
         raise RefusedSampleError(
             "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
         )
-    part = COMPARTMENTS[load.compartment](axial, moment, load)
-    if abs(part) > LARGEST_LOAD:
+    part = by_moment(-axial, moment, 0.0) if by_moment else 0.0
+    if max(abs(part), abs(-axial - part)) > LARGEST_LOAD:
         raise RefusedSampleError(
             "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
         )
     stamp = _checked(message.stamp, "joint_reaction_force")
-    return LoadSample(stamp, part, message.frame_id, axial, data, arrived)
+    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived)
 
 
 def _checked(stamp: int, topic: str) -> int:

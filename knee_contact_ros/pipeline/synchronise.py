@@ -65,6 +65,8 @@ class Synchroniser:
         self.refused: Counter[str] = Counter()
         """Refused samples by reason"""
         self._max_gap, self._queue = round(pairing.max_gap * SECOND), pairing.queue
+        self.angle_delay = round(pairing.angle_delay * SECOND)
+        """[ns] by which the stamps of angles are moved earlier before they come here"""
         self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
         self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
         self.unrecorded = 0
@@ -90,9 +92,9 @@ class Synchroniser:
 
     @property
     def lead(self) -> float | None:
-        """By how much [s] the last load's stamp is later than the last angle's; None while one is not known."""
+        """By how much [s] the last load's stamp is later than the last angle's, as they came; None: not known."""
         angle, load = self.angle_time.last, self.load_time.last
-        return None if angle is None or load is None else (load - angle) / SECOND
+        return None if angle is None or load is None else (load - angle - self.angle_delay) / SECOND
 
     def steady(self) -> Steady | None:
         """What is held; None after something unusual, until a pair has told it."""

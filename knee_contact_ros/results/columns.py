@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import FLAT, Rows
+from knee_contact_ros.system.errors import UsageError
 
 NANOSECOND = 1e-9
 TIME = "time"
@@ -27,9 +29,29 @@ def time_of(rows: Rows) -> NDArray[np.float64]:
 
 
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:
-    """Every number of every answer by its name, shape (n,) each, vectors as `contact_point_x`; first the time [s]."""
+    """Every number of every answer by its name, shape (n,) each, vectors as `contact_point_x`; first the time [s].
+
+    Of some of the fields, those numbers alone.
+
+    Raises:
+        UsageError: the stamp is not among the fields.
+    """
+    if "stamp" not in (rows.dtype.names or ()):
+        raise UsageError(f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, which gives the time")
     flat = np.asarray(rows).view(FLAT)
-    return {TIME: time_of(rows)} | {name: np.ascontiguousarray(flat[name]) for name in FLAT.names or ()}
+    names = [name for name in FLAT.names or () if _is_of(name, rows.dtype)]
+    return {TIME: time_of(rows)} | {name: np.ascontiguousarray(flat[name]) for name in names}
+
+
+def _is_of(name: str, fields: np.dtype[Any]) -> bool:
+    """Whether a number is in one of some fields, which lie where they lie in a whole answer."""
+    place = _places(FLAT)[name][1]
+    return any(begin <= place < begin + kind.itemsize for kind, begin, *_ in _places(fields).values())
+
+
+def _places(fields: np.dtype[Any]) -> Mapping[str, tuple[Any, ...]]:
+    """Of each field the kind of its values and the byte at which it begins."""
+    return fields.fields or {}
 
 
 def unit_of(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from os import PathLike
+from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,21 @@ from knee_contact_ros.core.types import ROW
 from knee_contact_ros.results import figure, table
 from knee_contact_ros.results.columns import TIME, columns, time_of, unit_of
 from knee_contact_ros.results.extra import library
+from knee_contact_ros.system.errors import UsageError
+
+PARQUET = ".parquet"
 
 
 class Results(np.recarray[Any, Any]):
     """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
 
-    Fields are attributes and arrays of shape (n,), named as the message's: `results.contact_force` [N]. A slice or a
-    mask gives `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and say so.
+    Fields are attributes and arrays of shape (n,), named as the message's: `results.contact_force` [N]. A slice, a
+    mask, some of the fields (`results[["stamp", "load"]]`) and what NumPy puts together of several (`np.concatenate`)
+    are `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and say so.
     """
+
+    lateral: Results | None = None
+    """Those of the lateral compartment, of what `solve` gives where both are modelled; a slice does not keep them"""
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -45,7 +52,13 @@ class Results(np.recarray[Any, Any]):
         return library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
-        """Write the columns of `to_polars` to a Parquet file; one of that name is replaced."""
+        """Write the columns of `to_polars` to a Parquet file; one of that name is replaced.
+
+        Raises:
+            UsageError: the name of `path` does not end in .parquet.
+        """
+        if not fspath(path).endswith(PARQUET):
+            raise UsageError(f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}")
         self.to_polars().write_parquet(path)
 
     def plot(self) -> Any:
@@ -54,6 +67,15 @@ class Results(np.recarray[Any, Any]):
         Returns the `matplotlib.figure.Figure`: a notebook shows it, `savefig` writes it.
         """
         return figure.figure_of(self)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
+
+    def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
+        """What NumPy computes, with the methods if it has the same fields: it forgets the class of what it joins."""
+        made = super().__array_function__(function, kinds, arguments, options)
+        whole = type(made) is np.ndarray and made.dtype.names == ROW.names
+        return made.astype(self.dtype, copy=False).view(type(self)) if whole else made
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(self.dtype.names or ())})

@@ -24,7 +24,8 @@ class Knee(NamedTuple):
     """What outputs are described from."""
 
     parameters: Parameters
-    model: KneeModel
+    models: Mapping[str, KneeModel]
+    """Of each compartment, by the topic of its answers, the medial one first"""
     names: Mapping[str, str]
     """The absolute name under which each topic is recorded"""
     provenance: Mapping[str, str]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+
+from knee_contact_ros.system.errors import UsageError
 
 PACKAGE = "knee_contact_ros"
 DEFAULT_PARAMETERS = "healthy.yaml"
@@ -58,3 +61,15 @@ def expanded(name: str) -> Path:
         return Path(name).expanduser()
     except RuntimeError:
         return Path(name)
+
+
+def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
+    """Tell that a file is given twice, whatever it is called; `what` stands before its name.
+
+    Raises:
+        UsageError: it is.
+    """
+    places = [path.resolve() for path in paths]
+    for number, path in enumerate(paths):
+        if places[number] in places[:number]:
+            raise UsageError(f"{what}{path} is given twice")

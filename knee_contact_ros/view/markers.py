@@ -1,13 +1,16 @@
 """The knee as markers in the tibia frame, for RViz: both surfaces, the contact point and the force on the femur.
 
-The model is planar, and so is what is drawn: all of it lies at z = 0.
+The model is planar, and so is what is drawn: all of it lies at z = 0, or each compartment where its contact is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from knee_contact_ros.core.types import ContactState, reader
+from knee_contact_ros.core.types import ROW, ContactState, reader
 from knee_contact_ros.messages.marker_out import Colour, Marker, MarkerMessage, Shape
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
@@ -17,8 +20,8 @@ LENGTH = 1e-3 / NEWTONS_PER_MM
 LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
 """[m] see `Marker.scale`"""
 SHOWN = reader(
-    "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "femoral_height", "contact_state",
-    "femoral_x", "normal_x", "normal_y",
+    "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "contact_point_z", "femoral_height",
+    "contact_state", "femoral_x", "normal_x", "normal_y",
 )  # fmt: skip
 """Of an answer's row"""
 
@@ -33,37 +36,49 @@ OF_STATE = {state.value: _colour(tuple(colours.OF_STATE[state].tolist())) for st
 
 
 FEMUR, POINT, FORCE_ON_FEMUR = 1, 2, 3
-"""Places in the message, behind the tibia, which does not move"""
+"""Places among a compartment's markers, behind the tibia, which does not move"""
+OF_COMPARTMENT = 4
+"""Markers"""
 
 
 class KneeMarkers:
-    """Makes the markers of answers; their names begin with the knee's."""
+    """Makes the markers of answers; their names begin with the knee's, or with the compartment's."""
 
-    def __init__(self, drawing: KneeOutlines) -> None:
+    def __init__(self, drawings: Sequence[KneeOutlines]) -> None:
         """Prepare what does not change."""
+        self._markers = [marker for drawing in drawings for marker in self._markers_of(drawing)]
+        self._message = MarkerMessage("", self._markers)
+
+    @staticmethod
+    def _markers_of(drawing: KneeOutlines) -> list[Marker]:
         knee = drawing.knee
-        self._markers = [
+        return [
             Marker(f"{knee}/tibia", Shape.LINE_STRIP, LINE, SURFACE, drawing.tibia),
             Marker(f"{knee}/femur", Shape.LINE_STRIP, LINE, SURFACE, drawing.femur),
             Marker(f"{knee}/contact_point", Shape.SPHERE, BALL, OF_STATE[ContactState.SEPARATED]),
             Marker(f"{knee}/contact_force_on_femur", Shape.ARROW, ARROW, FORCE, np.zeros((2, 2))),
         ]
-        self._message = MarkerMessage("", self._markers)
 
-    def encode(self, stamp: int, frame_id: str, row: bytes) -> bytes:
-        """Bytes of the MarkerArray of an answer; stamp in [ns], the row's own is not looked at.
+    def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
+        """Bytes of the MarkerArray of an answer, a row for each drawing; stamp in [ns], their own is not looked at.
 
         Raises:
             ValueError: the stamp is beyond what ROS can hold.
         """
         if frame_id != self._message.frame_id:
             self._message = MarkerMessage(frame_id, self._markers)
-        angle, force, x, y, height, state, femoral_x, normal_x, normal_y = SHOWN.unpack_from(row)
+        self._message.set_stamp(stamp)
+        for number in range(len(self._markers) // OF_COMPARTMENT):
+            self._move(number * OF_COMPARTMENT, SHOWN.unpack_from(rows, number * ROW.itemsize))
+        return self._message.tobytes()
+
+    def _move(self, first: int, shown: tuple[Any, ...]) -> None:
+        """Move the markers of a compartment, from the `first` on, to where an answer has them."""
+        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = shown
         message, length = self._message, LENGTH * force
-        message.set_stamp(stamp)
-        message.move(FEMUR, femoral_x, height, angle)
-        message.move(POINT, x, y, 0.0)
-        message.paint(POINT, OF_STATE[state])
-        message.place(FORCE_ON_FEMUR, (x, y), (x + length * normal_x, y + length * normal_y))
-        message.show(FORCE_ON_FEMUR, force != 0.0)
-        return message.tobytes()
+        message.move(first, 0.0, 0.0, 0.0, z)
+        message.move(first + FEMUR, femoral_x, height, angle, z)
+        message.move(first + POINT, x, y, 0.0, z)
+        message.paint(first + POINT, OF_STATE[state])
+        message.place(first + FORCE_ON_FEMUR, (x, y, z), (x + length * normal_x, y + length * normal_y, z))
+        message.show(first + FORCE_ON_FEMUR, force != 0.0)

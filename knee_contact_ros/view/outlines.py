@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.messages.topics import KNEE_CONTACT, knee_name
+from knee_contact_ros.messages.topics import KNEE_CONTACT, LATERAL, MEDIAL, compartment_name, knee_name
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import Anatomy, anatomy_of
@@ -79,6 +80,7 @@ def sink_for(knee: Knee) -> Sink | None:
         UsageError: Rerun is not installed, or the knee's name is none of those that share the viewer.
     """
     rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
+    models = tuple(knee.models.values())
     if rerun.mode == "off":
         return None
     executable(f"parameter rerun.mode: {rerun.mode}: ")
@@ -88,10 +90,18 @@ def sink_for(knee: Knee) -> Sink | None:
             f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
         )
     path = Path(rerun.path) if rerun.mode == "file" else None
+    if len(models) > 1:  # each is a knee of its own to a viewer
+        knees = tuple(compartment_name(one, of) for one in knees or (name,) for of in (MEDIAL, LATERAL))
     serving = Serving(rerun.port, rerun.mode == "spawn", knees)
-    job = Job(VIEWER, (path, serving, drawing_of(knee.model, name, knee.parameters.body_weight)))
+    job = Job(VIEWER, (path, serving, drawings_of(models, name, knee.parameters.body_weight)))
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
     return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS)
+
+
+def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> tuple[KneeOutlines, ...]:
+    """The outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of`."""
+    names = [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
+    return tuple(drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True))
 
 
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:

@@ -29,23 +29,23 @@ class Viewer:
     def __init__(
         self,
         outlet: Outlet,
-        scene: Scene,
+        scenes: Sequence[Scene],
         period: float,
         remarks: Sequence[str] = (),
         window: Window | None = None,
     ) -> None:
-        """Show on an outlet.
+        """Show on an outlet: each compartment in one of the `scenes`.
 
         `period` [s] is how long a batch waits to be full, `remarks` are what the user shall know of the beginning, and
         `window` is the viewer on this machine, if one was opened.
         """
         self.period, self.name = period, outlet.name
-        self._outlet, self._scene, self._window = outlet, scene, window
+        self._outlet, self._scenes, self._window = outlet, scenes, window
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
 
     def write(self, row: bytes) -> None:
-        """Show an answer's row."""
+        """Show an answer's rows."""
         self._batch.append(row)
         if len(self._batch) == BATCH:
             self._show()
@@ -53,7 +53,8 @@ class Viewer:
     def note(self, name: str, values: dict[str, str]) -> None:
         """Show that something happened between two answers."""
         self._show()
-        self._scene.note(name, values)
+        for scene in self._scenes:
+            scene.note(name, values)
 
     def flush(self) -> None:
         """Show what waits."""
@@ -72,7 +73,8 @@ class Viewer:
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
         """Show what waits and complete it."""
         self._show()
-        self._scene.finish()
+        for scene in self._scenes:
+            scene.finish()
         self._outlet.close()
         self.name = self._outlet.name
 
@@ -84,12 +86,14 @@ class Viewer:
 
     def _show(self) -> None:
         if self._batch:
-            self._scene.show(np.frombuffer(b"".join(self._batch), ROW))
+            rows = np.frombuffer(b"".join(self._batch), ROW)
+            for first, scene in enumerate(self._scenes):
+                scene.show(rows[first :: len(self._scenes)])
             self._batch = []
 
 
-def open_output(path: Path | None, serving: Serving, drawing: KneeOutlines) -> Viewer:
-    """Open what a sink's process shows a knee on: a file, or without a `path` a server.
+def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
+    """Open what a sink's process shows a knee, of one compartment or two, on: a file, or without a `path` a server.
 
     Raises:
         UsageError: see `RerunFile`, `Served` and `open_window`.
@@ -101,12 +105,19 @@ def open_output(path: Path | None, serving: Serving, drawing: KneeOutlines) -> V
         if name != path:
             remarks.append(f"{path} is there already: this Rerun recording is {name}")
         remarks += map(cut_off, leftovers(path.parent, ".rrd"))
-        outlet: Outlet = RerunFile(name, [drawing], latency=True)
+        outlet: Outlet = RerunFile(name, own, latency=True)
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
-        drawings = [drawing._replace(knee=name) for name in serving.knees or [drawing.knee]]
+        known = {drawing.knee: drawing for drawing in own}
+        drawings = [known.get(name, own[0]._replace(knee=name)) for name in serving.knees or known]
         outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
     window = open_window(address(serving.port)) if serving.window and not path else None
-    number = serving.knees.index(drawing.knee) if len(serving.knees) > 1 and not path else None
-    scene = Scene(outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path, number=number)
-    return Viewer(outlet, scene, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)
+    shown = [drawing.knee for drawing in own] if path else serving.knees
+    scenes = [
+        Scene(
+            outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path,
+            number=shown.index(drawing.knee) if len(shown) > 1 else None,
+        )
+        for drawing in own
+    ]  # fmt: skip
+    return Viewer(outlet, scenes, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)

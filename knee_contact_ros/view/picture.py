@@ -83,23 +83,24 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     if known is None:
         raise UsageError(f"recording {recording} does not tell its parameters")
     model = build_model(known, curves=provenance.texts() if provenance else None)
-    first, row = largest_load(recording, topics[0])
+    row = largest_load(recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
-    title = f"largest load, {(row['stamp'] - first) / NANOSECONDS:.2f} s after the first tick"
+    title = f"largest load, at {row['stamp'] / NANOSECONDS:.3f} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
 
 
-def largest_load(recording: Path, topic: str) -> tuple[int, Mapping[str, Any]]:
-    """Stamp [ns] of the first answer on a topic that has some, and the answer with the largest load by its names."""
-    first: list[int] = []
-    rows = []
-    for block in answer_blocks(recording, topic):
-        first.append(int(block["stamp"][0]))
-        rows.append(block[[int(block["load"].argmax())]])
-    largest = max(rows, key=lambda row: float(row["load"][0]))
-    return first[0], {name: largest[name][0].item() for name in largest.dtype.names or ()}
+def largest_load(recording: Path, topic: str) -> Mapping[str, Any]:
+    """The answer with the largest load on a topic that has some, by its names; a load that is missing is none."""
+    rows = [block[[int(_known(block["load"]).argmax())]] for block in answer_blocks(recording, topic)]
+    largest = max(rows, key=lambda row: float(_known(row["load"])[0]))
+    return {name: largest[name][0].item() for name in largest.dtype.names or ()}
+
+
+def _known(loads: Any) -> Floats:
+    """Loads [N], shape (n,); below all others where there is none."""
+    return np.asarray(np.nan_to_num(loads, nan=-math.inf))
 
 
 def png(shown: Moment, title: str) -> bytes:

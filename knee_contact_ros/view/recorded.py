@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,8 +10,10 @@ from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.messages.topics import KNEE, knee_name
+from knee_contact_ros.messages.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
 from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import answering
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
@@ -51,7 +53,9 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> li
         if not topics:
             raise UsageError(f"recording {path} has no answers (knee_contact_ros/msg/KneeContact)")
         found += [(path, topic, name) for topic in topics]
-    names = distinct([_name(topic, name, alone=len(found) == 1) for _, topic, name in found])
+    alone = len({(path, knee_name(topic)) for path, topic, _ in found}) == 1
+    places = {(path, topic) for path, topic, _ in found}
+    names = distinct([_name(path, topic, name, alone, places) for path, topic, name in found])
     return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(found, names, strict=True)]
 
 
@@ -84,9 +88,13 @@ def distinct(names: Sequence[str]) -> list[str]:
     return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _name(topic: str, recording: str, alone: bool) -> str:
+def _name(path: Path, topic: str, recording: str, alone: bool, found: Set[tuple[Path, str]]) -> str:
     name = knee_name(topic)
     name = name.replace("/", "_") if name != KNEE or alone else recording
+    if is_lateral(topic):
+        name = compartment_name(name, LATERAL)
+    elif (path, f"{topic}/{LATERAL}") in found:
+        name = compartment_name(name, MEDIAL)
     return "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
 
 
@@ -94,7 +102,8 @@ def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> Recorded
     provenance = read_provenance(path)
     if provenance:
         parameters = provenance.parameters
-    model = build_model(parameters, curves=provenance.texts() if provenance else None)
+    parameters, texts = answering(topic, parameters, provenance.texts() if provenance else curve_texts(parameters, {}))
+    model = build_model(parameters, curves=texts)
     changes = provenance.changes if provenance else ()
     return RecordedKnee(
         path, topic, model, drawing_of(model, name, parameters.body_weight), changes, provenance is not None

@@ -89,7 +89,7 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
             angle = AngleSample(arrival.stamp, angle_at(arrival.taken), number)  # type: ignore[arg-type]
             keep(synchroniser.push_angle(angle), arrival.arrives)
         else:
-            load = LoadSample(arrival.stamp, 0.0, "", 0.0, number, arrival.arrives / SECOND)  # type: ignore[arg-type]
+            load = LoadSample(arrival.stamp, 0.0, 0.0, "", number, arrival.arrives / SECOND)  # type: ignore[arg-type]
             keep(synchroniser.push_load(load), arrival.arrives)
         aside = max(aside, len(synchroniser.angle_time.aside), len(synchroniser.load_time.aside))
     keep(synchroniser.finish(), world.now)

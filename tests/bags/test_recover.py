@@ -127,6 +127,12 @@ def test_metadata_beside_tells_what_the_channels_say(right_bag: Path, tmp_path: 
     assert yaml.load(tmp_path / "metadata.yaml") == yaml.load(right_bag / "metadata.yaml")
 
 
+def test_a_working_folder_is_made_no_bag(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    recover(cut, tmp_path / "bag.mcap")
+    assert not (tmp_path / "metadata.yaml").exists()
+
+
 def test_metadata_of_another_bag_is_left_alone(cut: Path, tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [other.mcap]}")
     recover(cut, tmp_path / "bag.mcap")

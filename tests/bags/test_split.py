@@ -21,7 +21,7 @@ from knee_contact_ros.bags.metadata import prepare_metadata
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.writer import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import answer, recorded_ticks, wait_until
@@ -297,4 +297,4 @@ def test_topics_are_those_of_the_messages(tmp_path: Path) -> None:
             summary = make_reader(file).get_summary()
         assert summary is not None
         schemas = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
-        assert schemas == {f"/{topic}": type_name for topic, type_name in MESSAGE_TYPES.items()}
+        assert schemas == {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}

@@ -10,11 +10,11 @@ import pytest
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cli.options import OptionalClockRate, timing_options
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 
-TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 
 
 def recorded(path: Path) -> list[tuple[str, int, str]]:

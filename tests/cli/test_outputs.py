@@ -9,6 +9,8 @@ import pytest
 
 from knee_contact_ros.cli.main import main
 
+FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "--flexion", "a", "--body-weight", "700"]
+
 
 @pytest.mark.parametrize(
     "arguments",
@@ -19,6 +21,9 @@ from knee_contact_ros.cli.main import main
         ["report", "{bag}", "--output", "typo/report"],
         ["demo", "--output", "typo/demo"],
         ["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"],
+        [*FIT_SHARE, "--output", "typo/share.csv"],
+        ["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"],
+        ["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"],
         ["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"],
         ["trade", "--output", "typo/trade"],
         ["latency", "--output", "typo/latency"],
@@ -45,6 +50,7 @@ def test_a_misspelt_folder_is_not_made(
             ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
             "--output x.yaml: its name must end with .csv",
         ),
+        ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
     ],
 )
 def test_a_name_tells_what_is_written(

@@ -7,6 +7,8 @@ from importlib.util import find_spec
 
 import pytest
 
+from tests import ROOT
+
 
 def has_at_least(package: str, *least: int) -> bool:
     """Whether a package is installed, in this version or a later one."""
@@ -20,4 +22,9 @@ HAS_VIEWER = find_spec("rerun") is not None
 """Whether Rerun is there"""
 HAS_REPORT = has_at_least("matplotlib", 3, 7)
 """Whether Matplotlib is there, and new enough for reports"""
+HAS_PICTURE = find_spec("matplotlib") is not None
+"""Whether it is there at all: any version draws the knee at its peak"""
+TRIALS = ROOT.parent / "shared" / "data" / "instrumented_knee"
+"""Two walking trials of a knee with an instrumented implant; not ours to pass on"""
+needs_trials = pytest.mark.skipif(not TRIALS.is_dir(), reason="needs the measured trials")
 needs_viewer = pytest.mark.skipif(not HAS_VIEWER, reason="needs the extra viewer")

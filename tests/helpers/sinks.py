@@ -25,6 +25,7 @@ from knee_contact_ros.messages.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
     MESSAGE_TYPES,
+    RECORDED,
 )
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -33,7 +34,7 @@ from knee_contact_ros.sinks.protocol import Job, Sink
 from knee_contact_ros.view.outlines import NICENESS, VIEWER, Serving, drawing_of
 from tests.helpers.answers import contact
 
-TYPES = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 MODEL = Pipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
@@ -111,7 +112,7 @@ class Started:
 
     def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
         """A viewer."""
-        job = Job(VIEWER, (path, SERVING, drawing_of(MODEL, "knee", 737.0)))
+        job = Job(VIEWER, (path, SERVING, [drawing_of(MODEL, "knee", 737.0)]))
         sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
         return self.begun(sink, wait, queue._replace(section="rerun"))
 

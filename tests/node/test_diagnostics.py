@@ -18,7 +18,7 @@ def feed(synchroniser: Synchroniser, stamps: range, ahead: int = 0) -> None:
     """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
     for stamp in stamps:
         synchroniser.push_angle(AngleSample(stamp * MS, 0.1, None))  # type: ignore[arg-type]
-        synchroniser.push_load(LoadSample((stamp + ahead) * MS, 1.0, "", None))  # type: ignore[arg-type]
+        synchroniser.push_load(LoadSample((stamp + ahead) * MS, 1.0, 0.0, ""))
 
 
 def test_all_is_well() -> None:

@@ -12,9 +12,10 @@ from knee_contact_ros.system.errors import UsageError
 
 FREE_TEXTS = {
     "knee.joint_name", "knee.height_joint_name", "femur.profile", "tibia.profile", "translation.table", "frame.tibia",
-    "record.path", "rerun.path", "rerun.knees",
+    "load.share_file", "record.path", "rerun.path", "rerun.knees",
 }  # fmt: skip
 """Names and paths"""
+FREE_TEXTS |= {"lateral.femur.profile", "lateral.tibia.profile"}
 LIMITS_OF_OTHERS = {"tibia.radius", "contact.tibial_radius", "contact.exponent", "femur.scale", "tibia.scale"}
 """Parameters that must fit others, too"""
 

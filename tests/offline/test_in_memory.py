@@ -116,3 +116,23 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         knee_contact_ros.solve(right_bag)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"values": ["contact.damping"]}, r"values: \['contact.damping'\] is not allowed; a mapping, as {'contact."),
+        ({"remap": "a:=b"}, "remap: 'a:=b' is not allowed; a mapping, as {'joint_states':"),
+        ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: joint is no input"),
+        ({"params": ""}, "parameters: '' is not allowed; a parameter file's name"),
+        ({"params": "osteoarthrits"}, r"\(healthy, .*\); did you mean osteoarthritis\?"),
+        ({"output": "there.mcap"}, "there.mcap exists already; choose another name, or overwrite=True$"),
+    ],
+)
+def test_what_is_wrong_is_told_in_pythons_words(
+    given: dict[str, Any], told: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.mcap").touch()
+    with pytest.raises(UsageError, match=told):
+        knee_contact_ros.solve(right_bag, **given)

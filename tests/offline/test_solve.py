@@ -14,7 +14,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.reading import load_parameters
@@ -23,7 +23,7 @@ from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, rows_of, same
 from tests.helpers.messages import raw_inputs
 
-OUTPUTS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 WRENCH = list(OUTPUTS)[-1]
 
 

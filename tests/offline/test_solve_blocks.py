@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from knee_contact_ros.bags.reader import INPUT_TYPES
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.core.types import Rows
+from knee_contact_ros.messages.cdr import (
+    JOINT_STATE,
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.offline.summary import Summary
@@ -97,7 +104,10 @@ PARAMETERS = {
     "two layers": {"contact.law": "two_layer_elastic", "load.compartment": "total"},
     "signed": {"knee.flexion_sign": -1.0, "knee.flexion_offset": 0.7, "pairing.max_gap": 0.005},
     "slope": {"tibia.slope": 0.1, "fidelity.level": "dynamic"},
+    "late": {"pairing.angle_delay": 0.0253},
+    "early": {"pairing.angle_delay": -0.0047, "pairing.max_gap": 0.005},
     "moment": {"load.compartment": "moment_balance", "load.compartment_spacing": 0.05},
+    "measured": {"load.compartment": "measured_share"},
 }
 
 
@@ -107,6 +117,30 @@ def test_ordinary_bags_go_by_the_block(tmp_path: Path, name: str, every: int) ->
     one, other, taken = both_ways(tmp_path, gait(600, every), load_parameters(PARAMETERS[name]), 200)
     assert one == other
     assert taken >= 600 * (every + 1) // every // 200 - 1
+
+
+@pytest.mark.parametrize("delay", [25 * MILLISECOND, -25 * MILLISECOND])
+def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that_does_not(
+    tmp_path: Path, delay: int
+) -> None:
+    prompt, late, rows = gait(400, 5, begin=1000), list[Message](), [list[Sequence[Rows]](), list[Sequence[Rows]]()]
+    for topic, stamp, data in prompt:
+        found = JOINT_STATE.decode(data) if topic == "/joint_states" else None
+        late.append(
+            (topic, stamp + delay, encode_joint_state(found[0]._replace(stamp=stamp + delay)))
+            if found
+            else (topic, stamp, data)
+        )
+    late.sort(key=lambda row: row[1])
+    for kept, messages, seconds in zip(rows, (prompt, late), (0.0, 1e-9 * delay), strict=True):
+        bag, output = write(tmp_path / "bag.mcap", messages), tmp_path / "out.mcap"
+        parameters = load_parameters({"pairing.angle_delay": seconds})
+        summary = solve(bag, parameters, output, silent, overwrite=True, keep=kept.append)
+        assert (summary.ticks, summary.refused.total(), summary.flagged["STALE_INPUT"]) == (400, 0, 0)
+        with BagReader(output, INPUT_TYPES) as recorded:  # as they came, under the stamps they came with
+            assert [(m.topic, m.log_time, m.data) for m in recorded.raw_messages()] == messages
+    first, other = (b"".join(kept.tobytes() for (kept,) in answers) for answers in rows)
+    assert first == other
 
 
 def test_prescribed_heights(tmp_path: Path) -> None:

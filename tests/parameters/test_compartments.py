@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.messages.cdr import WrenchStamped
-from knee_contact_ros.parameters.compartments import COMPARTMENTS, Split
+from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, Split
+from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.parameters.schema import Load
 from knee_contact_ros.pipeline.samples import RefusedSampleError, load_sample
 
 WEIGHT = 737.068
@@ -25,7 +26,15 @@ def wrench(force_y: float, moment_x: float) -> WrenchStamped:
 
 
 def part(force_y: float, moment_x: float, **load: Any) -> float:
-    return load_sample(wrench(force_y, moment_x), Load(**load)).load
+    parameters = load_parameters({"load": load})
+    rule = COMPARTMENTS[parameters.load.compartment](parameters, curve_texts(parameters, {}))
+    sample = load_sample(wrench(force_y, moment_x), rule if parameters.load.compartment in BY_MOMENT else None)
+    return float(rule(sample.axial, sample.moment, 0.0))
+
+
+def answers_in(path: Path) -> list[bytes]:
+    with path.open("rb") as file:
+        return [message.data for _, _, message in make_reader(file).iter_messages(topics=["/knee_contact"])]
 
 
 def test_every_compartment_by_hand() -> None:
@@ -45,12 +54,14 @@ def test_two_forces_on_the_plateau_are_found_again(medial: float, lateral: float
     assert found == pytest.approx(medial, abs=1e-11)  # some roundings of 3e3 N, 5e-13 each
 
 
-@given(force_y=st.floats(-1e4, 1e4), moment_x=st.floats(-1e2, 1e2))
-def test_numbers_and_arrays_get_the_same_bits(force_y: float, moment_x: float) -> None:
-    for name, of in COMPARTMENTS.items():
-        load = Load(compartment=name, share=0.7, compartment_spacing=0.045)
-        column = of(np.array([force_y]), np.array([moment_x]), load)
-        assert column.tolist() == [of(force_y, moment_x, load)]
+@given(axial=st.floats(-1e4, 1e4), moment=st.floats(-1e2, 1e2), flexion=st.floats(-0.2, 2.5))
+def test_numbers_and_arrays_get_the_same_bits(axial: float, moment: float, flexion: float) -> None:
+    for name, rule_for in COMPARTMENTS.items():
+        values = {"compartment": name, "share": 0.7, "compartment_spacing": 0.045}
+        parameters = load_parameters({"load": values})
+        rule = rule_for(parameters, curve_texts(parameters, {}))
+        column = rule(np.array([axial]), np.array([moment]), np.array([flexion]))
+        assert column.tolist() == [rule(axial, moment, flexion)]
 
 
 def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
@@ -62,7 +73,7 @@ def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
 
 
 def test_shares_are_counted_while_the_leg_stands() -> None:
-    forces, loads = np.array([-100.0, -1000.0, -1000.0, -1000.0]), np.array([900.0, 1100.0, 300.0, -50.0])
+    forces, loads = np.array([100.0, 1000.0, 1000.0, 1000.0]), np.array([900.0, 1100.0, 300.0, -50.0])
     one, many = Split(WEIGHT), Split(WEIGHT)
     many.add_all(forces, loads)
     for force, load in zip(forces.tolist(), loads.tolist(), strict=True):
@@ -75,6 +86,33 @@ def test_shares_are_counted_while_the_leg_stands() -> None:
     good.add_all(forces[[2]], loads[[2]])
     assert good.problem == ""
     assert Split(WEIGHT).text == "the leg never stood"
+
+
+def test_a_table_of_shares_tells_where_it_was_at_its_ends() -> None:
+    axial, loads = np.array([100.0, 1000.0, 800.0, 900.0]), np.array([0.0, 1000.0, 0.0, 450.0])
+    beyond = np.array([True, False, False, True])
+    one, many = Split(WEIGHT), Split(WEIGHT)
+    many.add_all(axial, loads, beyond)
+    for sample in zip(axial.tolist(), loads.tolist(), beyond.tolist(), strict=True):
+        one.add(*sample)
+    for split in (one, many):
+        assert split.text == "0.00 to 1.00, 0 or 1 in 66.7 %, beyond the table in 33.3 %"
+        assert "lie beyond the table of shares in 33.3 % of the samples under load" in split.problem
+
+
+def test_a_recording_has_the_table_of_shares_that_it_was_made_with(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table, first, again = (tmp_path / name for name in ("mine.csv", "first.mcap", "again.mcap"))
+    table.write_text("0,0,0.4\n0,9,0.9\n1.5,0,0.4\n1.5,9,0.6\n", encoding="utf-8")
+    rule = ["-p", "load.compartment:=measured_share", "-p", f"load.share_file:={table}"]
+    assert main(["solve", str(right_bag), *rule, "--output", str(first)]) == 0
+    assert "share of the load" in capsys.readouterr().out
+    table.unlink()
+    assert main(["solve", str(first), "--output", str(again)]) == 0
+    assert answers_in(first) == answers_in(again)
+    assert main(["solve", str(right_bag), *rule, "--output", str(tmp_path / "none.mcap")]) == 2
+    assert "parameter load.share_file: cannot read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("leg", "least"), [("right", 10.0), ("left", 10.0)])

@@ -56,6 +56,8 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
     [
         (TYPED, rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
                 r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$"),
+        ({"pairing.angle_delay": 0.12},
+         r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, every force .* \(INPUT_HELD\)$"),
         ({"contact.stiffness": 2.5, "contact.exponent": 1.0},
          r"^contact\.stiffness 2\.5 N/m\^1 gives 1\.47e\+05 mm of depth .*radius$"),  # 2.5 N/mm is no cartilage either
         (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),

@@ -18,7 +18,8 @@ from knee_contact_ros.system.errors import UsageError
 
 CONTRACT = {
     "knee.joint_name": "knee", "knee.flexion_sign": 1.0, "knee.flexion_offset": 0.0,
-    "load.compartment": "fixed_share", "load.share": 0.5, "load.compartment_spacing": 0.04, "drive": "force",
+    "load.compartment": "fixed_share", "load.share": 0.5, "load.share_file": "share_medial.csv",
+    "load.compartment_spacing": 0.04, "drive": "force",
     "femur.mass": 9.3014, "femur.geometry": "circle", "femur.radius": 0.034, "femur.profile": "",
     "tibia.geometry": "plane", "tibia.slope": 0.0, "tibia.radius": 0.095, "translation.mechanism": "hinge",
     "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5000.0,
@@ -78,7 +79,7 @@ def test_values_out_of_range_are_refused_in_one_line(name: str, value: Any, allo
 def test_unknown_names_are_refused_with_what_was_meant() -> None:
     with pytest.raises(UsageError, match=r"unknown parameter contact\.dampin; did you mean contact\.damping\?"):
         load_parameters({"contact.dampin": 1.0})
-    with pytest.raises(UsageError, match=r"unknown parameter zzz; known are knee\.joint_name"):
+    with pytest.raises(UsageError, match=r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("):
         load_parameters({"zzz": 1.0})
 
 
@@ -163,8 +164,12 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str)
 def test_a_missing_file_is_refused() -> None:
     with pytest.raises(UsageError, match=r"nowhere\.yaml: cannot read the parameter file"):
         load_parameters("nowhere.yaml")
-    with pytest.raises(UsageError, match=r"^osteoarthritic: .* \(healthy, .*osteoarthritis\)$"):
+    with pytest.raises(
+        UsageError, match=r"^osteoarthritic: .* \(healthy, .*osteoarthritis\); did you mean osteoarthritis\?$"
+    ):
         load_parameters("osteoarthritic")
+    with pytest.raises(UsageError, match=r"own \([^)]*\)$"):
+        load_parameters("xyz")
 
 
 def test_a_name_means_a_file_here_or_one_of_the_packages_own(
@@ -277,3 +282,9 @@ def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
     model = knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
     assert model.mechanism.translation(1.0)[0] == 0.002
+
+
+@pytest.mark.parametrize("source", [None, "", 3, [None], ["healthy", ""]])
+def test_what_is_no_source_is_refused_in_a_line(source: Any) -> None:
+    with pytest.raises(UsageError, match=r"^parameters: .* is not allowed; a parameter file's name, a mapping of"):
+        load_parameters(source)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
-from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample, load_sample
 
 STAMP = 1_500_000_000
@@ -32,11 +32,9 @@ def test_sign_and_offset_make_the_flexion_angle() -> None:
 
 
 def test_compression_is_a_positive_load() -> None:
-    assert load_sample(force(-1000.0), Load()).load == 500.0
-    assert load_sample(force(-1000.0), Load(share=0.6)).load == 600.0
-    assert load_sample(force(-1000.0), Load(compartment="total")).load == 1000.0
-    assert load_sample(force(80.0), Load()).load == -40.0
-    assert load_sample(force(1.0), Load()).frame_id == "tibia_r"
+    assert load_sample(force(-1000.0)).axial == 1000.0
+    assert load_sample(force(80.0)).axial == -80.0
+    assert load_sample(force(1.0)).frame_id == "tibia_r"
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
@@ -45,7 +43,7 @@ def test_numbers_that_are_none_are_refused(value: float) -> None:
         angle_sample(joint_state(knee=value), Knee())
     assert caught.value.reason == "not_finite"
     with pytest.raises(RefusedSampleError, match="joint_reaction_force"):
-        load_sample(force(value), Load())
+        load_sample(force(value))
 
 
 @pytest.mark.parametrize("value", [1.1e6, -1e300])
@@ -54,7 +52,7 @@ def test_numbers_beyond_all_knees_are_refused(value: float) -> None:
         angle_sample(joint_state(knee=value), Knee())
     assert caught.value.reason == "out_of_range"
     with pytest.raises(RefusedSampleError, match=r"beyond 1e\+06"):
-        load_sample(force(value), Load())
+        load_sample(force(value))
 
 
 def test_a_missing_joint_is_refused_with_those_that_are_there() -> None:
@@ -91,7 +89,15 @@ def test_heights_that_cannot_be_used_are_refused(positions: dict[str, float], re
 @pytest.mark.parametrize("stamp", [-1, 2**31 * 1_000_000_000])
 def test_a_stamp_that_no_recording_can_hold_is_refused(stamp: int) -> None:
     with pytest.raises(RefusedSampleError, match="stamp") as caught:
-        load_sample(force(-1.0, stamp), Load())
+        load_sample(force(-1.0, stamp))
     assert caught.value.reason == "bad_stamp"
     with pytest.raises(RefusedSampleError, match="stamp"):
         angle_sample(joint_state(knee=1.0)._replace(stamp=stamp), Knee())
+
+
+def test_an_angle_that_lags_holds_earlier_and_is_recorded_as_it_came() -> None:
+    message = joint_state(knee=0.25)._replace(stamp=20_000_000)
+    sample = angle_sample(message, Knee(), delay=25_000_000)
+    assert (sample.stamp, sample.came_at) == (-5_000_000, 20_000_000)
+    with pytest.raises(RefusedSampleError, match="stamp -1 ns"):
+        angle_sample(message._replace(stamp=-1), Knee(), delay=-25_000_000)

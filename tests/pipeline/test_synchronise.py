@@ -22,7 +22,7 @@ def angle(stamp: int, value: float | None = None) -> AngleSample:
 
 
 def load(stamp: int) -> LoadSample:
-    return LoadSample(stamp, float(stamp), "tibia", None)
+    return LoadSample(stamp, float(stamp), 0.0, "tibia")
 
 
 def feed(synchroniser: Synchroniser, samples: list[AngleSample | LoadSample]) -> list[PairedSample]:

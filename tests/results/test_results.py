@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros import Results
+from knee_contact_ros import Results, UsageError
 from knee_contact_ros.core.types import FLAT
 from knee_contact_ros.results.columns import UNITS, columns, unit_of
 from tests import ROOT
@@ -49,6 +49,35 @@ def test_a_part_of_them_is_such_too(results: Results) -> None:
     assert "700." in repr(some)
     assert str(some)
     assert some._repr_html_() is None
+
+
+@pytest.mark.parametrize("join", [np.concatenate, np.hstack, lambda parts: np.append(*parts)])
+def test_what_is_put_together_is_such_too(join: Any, results: Results) -> None:
+    whole = join([results[:40], results[40:]])
+    assert isinstance(whole, Results)
+    assert repr(whole) == repr(results)
+    assert (whole == results).all()
+    assert type(np.concatenate([results.load, results.load])) is np.ndarray
+
+
+def test_time_is_a_field_by_name(results: Results) -> None:
+    assert (results["time"] == results.time).all()
+
+
+def test_some_fields_are_some_columns(results: Results) -> None:
+    pytest.importorskip("pandas")
+    some = results[["stamp", "load", "contact_point"]].to_pandas()
+    names = {"stamp", "load", "contact_point_x", "contact_point_y", "contact_point_z"}
+    assert set(some.columns) == names
+    assert (some["contact_point_x"].to_numpy() == results.contact_point.x).all()
+    with pytest.raises(UsageError, match=r"^fields load: stamp must be one of them"):
+        results[["load"]].to_pandas()
+
+
+def test_a_parquet_file_is_named_as_one(results: Results, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"whose names end in \.parquet"):
+        results.to_parquet(tmp_path / "answers.csv")
+    assert not list(tmp_path.iterdir())
 
 
 def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
@@ -149,7 +178,7 @@ except knee_contact_ros.UsageError as error:
     ("name", "call"),
     [
         ("pandas", "to_pandas()"),
-        ("polars", "to_parquet('x')"),
+        ("polars", "to_parquet('x.parquet')"),
         ("xarray", "to_xarray()"),
         ("matplotlib", "plot()"),
     ],

@@ -122,7 +122,7 @@ def test_nothing_is_made_unless_somebody_looks_and_then_once(
     publisher = peer.node.create_publisher(MarkerArray, KNEE_CONTACT_MARKERS, MARKER_DEPTH)
     published, publish = [], publisher.publish
     monkeypatch.setattr(publisher, "publish", lambda data: (published.append(data), publish(data)))
-    topic = MarkerTopic(publisher, KneeMarkers(drawing_of(pipeline.model, "knee", 700.0)))
+    topic = MarkerTopic(publisher, KneeMarkers([drawing_of(pipeline.model, "knee", 700.0)]))
     topic.publish()
     for name, _, data in raw_inputs(right_bag)[:60]:
         take = pipeline.take_joint_state if name == "/joint_states" else pipeline.take_joint_reaction_force

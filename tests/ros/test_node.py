@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 import knee_contact_ros
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.executor import NO_EVENTS
@@ -123,7 +123,7 @@ def test_replay_feeds_the_node_a_bag(
     assert code == 0, output
     assert "387 ticks, 0 samples refused" in output
     solve(right_bag, load_parameters(config / "healthy.yaml"), tmp_path / "offline.mcap", lambda done, total: None)
-    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
     live, offline = (
         [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
         for name in ("live.mcap", "offline.mcap")

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -99,6 +100,19 @@ def test_every_message_comes_as_it_was_recorded(ear: Ear, start, right_bag: Path
     assert ear.heard == by_topic(gait)
     ear.peer.wait_until(lambda: len(ear.clock) == len(gait))
     assert ear.clock == [message.log_time for message in gait]
+
+
+def test_who_is_found_later_misses_nothing(ear: Ear, start, right_bag: Path, gait: list[RawMessage]) -> None:
+    """Two nodes on the same topics are found one after the other."""
+    replay = start(right_bag, "--wait", "60")
+    ear.peer.wait_until(
+        lambda: all(ear.peer.node.count_publishers(topic) > 1 for topic in INPUT_TYPES)
+    )  # the first is ours
+    time.sleep(0.5)
+    later = Ear(ear.peer)
+    ear.listen_to(replay)
+    ear.peer.wait_until(lambda: later.count == ear.count)
+    assert later.heard == ear.heard == by_topic(gait)
 
 
 def test_a_part_of_a_namespace_with_a_clock_of_its_own_rate(

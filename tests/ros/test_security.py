@@ -62,7 +62,7 @@ def offered_names(peer: Peer) -> dict[str, set[str]]:
 
 
 def test_the_policy_is_what_the_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
-    start_node("-p", "use_sim_time:=true")
+    start_node("-p", "use_sim_time:=true", "-p", "load.compartment:=both")
     peer.wait_for_node()
     peer.wait_until(lambda: {"/joint_states", "/joint_reaction_force"} <= offered_names(peer)["subscribe"])
     peer.spin(0.5)

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
+from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.needs import needs_viewer
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.series import STAMPS, STEP, send_all
@@ -35,8 +35,8 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
     assert code == 0, output
     assert "40 ticks, 0 samples refused" in output
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
-    messages = read_bag(recording.parent, {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()})
-    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in MESSAGE_TYPES}
+    messages = read_bag(recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED})
+    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in RECORDED}
     assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
     recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
     assert recorded == [contact.penetration_depth for contact in peer.contacts]

@@ -58,5 +58,7 @@ def test_figures_are_there():
     assert all((PAGE.parent / name).is_file() for name in named)
 
 
-def _but_machine(page: Path) -> list[str]:
-    return [line for line in page.read_text(encoding="utf-8").splitlines() if not line.startswith("Made by")]
+def _but_machine(page: Path) -> list[list[str]]:
+    """Words of the lines; how wide a column is set depends on a library that may measure letters."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return [line.replace("-", " ").split() for line in lines if not line.startswith("Made by")]

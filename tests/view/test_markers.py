@@ -34,7 +34,7 @@ FEMUR, TIBIA, POINT, FORCE = (f"knee/{name}" for name in ("femur", "tibia", "con
 
 def shown(model: KneeModel, answer: Contact) -> dict[str, Any]:
     """The markers of an answer, by name, as a reader of the bytes has them."""
-    return read(KneeMarkers(drawing_of(model, "knee", 700.0)), "tibia", answer)
+    return read(KneeMarkers([drawing_of(model, "knee", 700.0)]), "tibia", answer)
 
 
 def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
@@ -97,10 +97,10 @@ def test_a_pull_points_the_other_way() -> None:
 
 def test_nothing_is_left_of_the_answer_before() -> None:
     """One message is written over again and again, in other frames too."""
-    markers = KneeMarkers(drawing_of(knee_contact_ros.load_model({}), "knee", 700.0))
+    markers = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     apart = {"contact_force": 0.0, "contact_state": 0, "flexion_angle": 1.0, "femoral_height": 0.04}
     answers = [contact(), contact(**apart), contact(stamp=5, contact_point=(0.02, 0.01, 0.0)), contact(contact_state=2)]
     for frame_id in ("tibia_l", "tibia_l", "a longer name", "tibia_r"):
         for answer in answers:
-            alone = KneeMarkers(drawing_of(knee_contact_ros.load_model({}), "knee", 700.0))
+            alone = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
             assert str(read(markers, frame_id, answer)) == str(read(alone, frame_id, answer))

@@ -20,6 +20,7 @@ from knee_contact_ros.view.picture import (
     draw_contact,
     draw_knee,
     in_contact_frame,
+    largest_load,
     posed,
     write_peak,
 )
@@ -47,12 +48,22 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path) -> 
     told = write_peak(recording, tmp_path / "knee.png")
     answers = read_answers(recording)
     peak = answers[int(answers["load"].argmax())]
+    assert told.startswith(f"largest load, at {1e-9 * peak['stamp']:.3f} s: ")  # as the table of peaks has it
     assert f"({peak['contact_force']:.0f} N)" in told
     assert f"{1e3 * peak['penetration_depth']:.3f} mm" in told
     assert f"{np.degrees(peak['flexion_angle']):.0f}° of flexion" in told
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
         assert len(image.convert("RGB").getcolors(1 << 24)) > 20
+
+
+def test_a_load_that_is_missing_is_not_the_largest(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in recordings of others."""
+    answers = read_answers(recording)
+    holed = answers.copy()
+    holed["load"][[0, 200]] = np.nan
+    monkeypatch.setattr("knee_contact_ros.view.picture.answer_blocks", lambda *_: iter([holed[:150], holed[150:]]))
+    assert largest_load(recording, "/knee_contact")["stamp"] == answers["stamp"][int(answers["load"].argmax())]
 
 
 def test_a_bag_without_answers_is_refused(config: Path, tmp_path: Path) -> None:

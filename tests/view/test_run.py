@@ -42,7 +42,7 @@ TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 
 def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
-    live = open_output(tmp_path / "live.rrd", Serving(0, False), drawing_of(pipeline.model, "knee", 737.068))
+    live = open_output(tmp_path / "live.rrd", Serving(0, False), [drawing_of(pipeline.model, "knee", 737.068)])
     for topic, _, message in raw_inputs(right_bag):
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
         for answer in feed(message):
@@ -151,6 +151,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
         (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be looked at"),
         (["RECORDING", "--serve", "--port", "80"], "1024"),
         (["nothing.rrd", "--serve"], "no Rerun file at nothing.rrd"),
+        (["RECORDING", "RECORDING", "--save", "out.rrd"], "is given twice"),
         (["old.rrd", "--save", "out.rrd"], "old.rrd is a Rerun file"),
         ([], "FILE"),
     ],

@@ -1,4 +1,4 @@
-"""Commands that make what the others take: import-opensim, fit-profile."""
+"""Commands that make what the others take: import-opensim, import-csv, align, fit-profile, fit-share."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import click
 from knee_contact_ros.cli.options import (
     opensim_results_options,
     opensim_run_options,
+    sensor_map_option,
 )
 from knee_contact_ros.cli.output_option import Output
 from knee_contact_ros.cli.profile_options import fit_profile_options
+from knee_contact_ros.cli.share_options import fit_share_options
 
 
 @click.command("import-opensim")
@@ -38,6 +40,47 @@ def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> 
     import_all(side, options, output, overwrite)
 
 
+@click.command("import-csv")
+@click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
+@sensor_map_option
+@click.option("--output", type=Output(), required=True, metavar="BAG", help="rosbag2 folder to write.")
+@click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
+@click.option("--anyway", is_flag=True, help="Write it although something is likely a mistake; that is then a warning.")
+def import_csv(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool, anyway: bool) -> None:
+    """Make a gait bag of a laboratory's own files.
+
+    FILE is a text table (CSV) or an OpenSim file (.sto, .mot); of several, each channel is taken from the one that has
+    its columns. MAP.yaml says which columns are what, in which units. What cannot be a knee's is refused in one line.
+    """
+    from knee_contact_ros.tools.sensors.imported import import_csv as import_files
+
+    import_files(files, map_file, output, overwrite=overwrite, anyway=anyway)
+
+
+@click.command()
+@click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
+@sensor_map_option
+@click.option("--output", type=Output(".yaml"), required=True, metavar="OUT.yaml", help="Parameter file to write.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
+@click.option(
+    "--longest-lag",
+    type=click.FloatRange(0.01, 1.0),
+    default=0.25,
+    show_default=True,
+    metavar="S",
+    help="Lags that are tried, to both sides [s]; less than half a stride.",
+)
+def align(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool, longest_lag: float) -> None:
+    """Find out what an angle sensor is off by.
+
+    Offset and lag of the map's angle against its reference, from the files that import-csv takes, as
+    knee.flexion_offset and pairing.angle_delay for --params. A gain that is wrong is told.
+    """
+    from knee_contact_ros.tools.sensors.aligned import align as align_files
+
+    align_files(files, map_file, output, longest_lag, overwrite=overwrite)
+
+
 @click.command("fit-profile")
 @click.argument("mesh", type=click.Path(path_type=Path), metavar="MESH")
 @fit_profile_options
@@ -61,3 +104,22 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     )
     for line in run_fit_profile(asked):
         say(line, hang=LABEL)
+
+
+@click.command("fit-share")
+@fit_share_options
+def fit_share(
+    trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, angle_unit: str, **rest: Any
+) -> None:
+    """From what an instrumented knee measured to the medial share.
+
+    Fits the medial share of the axial load over flexion and load to trials of walking, prints its RMS errors in
+    every trial when fitted to all, and when fitted to the others, and writes it as load.share_file takes it.
+    """
+    from knee_contact_ros.cli.share_table import show_errors
+    from knee_contact_ros.tools.shares.run import FitOptions, run_fit_share
+    from knee_contact_ros.tools.shares.trials import Wanted
+
+    wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
+    files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
+    show_errors(run_fit_share(FitOptions(files, wanted, **rest)), rest["output"])

@@ -39,6 +39,8 @@ QOS = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LAST_ACKNOWLEDGEMENTS = 0.5
 """How long [s] subscribers have to acknowledge what was sent when a signal ends the replay"""
+SETTLING = 2.0
+"""How long [s] no further subscriber must have come: ROS finds those of two nodes up to 1.6 s apart (decision 54)"""
 
 
 class Timing(NamedTuple):
@@ -50,7 +52,7 @@ class Timing(NamedTuple):
     clock: float | None = None
     """[Hz] at which to publish /clock; 0: with every message; None: not at all"""
     wait: float = 10.0
-    """How long [s] to wait for a subscriber of each topic; then publish all the same"""
+    """How long [s] to wait for the subscribers of each topic at most; then publish all the same"""
     start_offset: float = 0.0
     """[s] of the bag to leave out at its beginning"""
     duration: float | None = None
@@ -90,13 +92,20 @@ class Replayer:
                     publisher.publish(data)
 
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
-        """Wait until each topic has a subscriber; False if the time runs out."""
-        deadline = time.monotonic() + seconds
-        while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
-            if time.monotonic() > deadline:
-                return False
+        """Wait until each topic has a subscriber and no further one comes; False if the time runs out before."""
+        now = time.monotonic()
+        deadline, settled = now + seconds, now + SETTLING
+        found = self._subscribers()
+        while now < (settled if all(found) else deadline) and now < deadline:
             spin(0.02)
-        return True
+            now = time.monotonic()
+            if found != (found := self._subscribers()):
+                settled = now + SETTLING
+        return all(found)
+
+    def _subscribers(self) -> list[int]:
+        """How many each topic has."""
+        return [publisher.get_subscription_count() for publisher in self.publishers.values()]
 
     def publish(self, message: RawMessage) -> None:
         """Publish a message as it was recorded, the stamp in it included."""

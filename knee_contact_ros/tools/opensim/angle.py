@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from knee_contact_ros.offline.gait_files.storage import Floats, Storage
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.opensim.storage import Floats, Storage
 
 DEGREES, RADIANS, AUTO = "deg", "rad", "auto"
 LARGEST_RADIANS = 3.5

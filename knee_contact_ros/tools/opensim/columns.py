@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from knee_contact_ros.offline.gait_files.storage import Storage, some
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.opensim.storage import Storage, some
 
 RIGHT, LEFT = "right", "left"
 SIDE_WORDS = {RIGHT: {"r", "right"}, LEFT: {"l", "left"}}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.gait_files.storage import read_storage, repaired, text_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.terminal import Bar
@@ -31,7 +32,6 @@ from knee_contact_ros.tools.opensim.opensim_setups import (
     reactions_setup,
     static_setup,
 )
-from knee_contact_ros.tools.opensim.storage import read_storage, repaired, text_of
 
 EXTRA = "opensim"
 GB = 10**9

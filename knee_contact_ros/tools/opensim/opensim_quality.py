@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage, read_storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.model_file import read_xml
 from knee_contact_ros.tools.opensim.opensim_pipeline import Run
 from knee_contact_ros.tools.opensim.opensim_setups import IK, Setup
-from knee_contact_ros.tools.opensim.storage import Floats, Stamps, Storage, read_storage
 
 FORCE_SHARE, MOMENT_SHARE, RESERVE_SHARE = 0.05, 0.01, 0.05
 SMALL_RESERVE = 1.0

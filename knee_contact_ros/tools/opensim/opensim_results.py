@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.offline.gait_files import knee_gait
+from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions
+from knee_contact_ros.offline.gait_files.storage import Floats, Storage, read_storage
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.opensim import knee_gait
 from knee_contact_ros.tools.opensim.angle import AUTO, DEGREES, sign_of, unit_of
 from knee_contact_ros.tools.opensim.columns import (
     AXES,
@@ -22,9 +24,7 @@ from knee_contact_ros.tools.opensim.columns import (
     find_reaction,
     speed_column,
 )
-from knee_contact_ros.tools.opensim.knee_gait import Angles, Reactions
 from knee_contact_ros.tools.opensim.model_file import read_model
-from knee_contact_ros.tools.opensim.storage import Floats, Storage, read_storage
 
 GRAVITY = 9.80665
 """[m/s²]"""

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from knee_contact_ros.offline.gait_files.gait_bag import check_output, digest, write_bag
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.opensim.columns import LEFT, RIGHT
-from knee_contact_ros.tools.opensim.gait_bag import check_output, digest, origin_record, write_bag
 from knee_contact_ros.tools.opensim.opensim_pipeline import Run, opensim_version, plan, run_pipeline
 from knee_contact_ros.tools.opensim.opensim_quality import Check, assess
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings, read_knee
+from knee_contact_ros.tools.opensim.origin import origin_record
 from knee_contact_ros.tools.opensim.show import show_checks, show_knee, show_steps
 
 BOTH = "both"
@@ -114,7 +115,8 @@ def store(
 ) -> None:
     """Write bags by way of the folder `work`, and print what is in them; `more` goes into the metadata record."""
     for knee in knees:
-        write_bag(knee, work / bags[knee.side].name, origin_record(knee, files, settings, more))
+        origin = origin_record(knee, files, settings, more)
+        write_bag(knee.side, knee.angles, knee.reactions, work / bags[knee.side].name, origin)
     for bag in bags.values():
         replace(work / bag.name, bag)
     for knee in knees:

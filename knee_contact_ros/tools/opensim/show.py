@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.gait_files.storage import Stamps
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 from knee_contact_ros.tools.opensim.opensim_pipeline import WORDS, Run
 from knee_contact_ros.tools.opensim.opensim_quality import Check
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait
-from knee_contact_ros.tools.opensim.storage import Stamps
 
 USUAL_WEIGHT = 737.068
 """[N] For the search for peaks where no model tells: the default of `body_weight`"""

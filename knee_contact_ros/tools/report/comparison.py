@@ -8,9 +8,16 @@ from typing import Any, NamedTuple
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.parameters.build import material_stiffness
-from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters, values_set_in
+from knee_contact_ros.parameters.reading import (
+    all_values,
+    flat_parameters,
+    known_parameters,
+    load_parameters,
+    values_set_in,
+)
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import parameter_file, refuse_twice
 
 SECTION = "contact."
 LAW = "law"
@@ -48,9 +55,10 @@ def overlay(files: Sequence[Path]) -> Overlay:
     """What the files of a comparison set; the later one wins.
 
     Raises:
-        UsageError: a file cannot be used, or sets nothing of the contact law.
+        UsageError: a file cannot be used, is given twice, or sets nothing of the contact law.
     """
     everything: dict[str, Any] = {}
+    refuse_twice(list(map(parameter_file, map(str, files))), "--compare ")
     for path in files:
         values = values_set_in(path)
         if not any(name.startswith(SECTION) for name in values):
@@ -67,12 +75,12 @@ def overlay(files: Sequence[Path]) -> Overlay:
 
 def compared(parameters: Parameters, over: Overlay) -> Parameters:
     """A run's parameters with another contact law."""
-    return load_parameters([flat_parameters(parameters), over.taken])
+    return load_parameters([parameters, over.taken])
 
 
 def kept(parameters: Parameters, over: Overlay) -> list[str]:
     """What a run keeps although the files of its comparison say something else: `body_weight 931.6 (not 737.068)`."""
-    own = flat_parameters(parameters)
+    own = all_values(parameters)
     return [
         f"{name} {short(own[name])} (not {short(value)})" for name, value in over.left.items() if own[name] != value
     ]

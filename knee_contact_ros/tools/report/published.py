@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 
 CARTILAGE_THICKNESS = 3.0
@@ -111,7 +112,7 @@ DEPTH = Range(
 
 def is_total(parameters: Parameters) -> bool:
     """Whether the load is that of the whole joint, and not of one compartment."""
-    whole = parameters.load.compartment == "fixed_share" and parameters.load.share == 1.0
+    whole = parameters.load.rule == "fixed_share" and parameters.load.share == 1.0
     return whole or parameters.load.compartment == "total"
 
 
@@ -119,6 +120,9 @@ def which_load(parameters: Parameters) -> str:
     """What the load is, in words."""
     if is_total(parameters):
         return "total: the whole axial joint reaction"
-    if parameters.load.compartment == "moment_balance":
-        return "medial compartment: what balances the frontal moment of the joint reaction"
-    return f"medial compartment: {parameters.load.share:g} of the axial joint reaction"
+    rest = "; lateral: the rest" if has_both(parameters) else ""
+    if parameters.load.rule == "moment_balance":
+        return f"medial compartment: what balances the frontal moment of the joint reaction{rest}"
+    if parameters.load.rule == "measured_share":
+        return f"medial compartment: the share of the axial joint reaction that {parameters.load.share_file} has{rest}"
+    return f"medial compartment: {parameters.load.share:g} of the axial joint reaction{rest}"

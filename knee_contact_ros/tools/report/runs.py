@@ -12,10 +12,20 @@ from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.messages.topics import KNEE_CONTACT
+from knee_contact_ros.messages.topics import (
+    KNEE,
+    KNEE_CONTACT,
+    KNEE_CONTACT_LATERAL,
+    LATERAL,
+    MEDIAL,
+    is_lateral,
+    knee_name,
+)
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import answering
 from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
 from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
@@ -26,7 +36,6 @@ from knee_contact_ros.tools.report.gather import Gathered
 Advance = Callable[[int, int], None]
 Source = Path | dict[str, Any]
 """Where parameters come from: a file, or values by name"""
-OWN_TOPIC = f"/{KNEE_CONTACT}"
 SAME = "again"
 """A comparison that changes nothing"""
 
@@ -91,10 +100,10 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
         label = asked.labels[number] if asked.labels else path.stem
         several = len(recorded[path]) > 1
         found = [
-            _recorded(path, topic, f"{label} {topic.strip('/')}" if several else label, asked, say)
+            _recorded(path, topic, f"{label} {_which(topic, recorded[path])}" if several else label, asked, say)
             for topic in recorded[path]
         ]
-        own += found or [_solved(path, label, asked, work, say)]
+        own += found or _solved(path, label, asked, work, say)
     own = _told_apart(own)  # before they are compared: two of a name differ by their laws' names at most
     if over is None:
         return own
@@ -115,12 +124,20 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
     known, values = known_parameters(), flat_parameters(parameters)
     constants = {f"contact.{name}" for name in constants_of(parameters.contact.law)}
     shown = {"contact.law", "load.compartment", "body_weight", "femur.geometry", "tibia.geometry", *constants}
-    shown |= {"load.share"} if parameters.load.compartment == "fixed_share" else set()
+    shown |= {"load.share_file"} if parameters.load.rule == "measured_share" else set()
+    shown |= {"load.share"} if parameters.load.rule == "fixed_share" else set()
     return [
         (name, values[name], default, meaning)
         for name, (default, meaning, _) in known.items()
-        if not name.startswith(NOT_OF_THE_RESULT) and (name in shown or values[name] != default)
+        if name in values and not name.startswith(NOT_OF_THE_RESULT) and (name in shown or values[name] != default)
     ]
+
+
+def _which(topic: str, topics: Sequence[str]) -> str:
+    """What tells the answers on a topic from those on others of a recording: the topic, or the compartment's name."""
+    if len({knee_name(other) for other in topics}) > 1:
+        return topic.strip("/")
+    return LATERAL if is_lateral(topic) else MEDIAL
 
 
 def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Callable[[str], Advance]) -> Run:
@@ -134,7 +151,7 @@ def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Cal
     else:
         parameters = load_parameters(list(asked.parameters))
         origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
-    model = _model(parameters, provenance)
+    parameters, model = _model(topic, parameters, provenance)
     doubts = doubts_about(parameters, model) if model else Doubts()
     gathered = _gathered(path, topic, parameters, doubts, say(f"Reading {path.name}"))
     if not provenance:
@@ -142,31 +159,35 @@ def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Cal
     return Run(label, label, path, topic, parameters, origin, _refused(path), provenance.damage, None, gathered, model)
 
 
-def _solved(path: Path, label: str, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> Run:
-    """A bag with inputs only."""
+def _solved(path: Path, label: str, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
+    """A bag with inputs only; a run for each compartment."""
     parameters = load_parameters(list(asked.parameters))
     origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(asked.parameters)}."
-    return _computed(path, parameters, asked.names, work, say)._replace(name=label, label=label, origin=origin)
+    runs = _computed(path, parameters, asked.names, work, say)
+    labels = [f"{label} {name}" for name in (MEDIAL, LATERAL)] if len(runs) > 1 else [label]
+    return [run._replace(name=name, label=name, origin=origin) for run, name in zip(runs, labels, strict=True)]
 
 
 def _compared(
     run: Run, beside: int, over: Overlay, asked: ReportOptions, work: Path, say: Callable[[str], Advance]
 ) -> Run:
     """A run's inputs computed with another contact law; person, surfaces and solver stay."""
-    parameters = compared(run.parameters, over)
     stored = _stored(run.source, asked)
-    how: Parameters | Provenance = parameters
     if stored:  # it may hold the files that parameters name
-        how = with_values(stored._replace(changes=()), over.taken)
+        how: Parameters | Provenance = with_values(stored._replace(changes=()), over.taken)
+    else:
+        how = compared(load_parameters(list(asked.parameters)), over)
     origin = (
         f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.name}” with its parameters, "
         f"but for the contact law of {_spelled(asked.compare)}."
     )
-    namespace = run.topic.removesuffix(OWN_TOPIC).strip("/")
-    names = names_in_bag((), namespace) if namespace else asked.names
-    return _computed(run.source, how, names, work, say)._replace(
+    knee = knee_name(run.topic)
+    names = names_in_bag((), knee) if knee != KNEE else asked.names
+    found = _computed(run.source, how, names, work, say)
+    again = next(one for one in found if is_lateral(one.topic) == is_lateral(run.topic))
+    return again._replace(
         name=run.name, topic=run.topic, origin=origin, beside=beside, kept=kept(run.parameters, over),
-        differences=differences(run.parameters if run.known else None, parameters),
+        differences=differences(run.parameters if run.known else None, again.parameters),
     )  # fmt: skip
 
 
@@ -192,23 +213,33 @@ def _refused(path: Path) -> Counter[str]:
         return Counter()
 
 
-def _computed(path: Path, how: Parameters | Provenance, names: Names, work: Path, say: Callable[[str], Advance]) -> Run:
+def _computed(
+    path: Path, how: Parameters | Provenance, names: Names, work: Path, say: Callable[[str], Advance]
+) -> list[Run]:
+    """A bag computed; a run for each compartment, the medial one first."""
     recording, parameters = work / "solved.mcap", how.parameters if isinstance(how, Provenance) else how
     summary = solve(path, how, recording, say(f"Solving {path.name}"), overwrite=True, names=names)
-    doubts = Doubts()
-    doubts.go_on_with(summary.doubts)
-    gathered = _gathered(recording, OWN_TOPIC, parameters, doubts, say(f"Reading what {path.name} gave"))
+    runs = []
+    for topic, told in ((f"/{KNEE_CONTACT}", summary), (f"/{KNEE_CONTACT_LATERAL}", summary.lateral)):
+        if told:
+            doubts = Doubts()
+            doubts.go_on_with(told.doubts)
+            own, model = _model(topic, parameters, how if isinstance(how, Provenance) else None)
+            gathered = _gathered(recording, topic, own, doubts, say(f"Reading what {path.name} gave"))
+            damage = tuple(summary.damage)
+            runs.append(Run("", "", path, topic, own, "", summary.refused, damage, None, gathered, model))
     recording.unlink()
-    model = _model(parameters, how if isinstance(how, Provenance) else None)
-    return Run("", "", path, OWN_TOPIC, parameters, "", summary.refused, tuple(summary.damage), None, gathered, model)
+    return runs
 
 
-def _model(parameters: Parameters, provenance: Provenance | None) -> KneeModel | None:
-    """A run's model, as far as the files that its parameters name are at hand."""
+def _model(topic: str, parameters: Parameters, provenance: Provenance | None) -> tuple[Parameters, KneeModel | None]:
+    """Parameters and model of the compartment that answers on a topic; the model if the files named are at hand."""
     try:
-        return build_model(parameters, curves=provenance.texts() if provenance else None)
+        texts = provenance.texts() if provenance else curve_texts(parameters, {})
+        own, own_texts = answering(topic, parameters, texts)
+        return own, build_model(own, curves=own_texts)
     except UsageError:
-        return None
+        return answering(topic, parameters, {})[0], None
 
 
 def _gathered(path: Path, topic: str, parameters: Parameters, doubts: Doubts, advance: Advance) -> Gathered:

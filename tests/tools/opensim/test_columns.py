@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knee_contact_ros.offline.gait_files.storage import Storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.columns import angle_column, find_reaction, speed_column
-from knee_contact_ros.tools.opensim.storage import Storage
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 

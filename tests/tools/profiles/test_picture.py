@@ -13,7 +13,7 @@ from knee_contact_ros.tools.profiles.picture import draw_circles, draw_curvature
 from knee_contact_ros.tools.profiles.surface import Surface
 from tests.tools.profiles.meshes import MIDDLE, TWO_RADII, femoral_curve, swept, tibial_curve
 
-pytest.importorskip("pyvista", reason="needs the extra mesh: pip install 'knee-contact-ros[mesh]'")
+pytest.importorskip("pyvista", reason="needs the extra mesh")
 pytest.importorskip("trimesh")
 pytest.importorskip("matplotlib")
 

@@ -15,7 +15,7 @@ from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.types import FLAT
-from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.report.cycles import PERCENT
@@ -248,7 +248,7 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
 def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
     """Somebody else's recorder stores the messages, and no parameters."""
     path = tmp_path / "both.mcap"
-    types = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items() if topic != KNEE_CONTACT_WRENCH}
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED if topic != KNEE_CONTACT_WRENCH}
     with BagWriter(path) as bag, BagReader(recording, types) as reader:
         for side in ("left", "right"):
             for topic, name in types.items():

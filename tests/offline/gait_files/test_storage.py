@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knee_contact_ros.offline.gait_files.storage import read_storage, repaired
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.opensim.storage import read_storage, repaired
 from tests.tools.opensim.storages import write_storage
 
 TIME = np.array([0.0, 0.1, 0.2, 0.3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,7 +66,16 @@ def read_storage(path: Path) -> Storage:
     if header.get("datatype", "double").lower() != "double":
         raise UsageError(f"{path} holds {header['datatype']} (DataType in its header); only numbers can be read")
     table = numbers(path, names, rows)
-    time = table[:, 0]
+    degrees = {"yes": True, "no": False}.get(header.get("indegrees", "").lower())
+    return over_time(path, names[1:], table[:, 0], table[:, 1:], degrees)
+
+
+def over_time(path: Path, names: Sequence[str], time: Floats, values: Floats, degrees: bool | None) -> Storage:
+    """Columns `values`, shape (n, columns), at `time` [s], shape (n,); of rows with one stamp the last one.
+
+    Raises:
+        UsageError: a time is no number of seconds, or goes back.
+    """
     if not np.isfinite(time).all() or np.abs(time).max() >= LAST_TIME:
         raise UsageError(f"{path}: a time is not a number of seconds below {LAST_TIME}")
     stamps = np.rint(time * NANOSECONDS).astype(np.int64)
@@ -73,11 +83,10 @@ def read_storage(path: Path) -> Storage:
     if back.size:
         row = int(back[0])
         raise UsageError(
-            f"{path}: time goes back from {time[row]:g} to {time[row + 1]:g} s (rows {row + 1}, {row + 2})"
+            f"{path}: time goes back from {time[row]:.7g} to {time[row + 1]:.7g} s (rows {row + 1}, {row + 2})"
         )
     last = np.append(np.diff(stamps) > 0, True)
-    degrees = {"yes": True, "no": False}.get(header.get("indegrees", "").lower())
-    return Storage(path, tuple(names[1:]), stamps[last], table[last, 1:], degrees, int(np.count_nonzero(~last)))
+    return Storage(path, tuple(names), stamps[last], values[last], degrees, int(np.count_nonzero(~last)))
 
 
 def text_of(path: Path) -> str:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
+import heapq
+from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
-from knee_contact_ros import __version__
+from numpy.typing import NDArray
+
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import sha256_of
-from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings
 
 ORIGIN = "origin"
 """Name of the metadata record"""
@@ -23,12 +26,18 @@ QUANTITIES = {
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
+AT_ONCE = 8192
+"""Rows that are made messages at a time"""
 MCAP = ".mcap"
 BAG_FILES = {MCAP, ".yaml"}
 
 
-def write_bag(gait: KneeGait, folder: Path, origin: dict[str, str]) -> None:
+def write_bag(
+    side: str, angles: Angles, reactions: Reactions, folder: Path, origin: dict[str, str], joint: str = JOINT
+) -> None:
     """Write a new rosbag2 folder; messages in the order of their stamps, the angle before the reaction.
+
+    `side` is right or left, `origin` the metadata record of that name; angles have their rates.
 
     Raises:
         UsageError: it cannot be written.
@@ -37,43 +46,30 @@ def write_bag(gait: KneeGait, folder: Path, origin: dict[str, str]) -> None:
         for topic in INPUTS:
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
-        messages = sorted([*angle_messages(gait), *reaction_messages(gait)], key=lambda message: message[0])
-        for stamp, topic, data in messages:
+        both = (angle_messages(angles, joint), reaction_messages(reactions, side))
+        for stamp, topic, data in heapq.merge(*both, key=itemgetter(0)):
             bag.write(f"/{topic}", stamp, data)
 
 
-def angle_messages(gait: KneeGait) -> list[tuple[int, str, bytes]]:
+def angle_messages(angles: Angles, joint: str) -> Iterator[tuple[int, str, bytes]]:
     """Stamp [ns], topic and bytes of every angle."""
-    stamps, angles, rates = gait.angles
-    assert rates is not None  # noqa: S101  (a gait that was read has them)
-    rows = zip(stamps.tolist(), angles.tolist(), rates.tolist(), strict=True)
-    return [
-        (stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", (JOINT,), (angle,), (rate,), ())))
-        for stamp, angle, rate in rows
-    ]
+    assert angles.rate is not None  # noqa: S101  (the importers give them)
+    for stamp, angle, rate in rows(angles.stamps, angles.angle, angles.rate):
+        yield stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", (joint,), (angle,), (rate,), ()))
 
 
-def reaction_messages(gait: KneeGait) -> list[tuple[int, str, bytes]]:
+def reaction_messages(reactions: Reactions, side: str) -> Iterator[tuple[int, str, bytes]]:
     """Stamp [ns], topic and bytes of every reaction."""
-    frame = f"tibia_{gait.side[0]}"
-    rows = zip(*(values.tolist() for values in gait.reactions), strict=True)
-    return [
-        (stamp, JOINT_REACTION_FORCE, encode_wrench_stamped(WrenchStamped(stamp, frame, tuple(force), tuple(torque))))
-        for stamp, force, torque in rows
-    ]
+    frame = f"tibia_{side[0]}"
+    for stamp, force, torque in rows(*reactions):
+        wrench = WrenchStamped(stamp, frame, tuple(force), tuple(torque))
+        yield stamp, JOINT_REACTION_FORCE, encode_wrench_stamped(wrench)
 
 
-def origin_record(gait: KneeGait, files: Files, settings: Settings, more: dict[str, str]) -> dict[str, str]:
-    """What the metadata record says; nothing in it depends on where or when it is written."""
-    record = {"package": f"knee_contact_ros {__version__}", "source": "OpenSim results", "side": gait.side}
-    for name, path in asdict(files).items():
-        if path is not None:
-            record |= {name: path.name, f"{name}_sha256": digest(path)}
-    record |= {f"column of {what}": name for what, name in gait.columns.items()}
-    record |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(asdict(settings)), **QUANTITIES}
-    if gait.body_weight:
-        record["body_weight"] = f"{gait.body_weight:.3f} N"
-    return record | more
+def rows(*columns: NDArray[Any]) -> Iterator[tuple[Any, ...]]:
+    """Rows of columns as plain numbers, some at a time: those of hours would take gigabytes."""
+    for begin in range(0, len(columns[0]), AT_ONCE):
+        yield from zip(*(column[begin : begin + AT_ONCE].tolist() for column in columns), strict=True)
 
 
 def check_output(folder: Path, overwrite: bool) -> None:

@@ -1,0 +1,35 @@
+"""The table that `fit-share` prints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.system.printable import printable
+from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.tools.shares.fit import Errors
+
+
+def show_errors(found: Sequence[Errors], output: Path) -> None:
+    """Print the RMS errors of the medial force in every trial, and where the file is."""
+    console = Console(width=WIDTH)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title="RMS error of the medial force", title_justify="left")
+    table.add_column("trial", overflow="fold")
+    for name in ("share of 1/2", "constant of\nthe others", "table of\nthe others", "table of\nall trials"):
+        table.add_column(name, justify="right")
+    for each in found:
+        errors = (each.half, each.constant, each.left_out, each.fitted)
+        table.add_row(shown(each.trial), *(_both(error, each.body_weight) for error in errors))
+    console.print(table)
+    if len(found) == 1:
+        console.print("One trial: nothing says how well the table holds on another.", highlight=False)
+    console.print(printable(f"Written: {output}"), soft_wrap=True, highlight=False, markup=False)
+
+
+def _both(force: float, body_weight: float) -> str:
+    return "-" if math.isnan(force) else f"{force:.1f} N\n{force / body_weight:.3f} BW"

@@ -1,0 +1,1 @@
+"""From other programs' files to a gait bag: what importers share."""

@@ -1,0 +1,134 @@
+"""A map's channels, read from the files that have their columns, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.sensors.sensor_map import LEAVE_OUT, TENSION, AngleChannel, Channel, LoadChannel, SensorMap
+from knee_contact_ros.tools.sensors.text_table import meant, names_in, read_columns
+from knee_contact_ros.tools.sensors.units import ANGLE, FORCE, MOMENT, factor
+
+Bools = NDArray[np.bool_]
+KINDS = {"angle": ANGLE, "reference": ANGLE, "load": FORCE, "moment": MOMENT}
+
+
+class Series(NamedTuple):
+    """A channel over time."""
+
+    name: str
+    """In the map"""
+    path: Path
+    stamps: Stamps
+    """[ns], growing; shape (n,)"""
+    values: Floats
+    """SI: flexion [rad], compression [N], moment [N m]; shape (n,)"""
+    columns: str
+    """What they come from, in words"""
+    notes: tuple[str, ...]
+    """What was left out"""
+
+    @property
+    def seconds(self) -> Floats:
+        """Time [s] from the first stamp on."""
+        seconds: Floats = (self.stamps - self.stamps[0]) / NANOSECONDS
+        return seconds
+
+    @property
+    def where(self) -> str:
+        """File and columns, for messages."""
+        return f"{self.path}: {self.columns}"
+
+
+def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]) -> dict[str, Series]:
+    """The channels `wanted` that the map has, by name.
+
+    Raises:
+        UsageError: a unit cannot be, a file cannot be read, or a column is missing, in several files, or not a number.
+    """
+    channels = {name: channel for name in wanted if (channel := getattr(sensors, name)) is not None}
+    factors = {
+        name: factor(channel.unit, KINDS[name], f"map: {name}", sensors.body_weight)
+        for name, channel in channels.items()
+    }
+    names = {path: names_in(path, sensors.table) for path in files}
+    homes = {name: _home(channel, name, names) for name, channel in channels.items()}
+    tables: dict[Path, Storage] = {}
+    for path in dict.fromkeys(homes.values()):
+        needed = [column for name, home in homes.items() if home == path for column in channels[name].weights]
+        tables[path] = read_columns(path, list(dict.fromkeys(needed)), sensors.time, sensors.table)
+    return {
+        name: _series(name, channels[name], tables[homes[name]], factors[name], sensors.missing == LEAVE_OUT)
+        for name in channels
+    }
+
+
+def _home(channel: Channel, name: str, names: dict[Path, tuple[str, ...]]) -> Path:
+    """The one file that has a channel's columns."""
+    pattern = channel.file or "*"
+    candidates = [path for path in names if fnmatchcase(path.name, pattern)]
+    if not candidates:
+        given = ", ".join(path.name for path in names)
+        raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
+    homes = [path for path in candidates if set(channel.weights) <= set(names[path])]
+    if len(homes) == 1:
+        return homes[0]
+    if homes:
+        both = " and ".join(path.name for path in homes)
+        raise UsageError(f"map: {name}: {both} both have {', '.join(channel.weights)}; say which with {name}.file")
+    best = max(candidates, key=lambda path: len(set(channel.weights) & set(names[path])))
+    missing = next(column for column in channel.weights if column not in names[best])
+    everywhere = [column for path in candidates for column in names[path]]
+    where = str(best) if len(candidates) == 1 else f"none of {', '.join(path.name for path in candidates)}"
+    told = f"{where} has no column" if len(candidates) == 1 else f"{where} has a column"
+    if any(missing in names[path] for path in candidates):
+        told = f"{best} has no column"  # but another file has it
+    raise UsageError(f"{told} {missing} (map: {name}); {meant(missing, list(dict.fromkeys(everywhere)))}")
+
+
+def _series(name: str, channel: Channel, table: Storage, to_si: float, leave_out: bool) -> Series:
+    """The sum of a channel's columns, in SI and in our sign."""
+    if isinstance(channel, AngleChannel) and table.degrees is not None and (channel.unit in ("deg", "rad")):
+        says = "deg" if table.degrees else "rad"
+        if says != channel.unit:
+            raise UsageError(
+                f"{table.path} says inDegrees={'yes' if table.degrees else 'no'}, and map: {name}.unit {channel.unit}"
+            )
+    columns = [table.names.index(column) for column in channel.weights]
+    there: Bools = np.asarray(np.isfinite(table.values[:, columns]).all(axis=1))
+    notes = []
+    if not there.all():
+        row = int(np.argmin(there))
+        if not leave_out:
+            column = next(n for n in channel.weights if not np.isfinite(table.values[row, table.names.index(n)]))
+            raise UsageError(
+                f"{table.path}: column {column} has no number at {table.stamps[row] / NANOSECONDS:.7g} s, and in "
+                f"{np.count_nonzero(~there)} of {len(there)} rows something is missing; map: missing: leave_out leaves "
+                "such rows out"
+            )
+        notes.append(f"{name}: {np.count_nonzero(~there)} of {len(there)} rows left out, as a number is missing")
+    if np.count_nonzero(there) < 2:
+        raise UsageError(
+            f"{table.path} has {np.count_nonzero(there)} row with numbers for {name}; a signal over time needs two"
+        )
+    if table.duplicates:
+        notes.append(f"{name}: {table.duplicates} rows gave way to the next of the same time")
+    weights = np.array(list(channel.weights.values()))
+    values = (table.values[there][:, columns] @ weights) * (to_si * channel.scale * _sign(channel))
+    words = " + ".join(column if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items())
+    return Series(name, table.path, table.stamps[there], values, words, tuple(notes))
+
+
+def _sign(channel: Channel) -> float:
+    """What makes flexion or compression positive."""
+    if isinstance(channel, AngleChannel):
+        return channel.sign
+    return -1.0 if isinstance(channel, LoadChannel) and channel.direction == TENSION else 1.0

@@ -1,0 +1,84 @@
+"""Two trials of an instrumented knee, read from files that are not part of the project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.tools.shares.trials import Trial
+
+Floats = NDArray[np.float64]
+BODY_WEIGHT = 654.3
+"""[N]"""
+TRIALS = {"overground": "ngait_og5", "treadmill": "ngait_tm_fast1"}
+MEDIAL = {"am_n": 0.9871, "pm_n": 0.9683, "al_n": 0.0387, "pl_n": 0.0211}
+"""What the tray's cells say of the medial force: its published regression"""
+ON_PLATE = 30.0
+"""[N] of vertical ground reaction, above the noise of the plates in swing (19 and 23 N)"""
+
+
+class Measured(NamedTuple):
+    """What was measured in a trial, at the cells' samples, shape (n,)."""
+
+    name: str
+    time: Floats
+    """[s]"""
+    flexion: Floats
+    """[rad] inverse kinematics of markers"""
+    total: Floats
+    """[N] sum of the cells"""
+    medial: Floats
+    """[N]"""
+    front: Floats
+    """[1] part of the two medial cells that the anterior one bears"""
+    moment: Floats
+    """[N m] of inverse dynamics about x of the tibia, what acts on it from above: adduction positive"""
+    plate_time: Floats
+    """[s]"""
+    plate: Floats
+    """[N] vertical ground reaction of this leg"""
+
+    @property
+    def trial(self) -> Trial:
+        """As `fit-share` takes it."""
+        return Trial(self.name, self.flexion, self.total / BODY_WEIGHT, self.medial / BODY_WEIGHT, BODY_WEIGHT)
+
+    def contacts(self) -> tuple[list[float], list[float]]:
+        """Times [s] of heel strikes and toe-offs on the plate, but for what lasted from the beginning or to the end."""
+        on = self.plate > ON_PLATE
+        changes = [
+            self.plate_time[1:][now & ~before].tolist()
+            for now, before in ((on[1:], on[:-1]), (~on[1:], ~on[:-1]))
+        ]  # fmt: skip
+        return changes[0], changes[1]
+
+
+def is_there(folder: Path) -> bool:
+    """Whether a folder has the trials."""
+    return all((folder / f"{name}_tibia_cells.csv").is_file() for name in TRIALS.values())
+
+
+def read(folder: Path) -> list[Measured]:
+    """Both trials, each where cells and motion were measured."""
+    return [_read(folder, name, stem) for name, stem in TRIALS.items()]
+
+
+def _read(folder: Path, name: str, stem: str) -> Measured:
+    cells, motion, ground = (
+        np.genfromtxt(folder / f"{stem}_{part}.csv", delimiter=",", names=True)
+        for part in ("tibia_cells", "motion", "ground_force")
+    )
+    first = max(cells["time_s"][0], motion["time_s"][0])
+    cells = cells[(cells["time_s"] >= first) & (cells["time_s"] <= motion["time_s"][-1])]
+    degrees, moment = (
+        np.interp(cells["time_s"], motion["time_s"], motion[column])
+        for column in ("knee_flexion_deg", "knee_adduction_moment_nm")
+    )
+    return Measured(
+        name, cells["time_s"], np.radians(-degrees), sum(cells[cell] for cell in MEDIAL),
+        sum(factor * cells[cell] for cell, factor in MEDIAL.items()),
+        cells["am_n"] / np.maximum(cells["am_n"] + cells["pm_n"], 1.0), moment, ground["time_s"], ground["f2_y_n"],
+    )  # fmt: skip
