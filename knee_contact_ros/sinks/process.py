@@ -87,8 +87,6 @@ class SinkProcess:
         """Of the file"""
         self.failure = ""
         """What is wrong; empty while all is well"""
-        self.dropped = 0
-        """Answers that the output does not get"""
         self.given_up = False
         """Whether the output is not, and will not be, complete because that took too long"""
         self._sink, self._queue, self._part = sink, queue, attrgetter(sink.part)
@@ -96,6 +94,7 @@ class SinkProcess:
         self._waiting: deque[Item] = deque()
         self._room, self._room_size, _ = queue
         self._put_size = self._sent_size = 0  # [B] by one thread each
+        self._refused = self._lost = 0  # answers that found no room, and that waited when the output stopped
         self._due = 0.0  # when to send next
         self._wake = threading.Event()
         self._ended = False  # nothing more shall be sent
@@ -109,24 +108,20 @@ class SinkProcess:
 
     def put(self, answer: Answer) -> None:
         """Hand over an answer; never waits. Not to be called from two threads, nor beside `note`."""
-        if self._has_room():
-            self._put_size += size_of(answer)
-            self._waiting.append(answer)
+        if self._take(answer):
             now = time.monotonic()
             if now >= self._due:
                 self._due = now + PERIOD
                 self._wake.set()
-        elif not self._ended:
-            self.dropped += 1
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Hand over a note, which is kept between the answers before it and those after it; never waits."""
-        if self._has_room():
-            note = Note(name, values)
-            self._put_size += size_of(note)
-            self._waiting.append(note)
-        elif not self._ended:
-            self.dropped += 1
+        self._take(Note(name, values))
+
+    @property
+    def dropped(self) -> int:
+        """Answers that the output does not get."""
+        return self._refused + self._lost
 
     def diagnostics(self) -> dict[str, str]:
         """Answers that wait to be sent, that are lost, and that were written at the child's last report; its id."""
@@ -218,6 +213,26 @@ class SinkProcess:
     def _unsent(self) -> int:
         """Answers that wait."""
         return sum(isinstance(item, Answer) for item in self._waiting.copy())
+
+    def _take(self, item: Answer | Note) -> bool:
+        """Have it wait; False if there is no room."""
+        if not self._has_room():
+            self._refused += not self._ended
+            return False
+        self._put_size += size_of(item)
+        self._waiting.append(item)
+        if self._concluded:  # since it was asked whether there is room
+            self._lose_waiting()
+        return True
+
+    def _lose_waiting(self) -> int:
+        """Nobody comes for what waits; answers that are lost by that."""
+        with self._concluding:
+            lost = self._unsent()
+            self._lost += lost
+            self._waiting.clear()
+            self._sent_size = self._put_size
+        return lost
 
     def _has_room(self) -> bool:
         return len(self._waiting) < self._room and self._waiting_size() < self._room_size
@@ -338,10 +353,7 @@ class SinkProcess:
             if self._concluded:
                 return
             self._concluded, self._room = True, 0
-        lost = self._unsent()
-        self.dropped += lost
-        self._waiting.clear()
-        self._sent_size = self._put_size
+        lost = self._lose_waiting()
         if trouble:
             if self._opened and self._last.state != ENDED:
                 trouble = f"{self.label} stopped: {trouble}"

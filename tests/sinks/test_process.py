@@ -174,6 +174,19 @@ def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: P
     assert [p.name for p in tmp_path.iterdir()] == ["out.mcap.partial"]
 
 
+def test_an_answer_that_was_let_in_while_the_output_stopped_is_counted(
+    started: Started, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    os.kill(pid(sink), signal.SIGKILL)
+    wait_until(sink.is_over)
+    dropped = sink.dropped
+    monkeypatch.setattr(sink, "_has_room", lambda: True)  # as it was when `put` asked
+    put(sink, range(3))
+    said = sink.diagnostics()
+    assert (said["backlog"], said["backlog [MB]"], said["dropped"]) == ("0", "0.0", str(dropped + 3))
+
+
 @needs_viewer
 def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
     started: Started, tmp_path: Path
