@@ -16,6 +16,7 @@ from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
+from knee_contact_ros.core.readouts import ContactPatch, Readings
 from knee_contact_ros.core.scene import AUTO, PRESCRIBED_HEIGHT, Scene
 from knee_contact_ros.core.types import ROW, Contact, Rows, blank
 
@@ -84,6 +85,8 @@ class KneeModel:
     """The equations that a tick solves, of `LEVELS`; of no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
     """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
+    patch: ContactPatch | None = None
+    """What the contact spreads over, for `readouts`; None: the radii of `contact.*` are none of a knee's"""
     results: type[np.recarray[Any, Any]] = np.recarray
     """What a run's answers come in: a record array that may have more to it (`knee_contact_ros.results`)"""
 
@@ -173,7 +176,26 @@ class KneeModel:
         self.kernel.run(self.scene, np.zeros(1, ticks.MEMORY), durations, angles, loads, height, answers)
         answers["stamp"] = stamps
         series: np.recarray[Any, Any] = answers.view(self.results)
+        if hasattr(series, "model"):
+            series.model = self  # type: ignore[assignment]  # an attribute of Results
         return series
+
+    def readouts(self, answers: Rows) -> Readings:
+        """What is read off answers of this model beside the depth: patch, pressure, strain and loading rate.
+
+        Args:
+            answers: Shape (n,), in their order: what `run` gives, or ticks of a stream put together.
+
+        Returns:
+            Record array of shape (n,) with the fields of `READOUTS`: `half_width` [m], `mean_pressure` and
+            `peak_pressure` [Pa], `strain` and `loading_rate` [N/s]; see `ContactPatch.readouts`.
+
+        Raises:
+            ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that nothing is known.
+        """
+        if self.patch is None:
+            raise ValueError("no readouts: contact.femoral_radius must be below contact.tibial_radius")
+        return self.patch.readouts(self.modes.law, answers)
 
     def check_drive(self, height_given: bool) -> None:
         """Refuse a series that does not fit the drive.

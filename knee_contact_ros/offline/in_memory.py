@@ -15,12 +15,15 @@ import numpy as np
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subject import Subject
+from knee_contact_ros.pipeline.compartment import compartments_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import checked_output
@@ -90,7 +93,16 @@ def solve(
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
         medial.lateral = lateral[0]
+    for results, model in zip((medial, *lateral), _models(how), strict=False):
+        results.model = model
     return medial
+
+
+def _models(how: Parameters | Provenance) -> list[KneeModel]:
+    """Of each compartment; none where a recording's parameters changed, so that no model computed all of it."""
+    if isinstance(how, Parameters):
+        return [each.model for each in compartments_of(how, curve_texts(how, {}))]
+    return [] if how.changes else [each.model for each in compartments_of(how.parameters, how.texts())]
 
 
 def _joined(blocks: Sequence[Rows]) -> Results:

@@ -18,6 +18,7 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.readouts import POINT_CONTACT, SPREADS, ContactPatch
 from knee_contact_ros.parameters import copies  # noqa: F401  (models can be copied and pickled)
 from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.parameters.plausibility import doubts_about
@@ -78,6 +79,7 @@ def build_model(
         force_tolerance=parameters.fidelity.force_tolerance,
         height_prescribed=parameters.drive == "displacement",
         level=LEVELS[parameters.fidelity.level],
+        patch=contact_patch(parameters.contact, law),
     )
     if not compiled:
         return model
@@ -91,10 +93,11 @@ def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
 
     Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
     """
+    law = contact_law(parameters.contact)
     return replace(
-        model, modes=contact_law(parameters.contact), mass=parameters.femur.mass,
+        model, modes=law, mass=parameters.femur.mass,
         tolerance=parameters.fidelity.tolerance, force_tolerance=parameters.fidelity.force_tolerance,
-        budget=parameters.fidelity.budget,
+        budget=parameters.fidelity.budget, patch=contact_patch(parameters.contact, law),
     )  # fmt: skip
 
 
@@ -122,6 +125,20 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
         "stiffness": hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius),
         "stiffness_2": hertz_stiffness(contact.youngs_modulus_2, contact.poissons_ratio_2, radius),
     }
+
+
+def contact_patch(contact: ContactParameters, modes: ContactModes) -> ContactPatch | None:
+    """What the contact spreads over, from the law's radii and thickness; None if the radii are none of a knee's.
+
+    The cartilage is as thick as the law's first layer, of a law with one layer as `contact.foundation_thickness`.
+    """
+    try:
+        radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
+    except ValueError:
+        return None
+    layers = modes.law.layers
+    thickness = layers[1].begin if len(layers) > 1 else contact.foundation_thickness
+    return ContactPatch(SPREADS.get(contact.law, POINT_CONTACT), radius, thickness)
 
 
 def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile:

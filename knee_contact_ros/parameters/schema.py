@@ -157,10 +157,10 @@ class CommonContactParameters(Section):
     poissons_ratio: float = Field(0.38, ge=0.0, lt=0.5, description="of cartilage (first layer)")
     youngs_modulus_2: float = Field(17.2e9, ge=1.0, le=1e13, description="[Pa] of bone (second layer)")
     poissons_ratio_2: float = Field(0.39, ge=0.0, lt=0.5, description="of bone (second layer)")
-    femoral_radius: float = Field(0.034, gt=0.0, le=10.0, description="[m] convex, for the stiffness only")
-    tibial_radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] concave, for the stiffness only")
+    femoral_radius: float = Field(0.034, gt=0.0, le=10.0, description="[m] convex, for stiffness and patch")
+    tibial_radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] concave, for stiffness and patch")
     foundation_thickness: float = Field(
-        4.4e-3, gt=0.0, le=0.1, description="[m] of both cartilages; elastic_foundation"
+        4.4e-3, gt=0.0, le=0.1, description="[m] of both cartilages; elastic_foundation, strain"
     )
 
 

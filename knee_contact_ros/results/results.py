@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.readouts import Readings
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.results import figure, table
 from knee_contact_ros.results.columns import TIME, columns, time_of, unit_of
@@ -25,6 +27,8 @@ class Results(np.recarray[Any, Any]):
     are `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and say so.
     """
 
+    model: KneeModel | None = None
+    """What computed them; parts of them keep it, what is joined or stored does not"""
     lateral: Results | None = None
     """Those of the lateral compartment, of what `solve` gives where both are modelled; a slice does not keep them"""
 
@@ -32,6 +36,20 @@ class Results(np.recarray[Any, Any]):
     def time(self) -> NDArray[np.float64]:
         """Stamps [s], shape (n,); `stamp` has them in integer nanoseconds."""
         return time_of(self)
+
+    @property
+    def readouts(self) -> Readings:
+        """Patch, pressure, strain and loading rate, shape (n,): `KneeModel.readouts` of all answers, or of a part.
+
+        Raises:
+            UsageError: the model is not known, or has no patch.
+        """
+        if self.model is None:
+            raise UsageError("readouts: what computed these answers is not known; see the method of the model")
+        try:
+            return self.model.readouts(self)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
 
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` in SI units, a column for every number, indexed by time [s].
@@ -67,6 +85,11 @@ class Results(np.recarray[Any, Any]):
         Returns the `matplotlib.figure.Figure`: a notebook shows it, `savefig` writes it.
         """
         return figure.figure_of(self)
+
+    def __array_finalize__(self, whole: Any) -> None:
+        """Keep the model of what this is a part of."""
+        super().__array_finalize__(whole)
+        self.model = getattr(whole, "model", None)
 
     def __getitem__(self, index: Any) -> Any:
         return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)

@@ -196,3 +196,13 @@ def test_columns_are_numbers_of_their_own(results: Results) -> None:
     numbers["load"][:] = 0.0
     assert results.load.min() > 0.0
     assert all(column.flags.c_contiguous and column.ndim == 1 for column in numbers.values())
+
+
+def test_parts_of_results_know_what_is_read_off_them(results: Results) -> None:
+    whole = results.readouts
+    assert whole.peak_pressure.shape == results.shape
+    assert results[20:30].readouts.half_width.tolist() == whole.half_width[20:30].tolist()
+    assert results.model is not None
+    assert results.model.readouts(results[:5]).strain.tolist() == whole.strain[:5].tolist()
+    with pytest.raises(UsageError, match="what computed these answers is not known"):
+        np.array(results).view(Results).readouts  # noqa: B018

@@ -52,6 +52,16 @@ class Sliding(NamedTuple):
     """[m] along the tibia, to and fro, while in contact"""
 
 
+class Impulse(NamedTuple):
+    """What the contact force amounts to in a stride."""
+
+    span: Span
+    impulse: float
+    """[N s] from heel strike to heel strike"""
+    stance_impulse: float
+    """[N s] from heel strike to toe-off"""
+
+
 def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
     """The strides between heel strikes [ns] in their order: of a plausible duration, with one toe-off."""
     found = []
@@ -102,6 +112,11 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
     return float(np.sum(mean * np.diff(time)[touching]))
 
 
+def integral(time: Floats, values: Floats) -> float:
+    """Of values over time [s], both of shape (n,), by trapezoids; `np.trapezoid` has another name in NumPy 1."""
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
+
+
 def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:
     """The strides that flexion and load tell (see `GaitEvents`), each with its sliding distance. Needs no ROS.
 
@@ -114,12 +129,38 @@ def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: f
         One entry per whole stride, in their order; none where there is no gait.
     """
     stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
-    finder = GaitEvents(body_weight)
-    events = finder.add(stamps, series["flexion_angle"], series["load"]) + finder.finish()
-    strikes, toe_offs = (sorted(event.stamp for event in events if event.kind == k) for k in (HEEL_STRIKE, TOE_OFF))
     values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
     found = []
-    for span in spans(strikes, toe_offs):
+    for span in _strides(stamps, series, body_weight):
         since, (velocity, state) = (columns.T for columns in cut(stamps, values, span.start, span.end, held=1))
         found.append(Sliding(span, sliding_distance(since, velocity, state)))
     return found
+
+
+def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Impulse]:
+    """The strides that flexion and load tell (see `GaitEvents`), each with the impulse of its contact force.
+
+    Args:
+        series: Answers, shape (n,), stamps increasing.
+        body_weight: [N]; a load peak is 1 BW or more.
+
+    Returns:
+        One entry per whole stride, in their order; none where there is no gait.
+    """
+    stamps = np.asarray(series["stamp"])
+    force = np.asarray(series["contact_force"])[:, np.newaxis]
+    found = []
+    for span in _strides(stamps, series, body_weight):
+        whole, stance = (
+            integral(since, of_it[:, 0])
+            for since, of_it in (cut(stamps, force, span.start, end, held=0) for end in (span.end, span.toe_off))
+        )
+        found.append(Impulse(span, whole, stance))
+    return found
+
+
+def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:
+    finder = GaitEvents(body_weight)
+    events = finder.add(stamps, series["flexion_angle"], series["load"]) + finder.finish()
+    strikes, toe_offs = (sorted(event.stamp for event in events if event.kind == k) for k in (HEEL_STRIKE, TOE_OFF))
+    return spans(strikes, toe_offs)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import ContactState
-from knee_contact_ros.pipeline.gait.strides import Span, at_stamps, cut, sliding_distance
+from knee_contact_ros.pipeline.gait.strides import Span, at_stamps, cut, integral, sliding_distance
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -74,8 +74,8 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
     sliding = np.abs(cycle[cycle[:, STATE] != ContactState.SEPARATED, SLIDING])
     return Cycle(
         span,
-        impulse=_integral(time, force),
-        stance_impulse=_integral(stance_time, stance[:, FORCE]),
+        impulse=integral(time, force),
+        stance_impulse=integral(stance_time, stance[:, FORCE]),
         loading_rate=_loading_rate(stance_time, stance[:, FORCE]),
         largest_force=float(force[hardest]),
         largest_force_at=100.0 * float(time[hardest]) / span.duration,
@@ -86,11 +86,6 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
         sliding_distance=sliding_distance(time, cycle[:, SLIDING], cycle[:, STATE]),
         largest_sliding_velocity=float(sliding.max(initial=0.0)),
     )
-
-
-def _integral(time: Floats, values: Floats) -> float:
-    """By trapezoids; `np.trapezoid` has another name in NumPy 1."""
-    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
 
 
 def _loading_rate(time: Floats, force: Floats) -> float:

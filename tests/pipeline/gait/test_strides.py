@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.core.types import ContactState
-from knee_contact_ros.pipeline.gait.strides import sliding_distance, sliding_per_stride, spans
+from knee_contact_ros.pipeline.gait.strides import impulse_per_stride, sliding_distance, sliding_per_stride, spans
 from tests.helpers.scenes import RADIUS, law, model
 from tests.pipeline.gait.test_events import BODY_WEIGHT, STRIDE, walking
 
@@ -69,3 +69,17 @@ def test_the_sliding_of_a_walking_knee() -> None:
     assert sliding_per_stride(time[:100], series[:100], BODY_WEIGHT) == []
     series.contact_state = ContactState.SEPARATED
     assert [distance for _, distance in sliding_per_stride(time, series, BODY_WEIGHT)] == [0.0] * 6
+
+
+def test_the_impulse_of_a_walking_knee() -> None:
+    """At rest the contact force is the load, whose impulse is known; strides and stance are as for the sliding."""
+    stamps, angle, load = walking(200.0, 8.0)
+    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    found = impulse_per_stride(series, BODY_WEIGHT)
+    assert len(found) == 6
+    for span, whole, stance in found:
+        inside = (series.stamp >= span.start) & (series.stamp < span.end)
+        # a sum of samples 5 ms apart: off by half a sample of the load at both ends; damping carries up to 1 N
+        assert whole == pytest.approx(0.005 * series.load[inside].sum(), rel=0.01)
+        assert 0.8 * whole < stance <= whole
+    assert impulse_per_stride(series[:100], BODY_WEIGHT) == []
