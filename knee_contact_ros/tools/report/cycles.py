@@ -15,9 +15,12 @@ Stamps = NDArray[np.int64]
 
 PERCENT = np.arange(101.0)
 """Where curves are given"""
-CURVES = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
-          "sliding_velocity")  # fmt: skip
+ANSWERED = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
+            "sliding_velocity")  # fmt: skip
 """Fields of the answers that become curves"""
+READ_OFF = ("half_width", "mean_pressure", "peak_pressure", "strain")
+"""Readouts that do"""
+CURVES = ANSWERED + READ_OFF
 HELD = ("error_estimate", "force_error_estimate", "femoral_height", "contact_state")
 """Those that are not interpolated"""
 COLUMNS = CURVES + HELD
@@ -56,6 +59,14 @@ class Cycle(NamedTuple):
     """[m] that the femur slides on the tibia, to and fro; not a number if the recording does not tell"""
     largest_sliding_velocity: float
     """[m/s] of either sign, in contact; likewise"""
+    largest_half_width: float
+    """[m] of the contact patch; this and the following are not a number where the model is not known"""
+    largest_mean_pressure: float
+    """[Pa]"""
+    largest_peak_pressure: float
+    """[Pa]"""
+    largest_strain: float
+    """Nominal, of the cartilage"""
 
 
 def curves(stamps: Stamps, values: Floats, span: Span) -> Floats:
@@ -85,6 +96,7 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
         apart_time=float(steps[state == ContactState.SEPARATED].sum()),
         sliding_distance=sliding_distance(time, cycle[:, SLIDING], cycle[:, STATE]),
         largest_sliding_velocity=float(sliding.max(initial=0.0)),
+        **{f"largest_{name}": float(cycle[:, COLUMNS.index(name)].max()) for name in READ_OFF},
     )
 
 

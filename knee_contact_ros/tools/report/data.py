@@ -14,7 +14,7 @@ from knee_contact_ros.tools.report.cycles import CURVES, PERCENT
 from knee_contact_ros.tools.report.peaks import stance_peaks
 from knee_contact_ros.tools.report.runs import Run
 
-MM, DEGREES = 1e3, math.degrees(1.0)
+MM, DEGREES, MEGA, PERCENT_OF = 1e3, math.degrees(1.0), 1e-6, 100.0
 CURVE_COLUMNS = {
     "flexion_angle_deg": ("flexion_angle", DEGREES),
     "load_N": ("load", 1.0),
@@ -25,6 +25,10 @@ CURVE_COLUMNS = {
     "bone_depth_mm": ("bone_depth", MM),
     "contact_point_x_mm": ("contact_point_x", MM),
     "sliding_velocity_mm_per_s": ("sliding_velocity", MM),
+    "patch_half_width_mm": ("half_width", MM),
+    "mean_pressure_MPa": ("mean_pressure", MEGA),
+    "peak_pressure_MPa": ("peak_pressure", MEGA),
+    "cartilage_strain_percent": ("strain", PERCENT_OF),
 }
 """Name of a quantity, the column it comes from and its factor; None: per body weight"""
 EVENT_COLUMNS = ("run", "event", "stamp_s", "time_s", "load_N", "load_BW", "contact_force_N", "contact_force_BW",
@@ -35,7 +39,8 @@ PEAK_COLUMNS = ("run", "peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent
 STRIDE_COLUMNS = ("run", "cycle", "heel_strike_s", "duration_s", "stance_percent", "sliding_distance_mm",
                   "largest_sliding_velocity_mm_per_s", "largest_contact_force_N", "largest_penetration_depth_mm",
                   "impulse_N_s", "stance_impulse_N_s", "loading_rate_N_per_s", "bone_contact_s",
-                  "lifted_off_s")  # fmt: skip
+                  "lifted_off_s", "largest_patch_half_width_mm", "largest_mean_pressure_MPa",
+                  "largest_peak_pressure_MPa", "largest_cartilage_strain_percent")  # fmt: skip
 Row = Sequence[str | float | int | None]
 
 
@@ -114,7 +119,9 @@ def stride_rows(runs: Sequence[Run]) -> Iterator[Row]:
                 run.label, number, _seconds(cycle.span.start), cycle.span.duration, cycle.span.stance,
                 _or_none(MM * cycle.sliding_distance), _or_none(MM * cycle.largest_sliding_velocity),
                 cycle.largest_force, MM * cycle.largest_depth, cycle.impulse, cycle.stance_impulse,
-                cycle.loading_rate, cycle.bone_time, cycle.apart_time,
+                cycle.loading_rate, cycle.bone_time, cycle.apart_time, _or_none(MM * cycle.largest_half_width),
+                _or_none(MEGA * cycle.largest_mean_pressure), _or_none(MEGA * cycle.largest_peak_pressure),
+                _or_none(PERCENT_OF * cycle.largest_strain),
             )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.core.readouts import OWN_PRESSURE
 from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.cycles import CURVES, PERCENT, Floats
 from knee_contact_ros.tools.report.published import CARTILAGE_THICKNESS, DEPTH, MEDIAL, TOTAL, Range, is_total
@@ -74,6 +75,9 @@ DEPTHS = Quantity("depth", "Penetration depth", "penetration depth [mm]", column
 POINT = Quantity("contact_point", "Contact point along the plateau", "contact point, anterior [mm]",
                  column("contact_point_x", MM))  # fmt: skip
 
+PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", column("peak_pressure", 1e-6))
+PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", column("half_width", MM))
+
 
 def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
     """A figure as PNG; `paint` gets matplotlib's figure."""
@@ -121,6 +125,9 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
     )
     bone = "Dotted: where the second layer, bone, begins." if any(map(has_bone, cyclic)) else ""
     captions = {FORCE: force_caption(cyclic), DEPTHS: depth + bone, FLEXION: ""}
+    if all(run.gathered.reads_off for run in cyclic):
+        captions[PRESSURE] = spread_caption(cyclic)
+        captions[PATCH] = "Of a round patch, from the depth and the radii of the law. "
     if moves(cyclic):
         captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive. "
     found = []
@@ -138,6 +145,22 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
             Figure("contact_point_flexion", "Contact point over flexion", sentences(caption, told(runs)), path)
         )
     return found
+
+
+def pressure_of(run: Run) -> str:
+    """How the pressure follows from the law, for a caption or a cell."""
+    patch = run.model.patch if run.model else None
+    if patch is None:
+        return "not known"
+    spread = f"{patch.spread.name}, R {MM * patch.radius:.1f} mm, cartilage {MM * patch.thickness:.2g} mm"
+    own = run.parameters.contact.law in OWN_PRESSURE
+    return spread if own else f"none of the law's own; its force at rest is spread as {spread}"
+
+
+def spread_caption(cyclic: Sequence[Run]) -> str:
+    """Where the pressure comes from."""
+    told = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
+    return f"In the middle of the patch. {'; '.join(told)}. "
 
 
 def sentences(*parts: str) -> str:
@@ -227,7 +250,7 @@ def panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantit
         line(axis, group[0], colour(runs, group[0]), what, name)
     toe_offs(axis, runs, cyclic)
     axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
-    if what in {FORCE, DEPTHS}:
+    if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if lowest(cyclic, what) < 0.0 else 0.0)
     legend(canvas, axis)
 

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.pipeline.gait.strides import LONGEST, Span, spans
-from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
+from knee_contact_ros.tools.report.cycles import COLUMNS, READ_OFF, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
 
 KEPT = round((LONGEST + 3.0) * NANOSECONDS)
@@ -53,9 +54,9 @@ LARGEST_LOAD = "largest load"
 class Gathered:
     """All that a report says of a run."""
 
-    def __init__(self, body_weight: float, doubts: Doubts | None = None) -> None:
-        """`body_weight` is in N; `doubts` are those about the run's parameters."""
-        self.body_weight = body_weight
+    def __init__(self, body_weight: float, doubts: Doubts | None = None, model: KneeModel | None = None) -> None:
+        """`body_weight` is in N; `doubts` are those about the run's parameters; `model` computed all of the run."""
+        self.body_weight, self._model = body_weight, model if model and model.patch else None
         self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
         self.moments: list[Moment] = []
         self.largest: Moment | None = None
@@ -68,6 +69,11 @@ class Gathered:
         self._since = 0
         """[ns] that elapsed time lags behind the stamps"""
         self._pending: list[GaitEvent] = []
+
+    @property
+    def reads_off(self) -> bool:
+        """Whether patch and pressure are known."""
+        return self._model is not None
 
     def add(self, answers: Rows) -> None:
         """Take answers, at least one."""
@@ -89,13 +95,18 @@ class Gathered:
         elif not goes_on:
             self._take(self._finder.finish(), ended=True)
             self._since -= max(last - first, 0)  # stamps that went back: as if it went on at once
-        values = np.column_stack([part.view(FLAT)[name] for name in COLUMNS])
+        values = self._columns(part)
         self.totals.add(part, np.diff(part["stamp"], prepend=last if goes_on else first) / NANOSECONDS)
         self.course.add(part["stamp"] - self._since, values)
         self._stamps = np.append(self._stamps, part["stamp"])
         self._values = np.concatenate((self._values, values))
         self._largest(part["stamp"], values)
         self._take(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]), ended=False)
+
+    def _columns(self, part: Rows) -> Floats:
+        """`COLUMNS` of answers, shape (n, columns)."""
+        read = self._model.readouts(part) if self._model else dict.fromkeys(READ_OFF, np.full(len(part), np.nan))
+        return np.column_stack([read[name] if name in READ_OFF else part.view(FLAT)[name] for name in COLUMNS])
 
     def _largest(self, stamps: NDArray[np.int64], values: Floats) -> None:
         at = int(values[:, LOAD].argmax())

@@ -24,6 +24,8 @@ FIGURES = (
     "flexion",
     "contact_force",
     "depth",
+    "peak_pressure",
+    "patch_half_width",
     "contact_point",
     "contact_point_flexion",
     "over_time_[0-9]*",

@@ -124,6 +124,8 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
     known, values = known_parameters(), flat_parameters(parameters)
     constants = {f"contact.{name}" for name in constants_of(parameters.contact.law)}
     shown = {"contact.law", "load.compartment", "body_weight", "femur.geometry", "tibia.geometry", *constants}
+    shown |= {"contact.femoral_radius", "contact.tibial_radius"}
+    shown |= set() if parameters.contact.law.startswith("two_layer") else {"contact.foundation_thickness"}
     shown |= {"load.share_file"} if parameters.load.rule == "measured_share" else set()
     shown |= {"load.share"} if parameters.load.rule == "fixed_share" else set()
     return [
@@ -153,7 +155,8 @@ def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Cal
         origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
     parameters, model = _model(topic, parameters, provenance)
     doubts = doubts_about(parameters, model) if model else Doubts()
-    gathered = _gathered(path, topic, parameters, doubts, say(f"Reading {path.name}"))
+    known = model if provenance and not provenance.changes else None
+    gathered = _gathered(path, topic, parameters, doubts, known, say(f"Reading {path.name}"))
     if not provenance:
         return Run(label, label, path, topic, parameters, origin, _refused(path), (), None, gathered, known=False)
     return Run(label, label, path, topic, parameters, origin, _refused(path), provenance.damage, None, gathered, model)
@@ -225,7 +228,7 @@ def _computed(
             doubts = Doubts()
             doubts.go_on_with(told.doubts)
             own, model = _model(topic, parameters, how if isinstance(how, Provenance) else None)
-            gathered = _gathered(recording, topic, own, doubts, say(f"Reading what {path.name} gave"))
+            gathered = _gathered(recording, topic, own, doubts, model, say(f"Reading what {path.name} gave"))
             damage = tuple(summary.damage)
             runs.append(Run("", "", path, topic, own, "", summary.refused, damage, None, gathered, model))
     recording.unlink()
@@ -242,8 +245,10 @@ def _model(topic: str, parameters: Parameters, provenance: Provenance | None) ->
         return answering(topic, parameters, {})[0], None
 
 
-def _gathered(path: Path, topic: str, parameters: Parameters, doubts: Doubts, advance: Advance) -> Gathered:
-    gathered = Gathered(parameters.body_weight, doubts)
+def _gathered(
+    path: Path, topic: str, parameters: Parameters, doubts: Doubts, model: KneeModel | None, advance: Advance
+) -> Gathered:
+    gathered = Gathered(parameters.body_weight, doubts, model)
     for block in answer_blocks(path, topic, advance):
         gathered.add(block)
     return gathered.finish()

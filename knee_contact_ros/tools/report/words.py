@@ -11,14 +11,14 @@ import numpy as np
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.tools.report.cycles import Cycle
-from knee_contact_ros.tools.report.figures import has_bone
+from knee_contact_ros.tools.report.figures import has_bone, pressure_of
 from knee_contact_ros.tools.report.gather import LARGEST_LOAD, Moment
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, StancePeak, stance_peaks
 from knee_contact_ros.tools.report.published import which_load
 from knee_contact_ros.tools.report.runs import Run, own_values
 from knee_contact_ros.tools.report.totals import Totals
 
-MM, MICROMETRE = 1e3, 1e6
+MM, MICROMETRE, MEGA = 1e3, 1e6, 1e-6
 SHOWN = 12
 """Peaks and events of a run that the page lists; the files have all"""
 NONE = "–"
@@ -101,6 +101,10 @@ def cycle_table(cyclic: Sequence[Run]) -> Table:
         ("impulse of the cycle [BW s]", lambda c, w: c.impulse / w, ".3f"),
         ("impulse of the cycle [N s]", lambda c, _: c.impulse, ".1f"),
         ("loading rate [BW/s]", lambda c, w: c.loading_rate / w, ".1f"),
+        ("largest patch half-width [mm]", lambda c, _: MM * c.largest_half_width, ".2f"),
+        ("largest mean pressure [MPa]", lambda c, _: MEGA * c.largest_mean_pressure, ".2f"),
+        ("largest peak pressure [MPa]", lambda c, _: MEGA * c.largest_peak_pressure, ".2f"),
+        ("largest nominal strain [%]", lambda c, _: 100.0 * c.largest_strain, ".1f"),
         ("bone contact [s]", lambda c, _: c.bone_time, ".3f"),
         ("bone contact [% of the cycle]", lambda c, _: 100.0 * c.bone_time / c.span.duration, ".1f"),
         ("lifted off [s]", lambda c, _: c.apart_time, ".3f"),
@@ -126,6 +130,7 @@ def run_table(runs: Sequence[Run]) -> Table:
         "largest load": lambda run: _force(run.gathered.totals.largest_load, run),
         "largest contact force": lambda run: _force(run.gathered.totals.largest_force, run),
         "largest depth": lambda run: f"{MM * run.gathered.totals.largest_depth:.3f} mm",
+        "pressure": pressure_of,
         "in bone contact": lambda run: _time(run.gathered.totals.bone_time, run) if has_bone(run) else ONE_LAYER,
         "lifted off": _lifted,
         "error bound of the depth": _depth_error,

@@ -39,7 +39,7 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
         ".then(done, error => done(String(error)));"
     )
     assert isinstance(pictures, list), pictures
-    assert len(pictures) == 9
+    assert len(pictures) == 11
     for natural, shown in pictures:
         assert natural > 900
         assert 0.8 * min(width, 640) <= shown <= width

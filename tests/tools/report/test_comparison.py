@@ -118,7 +118,7 @@ def test_curves_that_are_the_same_are_said_to_be(bags: tuple[Path, Path], tmp_pa
     path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 7.9057e+7}}}\n")
     assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "out")]) == 0
     text = text_of(page_of(tmp_path / "out"))
-    assert text.count("Curves with “=” are the same within") == 2  # force and depth
+    assert text.count("Curves with “=” are the same within") == 4  # force, depth, pressure and patch
     assert "Largest difference" not in text
     path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 3.0e+7}}}\n")
     assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "other")]) == 0

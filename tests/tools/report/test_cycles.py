@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.core.types import FLAT, Rows, blank
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.pipeline.gait.strides import Span
 from knee_contact_ros.tools.report.cycles import COLUMNS, CURVES, PERCENT, Mean, curves, measured
@@ -31,9 +33,12 @@ def answers(samples: Samples, **columns: np.ndarray) -> Rows:
     return rows
 
 
+MODEL = build_model(Parameters())
+
+
 def gathered(whole: Rows, size: int) -> Gathered:
     """The same in blocks of a size."""
-    found = Gathered(BODY_WEIGHT)
+    found = Gathered(BODY_WEIGHT, model=MODEL)
     for begin in range(0, len(whole), size):
         found.add(whole[begin : begin + size])
     return found.finish()

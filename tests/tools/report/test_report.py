@@ -17,8 +17,9 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.types import FLAT
 from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.tools.report.cycles import PERCENT
+from knee_contact_ros.tools.report.cycles import PERCENT, READ_OFF
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
 from knee_contact_ros.tools.report.published import DEPTH, MEDIAL, SOURCES, TOTAL
 from tests.offline.test_solve import make_bag, silent
@@ -27,7 +28,7 @@ from tests.tools.report.pages import page_of, text_of
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
 
 BODY_WEIGHT = 737.068
-CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png"}
+CYCLE_FIGURES = {"flexion.png", "contact_force.png", "depth.png", "peak_pressure.png", "patch_half_width.png"}
 MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
 KNEES = {"knee_1.png", "knee_2.png"}
 TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
@@ -84,11 +85,21 @@ def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> Non
     strikes = [float(row["stamp_s"]) for row in read(both / "events.csv")
                if row["event"] == "heel strike" and row["run"] == "right, two_layer_viscoelastic"]  # fmt: skip
     answers = read_answers(recording)
+    read_off = load_model("osteoarthritis").readouts(answers)
     time = answers["stamp"] / 1e9
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
-    units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "BW": 1.0 / BODY_WEIGHT}
+    units = {
+        "deg": np.degrees(1.0),
+        "mm": 1e3,
+        "s": 1e3,
+        "N": 1.0,
+        "MPa": 1e-6,
+        "percent": 100.0,
+        "BW": 1.0 / BODY_WEIGHT,
+    }
     for name, (field, _) in CURVE_COLUMNS.items():
-        expected = np.interp(at, time, answers.view(FLAT)[field]) * units[name.rsplit("_", 1)[1]]
+        values = read_off[field] if field in READ_OFF else answers.view(FLAT)[field]
+        expected = np.interp(at, time, values) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
         assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
         assert {row[f"{name}_sd"] for row in rows} == {""}  # of a single cycle there is none
@@ -128,6 +139,11 @@ def test_the_strides_are_in_their_file(both: Path, recording: Path) -> None:
     # A sum of 5 ms each; the heel strikes lie between ticks
     assert float(row["sliding_distance_mm"]) == pytest.approx(1e3 * 0.005 * speed.sum(), rel=0.02)
     text = text_of(page_of(both))
+    read_off = load_model("osteoarthritis").readouts(answers)
+    columns = {"patch_half_width_mm": ("half_width", 1e3), "peak_pressure_MPa": ("peak_pressure", 1e-6)}
+    columns["cartilage_strain_percent"] = ("strain", 100.0)
+    for name, (field, factor) in columns.items():
+        assert float(row[f"largest_{name}"]) == pytest.approx(factor * read_off[field][inside].max(), rel=1e-8)
     assert f"sliding distance [mm] {float(row['sliding_distance_mm']):.1f}" in text
 
 
@@ -167,7 +183,7 @@ def test_the_page_is_valid_and_needs_nothing_else(both: Path) -> None:
     page = page_of(both)
     check_html(page)
     references = re.findall(r"""(?:src|href|action|poster|data)\s*=\s*["']([^"']*)""", page)
-    assert len(references) == 8  # seven pictures and an empty icon
+    assert len(references) == 10  # nine pictures and an empty icon
     assert all(each.startswith("data:") for each in references)
     assert not re.search(r"https?://|@import|url\((?!data:)", page)
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
@@ -179,6 +195,8 @@ def test_the_page_is_valid_and_needs_nothing_else(both: Path) -> None:
             "contact_force.png",
             "depth.png",
             "flexion.png",
+            "peak_pressure.png",
+            "patch_half_width.png",
             "over_time_1.png",
             "over_time_2.png",
         )
@@ -211,7 +229,7 @@ def test_published_ranges_are_of_the_same_load(both: Path, bags: tuple[Path, Pat
 def test_what_differs_is_below_every_figure(both: Path) -> None:
     page = page_of(both)
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page, flags=re.DOTALL)
-    assert len(captions) == 7
+    assert len(captions) == 9
     for caption in captions:
         assert "law: kelvin_voigt → two_layer_viscoelastic" in caption
         assert "layer_depth: – → 0.0005 m" in caption
