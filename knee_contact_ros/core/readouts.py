@@ -38,6 +38,8 @@ READOUTS = np.dtype([
     ("strain", "f8"),  # nominal, of the cartilage
     ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
 ])  # fmt: skip
+SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
+"""Those that depend on the contact law"""
 UNITS = {"half_width": "m", "mean_pressure": "Pa", "peak_pressure": "Pa", "strain": "", "loading_rate": "N/s"}
 """Of the readouts"""
 NANOSECOND = 1e-9

@@ -11,7 +11,7 @@ from rerun.blueprint.components import PlayState
 from knee_contact_ros.view.colours import BACKGROUND, OF_KNEES
 from knee_contact_ros.view.frame import Frame, common, frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.plots import DEPTHS, DETAILS, KNEE, LAYER, Plot, plots_of
+from knee_contact_ros.view.plots import DEPTHS, DETAILS, KNEE, LAYER, READ_OFF, Plot, plots_of
 from knee_contact_ros.view.sagittal import BODY, CAMERA, PATH
 from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
@@ -23,8 +23,8 @@ HEIGHTS = [1.03, 0.78, 1.12, 1.07]
 """Of four plots beside the plane, so that their ticks can be read; three have room enough to be alike"""
 ABREAST = 2
 """So many planes side by side; more of them stand below, or their words would cover each other"""
-MAIN, BEHIND = "Knee", "Cost, levels, estimates, events"
-"""The two tabs"""
+MAIN, BEHIND, READ = "Knee", "Cost, levels, estimates, events", "Pressure, patch, strain"
+"""The tabs"""
 
 
 def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
@@ -32,8 +32,8 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     frame = common([frame_of(drawing) for drawing in drawings])
     planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
     shown = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
-    main, details = (
-        [_plot(drawings, plot, follow) for plot in plots if plot.path in shown] for plots in (KNEE, DETAILS)
+    main, details, read = (
+        [_plot(drawings, plot, follow) for plot in plots if plot.path in shown] for plots in (KNEE, DETAILS, READ_OFF)
     )
     told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
@@ -44,6 +44,7 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
                 name=MAIN,
             ),
             rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*told), name=BEHIND),
+            *([rrb.Grid(*read, grid_columns=ABREAST, name=READ)] if read else []),
         ),
         rrb.TimePanel(
             timeline=TIMELINE, state="collapsed", play_state=PlayState.Following if follow else PlayState.Paused

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.readouts import ContactPatch
 from knee_contact_ros.messages.topics import KNEE_CONTACT, LATERAL, MEDIAL, compartment_name, knee_name
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
@@ -49,6 +51,9 @@ class KneeOutlines(NamedTuple):
     """[N] unit of the forces shown"""
     anatomy: Anatomy
     """What is drawn of bones and cartilage"""
+    law: ContactLaw
+    patch: ContactPatch | None
+    """What tells pressure and patch; None: not known"""
 
     @property
     def has_bone(self) -> bool:
@@ -109,7 +114,8 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     femur, tibia = model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH)
     reach = contact_range(model)
     return KneeOutlines(
-        knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach)
+        knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach), model.modes.law,
+        model.patch,
     )  # fmt: skip
 
 

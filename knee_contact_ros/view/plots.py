@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from knee_contact_ros.view.outlines import KneeOutlines
 Floats = NDArray[np.float64]
 MM = 1e3
 MICRO = 1e6
+MEGA = 1e-6
 
 
 NOISE, LEAST = 3.0, 0.01
@@ -28,8 +29,8 @@ class Series(NamedTuple):
     """With its unit"""
     colour: Colour
     width: float
-    values: Callable[[Rows, float], Floats]
-    """Of answers and body weight [N], in that unit"""
+    values: Callable[[Any, float], Floats]
+    """Of answers, or of their readouts, and body weight [N], in that unit"""
 
 
 class Plot(NamedTuple):
@@ -46,6 +47,8 @@ class Plot(NamedTuple):
     """Whether only a running node has it"""
     steps: bool = False
     """Whether a value holds until the next one"""
+    read_off: bool = False
+    """Whether it shows readouts"""
 
 
 def _excess(shown: Rows, weight: float) -> Floats:
@@ -102,6 +105,22 @@ DETAILS = (
     ), live=True),
 )  # fmt: skip
 """What stands in the second tab"""
+READ_OFF = (
+    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", "Contact pressure: peak, thick; mean [MPa]", (
+        Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
+        Series("peak pressure [MPa]", FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
+    ), read_off=True),
+    Plot("patch", "Half-width of the contact patch [mm]", "Half-width of the contact patch [mm]", (
+        Series("half-width [mm]", CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
+    ), read_off=True),
+    Plot("strain", "Nominal strain of the cartilage [%]", "Nominal strain of the cartilage [%]", (
+        Series("strain [%]", DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
+    ), read_off=True),
+    Plot("loading_rate", "Loading rate [kN/s]", "Loading rate [kN/s]", (
+        Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
+    ), read_off=True),
+)  # fmt: skip
+"""What stands in the third tab"""
 
 
 FORCE_PLACE, LOAD_PLACE = 2, 3
@@ -116,4 +135,5 @@ def _signed(shown: Rows) -> Floats:
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Those in which there is something to see of a knee."""
     shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
-    return shown + [plot for plot in DETAILS if latency or not plot.live]
+    shown += [plot for plot in DETAILS if latency or not plot.live]
+    return [*shown, *READ_OFF] if drawing.patch else shown

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from knee_contact_ros.core.types import Rows
+from knee_contact_ros.core.readouts import SPREAD, Readings
+from knee_contact_ros.core.types import Rows, blank
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
@@ -39,6 +40,8 @@ DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
 REPEAT = 5 * NANOSECONDS
 """How long [ns] a state may last without being written again, where what is old gets lost"""
 LAYER_DEPTH = "contact.layer_depth"
+LAW = ("contact.", "lateral.contact.")
+"""What the names of parameters begin with on which patch, pressure and strain depend"""
 
 
 class Scene:
@@ -67,6 +70,7 @@ class Scene:
         self._time = _durations
         self._last_stamp = 0
         self._begun = False
+        self._before, self._law_known = blank(0), True
         self._early: list[tuple[str, Mapping[str, str]]] = []
         """Notes from before the first answer, whose stamp they get"""
         self._states: dict[str, int] = {}
@@ -80,12 +84,18 @@ class Scene:
         if not self._begun:
             self._begin(int(shown["stamp"][0]))
         self._last_stamp = int(shown["stamp"][-1])
+        read = self._read_off(shown)
         for plot in self._plots:
-            values = np.stack([series.values(shown, self._drawing.body_weight) for series in plot.series], axis=1)
+            told: Any = read if plot.read_off else shown
+            values = np.stack([series.values(told, self._drawing.body_weight) for series in plot.series], axis=1)
+            known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
+            if not known.any():
+                continue
+            values = values[known]
             columns = rr.Scalars.columns(scalars=values.ravel())
             if values.shape[1] > 1:
                 columns = columns.partition(np.full(len(values), values.shape[1]))
-            self._send(f"{CURVES}/{plot.path}", shown["stamp"], columns)
+            self._send(f"{CURVES}/{plot.path}", shown["stamp"][known], columns)
         if math.isfinite(self._layer):
             ends = shown["stamp"][[0, -1]]
             self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
@@ -102,10 +112,22 @@ class Scene:
         """Write down that something happened to the node behind the answers so far."""
         if LAYER_DEPTH in values and math.isfinite(self._layer):
             self._layer = float(values[LAYER_DEPTH])
+        self._law_known &= not any(name.startswith(LAW) for name in values)
         if not self._begun:
             self._early.append((name, values))
             return
         self._tell([remark_of_note(self._last_stamp, name, values)])
+
+    def _read_off(self, shown: Rows) -> Readings | None:
+        """The readouts of answers, with the one before them for the loading rate; not a number once the law changed."""
+        drawing, together = self._drawing, np.concatenate((self._before, shown))
+        self._before = shown[-1:].copy()
+        if drawing.patch is None:
+            return None
+        read = drawing.patch.readouts(drawing.law, together)[len(together) - len(shown) :]
+        for name in () if self._law_known else SPREAD:
+            read[name] = np.nan
+        return read
 
     def finish(self) -> None:
         """Write what is left to say."""

@@ -10,13 +10,13 @@ pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-c
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.plots import DETAILS, KNEE
+from knee_contact_ros.view.plots import DETAILS, KNEE, READ_OFF
 from tests.helpers.viewer import pixels_of, rendered
 from tests.view.rrd import entities, lists
 
 PEAK = 2_430_000_000
 STAMPS = (530_000_000, 2_460_000_000)
-RECORDED = [plot for plot in (*KNEE, *DETAILS) if not plot.live]
+RECORDED = [plot for plot in (*KNEE, *DETAILS, *READ_OFF) if not plot.live and plot.path != "loading_rate"]
 SAGITTAL = ("femur", "contact_point", "contact_path", "contact_force_on_femur", "contact_force", "depth")
 BODY = ("femur", "overlap")
 OTHERS = {"/knee/curves/layer", "/knee/states/contact", "/knee/states/level", "/knee/events"}
@@ -40,7 +40,9 @@ def test_every_view_holds_data(scene: Path) -> None:
         stamps = [stamp for stamp, _ in lists(scene, entity, component)]
         assert len(stamps) == rows, entity
         assert (stamps[0], stamps[-1]) == STAMPS, entity
-    assert set(held) - set(moving) == OTHERS
+    rates = lists(scene, "/knee/curves/loading_rate", "Scalars:scalars")
+    assert len(rates) == 386  # the first answer has none
+    assert set(held) - set(moving) == OTHERS | {"/knee/curves/loading_rate"}
 
 
 def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
@@ -48,8 +50,9 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
         details = {plot.title for plot in DETAILS if not plot.live}
-        assert len(shown) == 1 + len(KNEE) + len(details) + 2
-        assert details | {"knee: contact and level", "knee: events"} < shown
+        read_off = {plot.title for plot in READ_OFF}
+        assert len(shown) == 1 + len(KNEE) + len(details) + 2 + len(read_off)
+        assert details | read_off | {"knee: contact and level", "knee: events"} < shown
         for plot in KNEE:
             (title,) = (name for name in shown if name.startswith(plot.title.split("{")[0]))
             picture = screen.picture(title)

@@ -371,6 +371,21 @@ def test_events_are_told_with_their_times(knee: tuple[KneeOutlines, list[Answer]
     assert len([text for text in told if "toe-off" in text]) == 1
 
 
+def test_what_is_read_off_is_what_the_model_reads_off(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    rows = rows_of(answers)
+    path = written(tmp_path / "knee.rrd", drawing, [rows[:200], rows[200:]])
+    assert drawing.patch is not None
+    read = drawing.patch.readouts(drawing.law, rows)
+    pressure = column(path, "/knee/curves/pressure", "Scalars:scalars")
+    np.testing.assert_array_equal(pressure, 1e-6 * np.stack([read["mean_pressure"], read["peak_pressure"]], axis=1))
+    for name, field, factor in (("patch", "half_width", 1e3), ("strain", "strain", 100.0)):
+        shown = column(path, f"/knee/curves/{name}", "Scalars:scalars")
+        np.testing.assert_array_equal(shown[:, 0], factor * read[field])
+    rates = column(path, "/knee/curves/loading_rate", "Scalars:scalars")
+    np.testing.assert_array_equal(rates[:, 0], 1e-3 * read["loading_rate"][1:])
+
+
 def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
@@ -383,6 +398,8 @@ def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[KneeOutlines, 
     assert column(outlet.path, "/knee/curves/layer", "Scalars:scalars").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
     told = [text[0] for _, text in lists(outlet.path, "/knee/events", "TextLog:text")]
     assert "0.575 s  parameters changed: contact.layer_depth = 0.001" in told
+    assert len(column(outlet.path, "/knee/curves/pressure", "Scalars:scalars")) == 10  # of another law nothing is said
+    assert len(column(outlet.path, "/knee/curves/loading_rate", "Scalars:scalars")) == 19
     assert "0.625 s  reset" in told
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.core.readouts import SPREAD
 from knee_contact_ros.core.types import ContactState
 from knee_contact_ros.pipeline.gait.strides import Span, at_stamps, cut, integral, sliding_distance
 
@@ -18,9 +19,7 @@ PERCENT = np.arange(101.0)
 ANSWERED = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
             "sliding_velocity")  # fmt: skip
 """Fields of the answers that become curves"""
-READ_OFF = ("half_width", "mean_pressure", "peak_pressure", "strain")
-"""Readouts that do"""
-CURVES = ANSWERED + READ_OFF
+CURVES = ANSWERED + SPREAD
 HELD = ("error_estimate", "force_error_estimate", "femoral_height", "contact_state")
 """Those that are not interpolated"""
 COLUMNS = CURVES + HELD
@@ -96,7 +95,7 @@ def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
         apart_time=float(steps[state == ContactState.SEPARATED].sum()),
         sliding_distance=sliding_distance(time, cycle[:, SLIDING], cycle[:, STATE]),
         largest_sliding_velocity=float(sliding.max(initial=0.0)),
-        **{f"largest_{name}": float(cycle[:, COLUMNS.index(name)].max()) for name in READ_OFF},
+        **{f"largest_{name}": float(cycle[:, COLUMNS.index(name)].max()) for name in SPREAD},
     )
 
 

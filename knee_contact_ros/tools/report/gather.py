@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.readouts import SPREAD
 from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.pipeline.gait.strides import LONGEST, Span, spans
-from knee_contact_ros.tools.report.cycles import COLUMNS, READ_OFF, Cycle, Floats, Mean, curves, measured
+from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
 
 KEPT = round((LONGEST + 3.0) * NANOSECONDS)
@@ -105,8 +106,8 @@ class Gathered:
 
     def _columns(self, part: Rows) -> Floats:
         """`COLUMNS` of answers, shape (n, columns)."""
-        read = self._model.readouts(part) if self._model else dict.fromkeys(READ_OFF, np.full(len(part), np.nan))
-        return np.column_stack([read[name] if name in READ_OFF else part.view(FLAT)[name] for name in COLUMNS])
+        read = self._model.readouts(part) if self._model else dict.fromkeys(SPREAD, np.full(len(part), np.nan))
+        return np.column_stack([read[name] if name in SPREAD else part.view(FLAT)[name] for name in COLUMNS])
 
     def _largest(self, stamps: NDArray[np.int64], values: Floats) -> None:
         at = int(values[:, LOAD].argmax())

@@ -19,7 +19,7 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES,
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.tools.report.cycles import PERCENT, READ_OFF
+from knee_contact_ros.tools.report.cycles import PERCENT, SPREAD
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
 from knee_contact_ros.tools.report.published import DEPTH, MEDIAL, SOURCES, TOTAL
 from tests.offline.test_solve import make_bag, silent
@@ -98,7 +98,7 @@ def test_the_curves_are_those_of_the_answers(both: Path, recording: Path) -> Non
         "BW": 1.0 / BODY_WEIGHT,
     }
     for name, (field, _) in CURVE_COLUMNS.items():
-        values = read_off[field] if field in READ_OFF else answers.view(FLAT)[field]
+        values = read_off[field] if field in SPREAD else answers.view(FLAT)[field]
         expected = np.interp(at, time, values) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
         assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
