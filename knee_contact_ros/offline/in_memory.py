@@ -14,7 +14,7 @@ import numpy as np
 
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
-from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.bags.topic_names import Names, names_in_bag
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.offline.solve import solve as solve_bag
@@ -74,16 +74,8 @@ def solve(
     Raises:
         UsageError: bag, parameters or output cannot be used, or no tick could be computed.
     """
-    for name, mapping in (("values", values), ("remap", remap)):
-        if mapping is not None and not isinstance(mapping, Mapping):
-            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
-    with _in_python():
-        person = Subject(expanded(str(subject))) if subject else None
-        path = expanded(str(bag)) if bag else person.bag if person else None
-        if path is None:
-            raise UsageError("no bag: give one, or a subject file that names one")
-        how = asked_of(path, params, dotted(values or {}), person)
-        names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+    with in_python_words():
+        path, how, names = asked_in_python(bag, params, values, subject, remap, namespace)
         written = checked_output(Path(output), "output", ".mcap") if output else None
         blocks: list[Sequence[Rows]] = []
         with progress("Solving") as advance:
@@ -105,13 +97,37 @@ def _models(how: Parameters | Provenance) -> list[KneeModel]:
     return [] if how.changes else [each.model for each in compartments_of(how.parameters, how.texts())]
 
 
+def asked_in_python(
+    bag: Name | None,
+    params: Source | None,
+    values: Mapping[str, Any] | None,
+    subject: Name | None,
+    remap: Mapping[str, str] | None,
+    namespace: str,
+) -> tuple[Path, Parameters | Provenance, Names]:
+    """Which bag, what to compute it with, and the names of the inputs in it; the arguments are those of `solve`.
+
+    Raises:
+        UsageError: one of them cannot be used.
+    """
+    for name, mapping in (("values", values), ("remap", remap)):
+        if mapping is not None and not isinstance(mapping, Mapping):
+            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
+    person = Subject(expanded(str(subject))) if subject else None
+    path = expanded(str(bag)) if bag else person.bag if person else None
+    if path is None:
+        raise UsageError("no bag: give one, or a subject file that names one")
+    how = asked_of(path, params, dotted(values or {}), person)
+    return path, how, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+
+
 def _joined(blocks: Sequence[Rows]) -> Results:
     whole = bytearray().join(rows.tobytes() for rows in blocks)  # NumPy would not copy what is between the fields
     return np.frombuffer(whole, ROW).view(Results)
 
 
 @contextmanager
-def _in_python() -> Iterator[None]:
+def in_python_words() -> Iterator[None]:
     """Errors of the command, in Python's words."""
     try:
         yield

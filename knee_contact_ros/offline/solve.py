@@ -50,6 +50,7 @@ def solve(
     *,
     compiled: bool | None = None,
     keep: Callable[[Sequence[Rows]], object] = len,
+    prepare: Callable[[Pipeline], object] = id,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
@@ -57,7 +58,8 @@ def solve(
     called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
     once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
     computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
-    given all answers, by and by: an array for each compartment.
+    given all answers, by and by: an array for each compartment; `prepare` is given the pipeline before its first
+    message.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
@@ -84,6 +86,7 @@ def solve(
             recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), names_of_topics)
         if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
             pipeline.compile(forced)
+        prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None
         run, done = Run(pipeline, recorder, (summary.add_each, keep), changes), 0

@@ -77,6 +77,12 @@ def view(
     help="Compute each FILE again with this parameter file over its own parameters, as --compare osteoarthritis.yaml, "
     "and show it beside. Can be given several times, the later one wins.",
 )
+@click.option(
+    "--uncertainty",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Show what the standard deviations in this YAML file make of depth and force, as 'contact.stiffness: 20 %'.",
+)
 @click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE; once for each, in their order.")
 @names_in_bag_options
 def report(
@@ -85,6 +91,7 @@ def report(
     parameter_files: tuple[Path, ...],
     parameter_values: tuple[str, ...],
     compare: tuple[Path, ...],
+    uncertainty: Path | None,
     labels: tuple[str, ...],
     remaps: tuple[str, ...],
     namespace: str,
@@ -106,6 +113,6 @@ def report(
     sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
     compared = found(compare) if compare else []
-    for path in run_report(ReportOptions(files, labels, sources, given, compared, names), output):
+    for path in run_report(ReportOptions(files, labels, sources, given, compared, names, uncertainty), output):
         say(str(path))
     warn(sentence for path in files for sentence in others_beside(path))

@@ -12,12 +12,17 @@ from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.figures import Figure, moves
 from knee_contact_ros.tools.report.published import SOURCES, which_load
 from knee_contact_ros.tools.report.runs import Run
+from knee_contact_ros.tools.report.uncertain import contribution_table, interval_table
 
 TEMPLATE = "report.html.jinja"
 
 
 def page(
-    runs: Sequence[Run], knee_figures: Sequence[Figure], cycle_figures: Sequence[Figure], time_figures: Sequence[Figure]
+    runs: Sequence[Run],
+    knee_figures: Sequence[Figure],
+    cycle_figures: Sequence[Figure],
+    time_figures: Sequence[Figure],
+    uncertain_figures: Sequence[Figure],
 ) -> str:
     """The page as text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -46,6 +51,16 @@ def page(
         time_figures=[
             {"figure": figure, "label": run.name, "events": words.event_table(run)}
             for figure, run in zip(time_figures, bases, strict=True)
+        ],
+        uncertain=[
+            {
+                "label": run.label,
+                "figure": figure,
+                "intervals": interval_table(run, run.uncertain),
+                "contributions": contribution_table(run, run.uncertain),
+            }
+            for figure, run in zip(uncertain_figures, (each for each in runs if each.uncertain), strict=True)
+            if run.uncertain
         ],
         without_cycles=[run.label for run in runs if not run.gathered.cycles],
         runs=[section(run) for run in runs],

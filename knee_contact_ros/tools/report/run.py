@@ -12,6 +12,12 @@ from knee_contact_ros.system.extras import how_to_get, not_installed
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
+from knee_contact_ros.tools.report.uncertain import (
+    COLUMNS,
+    uncertainty_figures,
+    uncertainty_rows,
+    with_uncertainty,
+)
 
 NEEDED = ("matplotlib", "jinja2")
 OLDEST = (3, 7)
@@ -29,8 +35,12 @@ FIGURES = (
     "contact_point",
     "contact_point_flexion",
     "over_time_[0-9]*",
+    "uncertainty_[0-9]*",
 )
-"""Names of the pictures, without their suffix; those of an earlier report are taken away"""
+"""Names of the pictures, without their suffix"""
+UNCERTAINTY = "uncertainty.csv"
+EARLIER = (*(f"{name}.png" for name in FIGURES), UNCERTAINTY)
+"""What is taken away of an earlier report"""
 
 
 def run_report(asked: ReportOptions, output: Path) -> list[Path]:
@@ -56,11 +66,11 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
                 bar.describe(what)
                 return bar
 
-            runs = collect(asked, work, say)
+            runs = with_uncertainty(collect(asked, work, say), asked, say)
             bar.describe("Drawing")
             names = write(runs, work)
-        for pattern in FIGURES:
-            for earlier in output.glob(f"{pattern}.png"):
+        for pattern in EARLIER:
+            for earlier in output.glob(pattern):
                 earlier.unlink()
         for name in names:
             replace(work / name, output / name)
@@ -75,7 +85,7 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
 
 def write(runs: Sequence[Run], folder: Path) -> list[str]:
     """Write all files of the report; give their names, the page first."""
-    from knee_contact_ros.tools.report.data import tables
+    from knee_contact_ros.tools.report.data import as_csv, tables
     from knee_contact_ros.tools.report.figures import over_cycle
     from knee_contact_ros.tools.report.knees import knees
     from knee_contact_ros.tools.report.over_time import over_time
@@ -83,13 +93,15 @@ def write(runs: Sequence[Run], folder: Path) -> list[str]:
 
     cyclic = [run for run in runs if run.gathered.cycles]
     cycle_figures, time_figures = over_cycle(runs, cyclic) if cyclic else [], over_time(runs)
-    knee_figures = knees(runs)
-    (folder / PAGE).write_text(page(runs, knee_figures, cycle_figures, time_figures), encoding="utf-8")
-    names = [PAGE]
-    for name, content in tables(runs).items():
+    knee_figures, uncertain = knees(runs), uncertainty_figures(runs)
+    (folder / PAGE).write_text(page(runs, knee_figures, cycle_figures, time_figures, uncertain), encoding="utf-8")
+    names, written = [PAGE], tables(runs)
+    if uncertain:
+        written[UNCERTAINTY] = as_csv(COLUMNS, uncertainty_rows(runs))
+    for name, content in written.items():
         (folder / name).write_text(content, encoding="utf-8")
         names.append(name)
-    for figure in (*knee_figures, *cycle_figures, *time_figures):
+    for figure in (*knee_figures, *cycle_figures, *time_figures, *uncertain):
         (folder / f"{figure.name}.png").write_bytes(figure.png)
         names.append(f"{figure.name}.png")
     return names

@@ -23,6 +23,7 @@ from knee_contact_ros.messages.topics import (
 )
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
+from knee_contact_ros.offline.uncertainty.propagation import Propagated
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import answering
@@ -52,6 +53,8 @@ class ReportOptions(NamedTuple):
     compare: Sequence[Path]
     """Parameter files whose contact law every file is computed again with; none: it is not"""
     names: Names = OWN_NAMES
+    uncertainty: Path | None = None
+    """File of standard deviations of inputs and parameters"""
 
 
 class Run(NamedTuple):
@@ -81,6 +84,8 @@ class Run(NamedTuple):
     """Of a comparison: what its contact law differs by from that of the run it is beside"""
     kept: Sequence[str] = ()
     """Of a comparison: what it keeps of its run although its files say something else"""
+    uncertain: Propagated | None = None
+    """What is not known exactly makes of its depth and force, if that was asked for"""
 
 
 def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
@@ -94,7 +99,7 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
     own: list[Run] = []
     over = overlay(asked.compare) if asked.compare else None
     recorded = {path: answer_topics(path) for path in asked.files}
-    if asked.parameters_given and all(topics and _stored(path, asked) for path, topics in recorded.items()):
+    if asked.parameters_given and all(topics and stored(path, asked) for path, topics in recorded.items()):
         raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
     for number, path in enumerate(asked.files):
         label = asked.labels[number] if asked.labels else path.stem
@@ -144,7 +149,7 @@ def _which(topic: str, topics: Sequence[str]) -> str:
 
 def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Callable[[str], Advance]) -> Run:
     """A recording's answers on a topic, as they are."""
-    provenance = _stored(path, asked)
+    provenance = stored(path, asked)
     if provenance:
         parameters = provenance.parameters
         origin = f"Recorded with {provenance.package} and the parameters stored in it."
@@ -175,9 +180,9 @@ def _compared(
     run: Run, beside: int, over: Overlay, asked: ReportOptions, work: Path, say: Callable[[str], Advance]
 ) -> Run:
     """A run's inputs computed with another contact law; person, surfaces and solver stay."""
-    stored = _stored(run.source, asked)
-    if stored:  # it may hold the files that parameters name
-        how: Parameters | Provenance = with_values(stored._replace(changes=()), over.taken)
+    recorded = stored(run.source, asked)
+    if recorded:  # it may hold the files that parameters name
+        how: Parameters | Provenance = with_values(recorded._replace(changes=()), over.taken)
     else:
         how = compared(load_parameters(list(asked.parameters)), over)
     origin = (
@@ -194,7 +199,7 @@ def _compared(
     )  # fmt: skip
 
 
-def _stored(path: Path, asked: ReportOptions) -> Provenance | None:
+def stored(path: Path, asked: ReportOptions) -> Provenance | None:
     """How a recording came about; not asked of a later part, whose first has the parameters, if some are given."""
     try:
         return read_provenance(path)

@@ -1,0 +1,69 @@
+"""Straight lines from the deviations of inputs to those of depth and force, against samples of all inputs at once.
+
+python -m studies.uncertainty [--samples N] [--output FILE]
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros import uncertainty
+from knee_contact_ros.system.resources import share_folder
+from studies.report import Section, machine, save
+
+KNEES: dict[str, list[str]] = {
+    "circle, Kelvin-Voigt (healthy)": ["healthy"],
+    "two layers, first one undamped (osteoarthritis)": ["osteoarthritis"],
+    "both compartments from MRI": ["healthy", "both_compartments"],
+}
+SMALL = {"flexion_angle": 0.01, "axial_load": "2 %", "medial_share": 0.02, "contact.stiffness": "5 %",
+         "contact.damping": "10 %"}  # fmt: skip
+LARGE = {"flexion_angle": 0.035, "axial_load": "5 %", "medial_share": 0.06, "contact.stiffness": "20 %",
+         "contact.damping": "50 %"}  # fmt: skip
+SIZES = {"small": SMALL, "as in examples/uncertainty.yaml": LARGE}
+TEXT = """\
+The shipped gait of the right leg. Sampled over linear: the standard deviation of the samples over that of the straight
+lines at each tick, median and the range from the 5th to the 95th percentile of the ticks. Inside: how many samples lie
+within the linear 95 % interval, on average over the ticks. Factors are log-normal, offsets normal, all independent and
+constant through the gait."""
+
+
+def ratios(sampled: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
+    """Median and range over the ticks."""
+    known = linear > 0.0
+    low, middle, high = np.percentile(sampled[known] / linear[known], (5.0, 50.0, 95.0))
+    return f"{middle:.2f} ({low:.2f} … {high:.2f})"
+
+
+@click.command()
+@click.option("--samples", default=4000, show_default=True)
+@click.option("--output", default="docs/studies/uncertainty.md", show_default=True, type=click.Path(path_type=Path))
+def main(samples: int, output: Path) -> None:
+    """Write the table."""
+    rows: list[list[str]] = []
+    bag = share_folder() / "bags" / "gait2354_right"
+    for name, files in KNEES.items():
+        for size, deviations in SIZES.items():
+            found = uncertainty(bag, files, deviations, compiled=True)
+            linear = [found.medial, *([found.lateral] if found.lateral else [])]
+            for which, one, check in zip(("medial", "lateral"), linear, found.sampled(samples), strict=False):
+                at = int(one.rows["load"].argmax())
+                cells: list[Any] = [f"{name}, {which}" if len(linear) > 1 else name, size]
+                cells += [f"{1e6 * one.depth[at]:.0f}", f"{one.force[at]:.0f}"]
+                cells += [ratios(check.depth, one.depth), ratios(check.force, one.force)]
+                cells += [f"{100.0 * inside.mean():.1f} %" for inside in (check.depth_inside, check.force_inside)]
+                rows.append(cells)
+    header = ("knee", "deviations", "depth at the largest load [µm]", "force there [N]", "depth, sampled over linear",
+              "force, sampled over linear", "depths inside", "forces inside")  # fmt: skip
+    command = f"python -m studies.uncertainty --samples {samples}"
+    save(output, "Straight lines against samples", command, [Section("", TEXT, header, rows)], machine())
+    click.echo(str(output))
+
+
+if __name__ == "__main__":
+    main()

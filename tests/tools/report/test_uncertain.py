@@ -1,0 +1,84 @@
+"""The report's section on uncertainty."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.tools.report.uncertain import COLUMNS, NUMERICAL, TOGETHER
+from tests.tools.report.pages import page_of, text_of
+from tests.tools.report.test_report import check_html
+
+GIVEN = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
+
+
+@pytest.fixture(scope="module")
+def deviations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("deviations") / "sd.yaml"
+    path.write_text(GIVEN)
+    return path
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO((folder / "uncertainty.csv").read_text())))
+
+
+def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = ["report", str(right_bag), "--output", str(out)]
+    assert main([*asked, "--uncertainty", str(deviations), "--compare", "osteoarthritis"]) == 0
+    rows = rows_of(out)
+    assert tuple(rows[0]) == COLUMNS
+    assert {row["run"] for row in rows} == {"gait2354_right, kelvin_voigt"}  # a comparison has none of its own
+    assert [row["input"] for row in rows] == [
+        "axial_load", "medial_share", "contact.stiffness", "femur.radius", TOGETHER, NUMERICAL,
+    ]  # fmt: skip
+    assert [row["standard_deviation"] for row in rows] == ["5 %", "0.06", "20 %", "0.002 m", "", ""]
+    found = knee_contact_ros.uncertainty(right_bag, "healthy", deviations).medial
+    at = int(found.rows["load"].argmax())
+    expected = [part[0][at] for part in found.parts.values()] + [found.depth[at], found.rows["error_estimate"][at]]
+    # nine digits in the file
+    assert [float(row["depth_at_largest_load_um"]) for row in rows] == pytest.approx([1e6 * x for x in expected], 1e-8)
+    page = page_of(out)
+    check_html(page)
+    text = text_of(page)
+    peak = found.rows[at]
+    half = 1.959963984540054 * found.depth[at]
+    assert f"{1e3 * peak.penetration_depth:.3f} ± {1e3 * half:.3f}" in text
+    assert (out / "uncertainty_1.png").exists()
+    assert main(asked) == 0  # a later report without it takes it away
+    assert not list(out.glob("uncertainty*"))
+    assert "JCGM" not in text_of(page_of(out))
+
+
+def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp_path: Path) -> None:
+    recording = tmp_path / "both.mcap"
+    sources = ["--params", "healthy", "--params", "both_compartments"]
+    assert main(["solve", str(right_bag), *sources, "--output", str(recording)]) == 0
+    out = tmp_path / "out"
+    assert main(["report", str(recording), "--output", str(out), "--uncertainty", str(deviations)]) == 0
+    shares = [row for row in rows_of(out) if row["input"] == "medial_share"]
+    assert [row["run"] for row in shares] == ["both medial", "both lateral"]
+    medial, lateral = (float(row["force_at_largest_load_N"]) for row in shares)
+    assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
+    assert (out / "uncertainty_2.png").exists()
+
+
+def test_what_is_wrong_is_a_line(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], deviations: Path
+) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("contact.stifness: 20 %\n")
+    asked = ["report", str(right_bag), "--output", str(tmp_path / "out"), "--uncertainty"]
+    assert main([*asked, str(wrong)]) == 2
+    assert main([*asked, str(tmp_path / "nowhere.yaml")]) == 2
+    first, second = capsys.readouterr().err.strip().splitlines()
+    assert "uncertainty: contact.stifness is not allowed" in first
+    assert "nowhere.yaml" in second
+    assert not (tmp_path / "out").exists()
+    assert deviations.exists()
