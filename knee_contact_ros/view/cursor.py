@@ -40,7 +40,8 @@ def peak_of(path: Path) -> Moment | None:
             batch = chunk.to_record_batch()
             stamps = batch.column(TIMELINE)
             curves = np.nan_to_num(np.array(batch.column("Scalars:scalars").to_pylist()), nan=-np.inf)
-            load, force = curves[:, LOAD_PLACE], curves[:, FORCE_PLACE]
+            force = curves[:, FORCE_PLACE]
+            load = curves[:, LOAD_PLACE] if curves.shape[1] > LOAD_PLACE else force  # none where the height drives
             best = int(np.lexsort((-np.arange(len(load)), force, load))[-1])
             moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
             found.append((float(load[best]), float(force[best]), moment))

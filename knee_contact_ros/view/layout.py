@@ -33,7 +33,8 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
     shown = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
     main, details, read = (
-        [_plot(drawings, plot, follow) for plot in plots if plot.path in shown] for plots in (KNEE, DETAILS, READ_OFF)
+        [_plot(drawings, shown[plot.path], follow) for plot in plots if plot.path in shown]
+        for plots in (KNEE, DETAILS, READ_OFF)
     )
     told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
@@ -64,7 +65,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     names = [
         f"{drawing.knee} {OF_KNEES[place % len(OF_KNEES)].name}"
         for place, drawing in enumerate(drawings)
-        if plot in plots_of(drawing, latency=True)
+        if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]
     return f"{title}: {', '.join(names)}" if several else title
 

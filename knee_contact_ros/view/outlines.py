@@ -54,6 +54,8 @@ class KneeOutlines(NamedTuple):
     law: ContactLaw
     patch: ContactPatch | None
     """What tells pressure and patch; None: not known"""
+    height_prescribed: bool
+    """Whether the femoral height drives, and no load"""
 
     @property
     def has_bone(self) -> bool:
@@ -115,7 +117,7 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     reach = contact_range(model)
     return KneeOutlines(
         knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach), model.modes.law,
-        model.patch,
+        model.patch, model.height_prescribed,
     )  # fmt: skip
 
 

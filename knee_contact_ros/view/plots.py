@@ -127,6 +127,14 @@ FORCE_PLACE, LOAD_PLACE = 2, 3
 """Of contact force and load in `FORCES`"""
 
 
+HEIGHT_DRIVEN = KNEE[1]._replace(
+    title="Contact force ± error [BW of {weight} N]",
+    titles="Contact force ± error, thick [BW of {weight} N]",
+    series=KNEE[1].series[:LOAD_PLACE],
+)
+"""`FORCES` where the height is prescribed: a load drives nothing there, and is none of the force's"""
+
+
 def _signed(shown: Rows) -> Floats:
     """Depth [m], < 0 apart."""
     return np.asarray(shown["penetration_depth"] - shown["gap"])
@@ -135,5 +143,7 @@ def _signed(shown: Rows) -> Floats:
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Those in which there is something to see of a knee."""
     shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
+    if drawing.height_prescribed:
+        shown = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in shown]
     shown += [plot for plot in DETAILS if latency or not plot.live]
     return [*shown, *READ_OFF] if drawing.patch else shown

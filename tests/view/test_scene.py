@@ -371,6 +371,21 @@ def test_events_are_told_with_their_times(knee: tuple[KneeOutlines, list[Answer]
     assert len([text for text in told if "toe-off" in text]) == 1
 
 
+def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
+    model = load_model({"drive": "displacement"})
+    time, angle = np.arange(0.0, 0.2, 0.01), np.full(20, 0.3)
+    rows = np.asarray(model.run(time, angle, 0.0 * time, 0.0335 - 1e-4 * np.sin(30.0 * time)))
+    drawing = drawing_of(model, "knee", WEIGHT)
+    (forces,) = (plot for plot in plots_of(drawing, latency=False) if plot.path == FORCES)
+    assert title_of([drawing], forces) == "Contact force ± error [BW of 737 N]"
+    assert not any("load" in series.name for series in forces.series)
+    path = written(tmp_path / "knee.rrd", drawing, [rows])
+    assert column(path, f"/knee/curves/{FORCES}", "Scalars:scalars").shape == (20, 3)
+    moment = peak_of(path)  # where the force is largest
+    assert moment is not None
+    assert moment.stamp == rows["stamp"][int(rows["contact_force"].argmax())]
+
+
 def test_what_is_read_off_is_what_the_model_reads_off(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     rows = rows_of(answers)

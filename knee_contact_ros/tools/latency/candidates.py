@@ -30,9 +30,9 @@ class Candidate(NamedTuple):
     """Its process, with its files in a folder and some time [s] to end"""
 
 
-def start_ours(work: Path, patience: float) -> AbstractContextManager[Child]:
+def start_ours(parameters: list[Path], work: Path, patience: float) -> AbstractContextManager[Child]:
     """Our node, recording to MCAP, and drawing to a Rerun file if Rerun is installed."""
-    return node_process([PARAMETERS], work, patience)
+    return node_process(parameters, work, patience)
 
 
 def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
@@ -40,7 +40,13 @@ def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager
     return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
 
 
-OURS = Candidate("this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", start_ours)
+OURS = Candidate(
+    "this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", partial(start_ours, [PARAMETERS])
+)
+BOTH = Candidate(
+    "this node, both", "the same with both compartments (and both_compartments.yaml)",
+    partial(start_ours, [PARAMETERS, share_folder() / "config" / "both_compartments.yaml"]),
+)  # fmt: skip
 BARE = Candidate(
     "bare", f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
     partial(start_bare, bare.EVENTS),
@@ -52,7 +58,7 @@ BYTES = Candidate(
     "bare, bytes", "the bare node with bytes in and prepared bytes out: the least that rclpy can take",
     partial(start_bare, bare.BYTES),
 )  # fmt: skip
-CANDIDATES = (OURS, BARE, SINGLE, BYTES)
+CANDIDATES = (OURS, BOTH, BARE, SINGLE, BYTES)
 
 
 @contextmanager

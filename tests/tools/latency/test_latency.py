@@ -19,7 +19,7 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.node.subscription import DEPTH
 from knee_contact_ros.tools.latency import bare, comparison, report, soak, sustained
-from knee_contact_ros.tools.latency.candidates import BARE, BYTES, CANDIDATES, OURS, SINGLE, rotated
+from knee_contact_ros.tools.latency.candidates import BARE, BOTH, BYTES, CANDIDATES, OURS, SINGLE, rotated
 from knee_contact_ros.tools.latency.comparison import Part
 from knee_contact_ros.tools.latency.driver import Run
 from knee_contact_ros.tools.latency.figures import Figures, figures, ratios
@@ -65,8 +65,8 @@ def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
 
 
 def test_every_candidate_is_first_in_turn() -> None:
-    orders = [rotated(CANDIDATES, number) for number in range(5)]
-    assert [order[0] for order in orders] == [OURS, BARE, SINGLE, BYTES, OURS]
+    orders = [rotated(CANDIDATES, number) for number in range(6)]
+    assert [order[0] for order in orders] == [OURS, BOTH, BARE, SINGLE, BYTES, OURS]
     assert all(set(order) == set(CANDIDATES) for order in orders)
 
 
@@ -82,6 +82,7 @@ def parts() -> list[Part]:
     found = []
     for number in (1, 2):
         found.append(Part(number, OURS, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(Part(number, BOTH, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
         found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), IDLE))
         found.append(Part(number, SINGLE, run_of(published=3), IDLE))
         found.append(Part(number, BYTES, run_of(1, 1, 1), IDLE))
@@ -90,7 +91,7 @@ def parts() -> list[Part]:
 
 def test_a_line_for_every_round_and_for_all() -> None:
     lines = {(line.candidate, line.round): line for line in comparison.lines(parts(), 1000.0)}
-    assert len(lines) == 12
+    assert len(lines) == 15
     ours, bare_one = lines[OURS.name, "all"], lines[BARE.name, "all"]
     assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
     assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
@@ -104,7 +105,7 @@ def test_ratios_by_round_and_of_all() -> None:
     rows = {row[0]: row[1] for row in comparison.ratio_sheet(parts()).rows}
     assert rows == {
         f"{OURS.name}, round 1": "0.50", f"{OURS.name}, round 2": "0.25", OURS.name: "0.40",
-        SINGLE.name: "-", BYTES.name: "0.20",
+        BOTH.name: "0.40", SINGLE.name: "-", BYTES.name: "0.20",
     }  # fmt: skip
 
 
