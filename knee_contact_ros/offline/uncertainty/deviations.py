@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from knee_contact_ros.parameters.lateral import LATERAL, has_both
 from knee_contact_ros.parameters.reading import all_values, dotted, known_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
@@ -90,6 +91,8 @@ def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Par
         )
     if (name == FEMORAL_HEIGHT) != (parameters.drive == "displacement") and name in {FEMORAL_HEIGHT, AXIAL_LOAD}:
         raise UsageError(f"uncertainty: {name} moves nothing with drive {parameters.drive}")
+    if name.startswith(LATERAL) and not has_both(parameters):
+        raise UsageError(f"uncertainty: {name} moves nothing with load.compartment {parameters.load.compartment}")
     relative = isinstance(given, str)
     size = _percent(given) if isinstance(given, str) else _number(given)
     if not 0.0 < size < math.inf or (relative and size > LARGEST):

@@ -96,13 +96,15 @@ def propagated(given: Given, deviations: Sequence[Deviation], advance: Callable[
     """Of each compartment, along straight lines; `advance` is told the inputs that are done, and how many there are.
 
     Raises:
-        UsageError: a parameter may go neither up nor down by its deviation.
+        UsageError: an input or a parameter may go neither up nor down by its deviation.
     """
     parts: list[dict[Deviation, tuple[Floats, Floats]]] = [{} for _ in given.rows]
     for done, deviation in enumerate(deviations, start=1):
         low, high = (_answers(given, deviation, times) for times in (-1.0, 1.0))
         if low is None and high is None:
-            raise UsageError(f"uncertainty: {deviation.name}: {deviation.text} leaves the parameter's range both ways")
+            raise UsageError(
+                f"uncertainty: {deviation.name}: {deviation.text} leaves the range of what it is of both ways"
+            )
         sides = [one or list(given.rows) for one in (low, high)]
         width = 2.0 if low and high else 1.0
         for place, (below, above) in enumerate(zip(*sides, strict=True)):

@@ -60,7 +60,7 @@ class Given(NamedTuple):
         A lateral parameter that is the medial one's is off with it. Off by nothing, the bits are the recording's.
 
         Raises:
-            UsageError: a parameter leaves its range.
+            UsageError: a parameter leaves its range, or an input that of a knee.
         """
         parameters = self._parameters(moved)
         by_name = {deviation.name: (deviation, times) for deviation, times in moved.items()}
@@ -83,10 +83,9 @@ class Given(NamedTuple):
             parts = []
             for part in np.split(np.arange(len(stamps)), np.flatnonzero(status)):
                 if len(part):
-                    compartment.start_anew()
                     ours = slice(part[0], part[-1] + 1)
                     height = None if heights is None else heights[ours]
-                    parts.append(compartment.advance_all(stamps[ours], angles[ours], loads[ours], height, status[ours]))
+                    parts.append(_run(compartment, stamps[ours], angles[ours], loads[ours], height, status[ours]))
             found.append(np.concatenate(parts))
         return found
 
@@ -156,6 +155,19 @@ def given_in(
     for compartment in ours if wanted else ():
         compartment.compile(forced)
     return Given(parameters, texts, rows, angles, axial, moment, ours, wanted)
+
+
+def _run(compartment: Compartment, *columns: Any) -> Rows:
+    """Answer ticks from rest; the columns are those of `Compartment.advance_all`.
+
+    Raises:
+        UsageError: a value is no knee's.
+    """
+    compartment.start_anew()
+    try:
+        return compartment.advance_all(*columns)
+    except ValueError as error:
+        raise UsageError(f"uncertainty: {error}") from None
 
 
 def of_a_surface(name: str) -> bool:

@@ -53,6 +53,7 @@ def test_a_percentage_is_a_factor() -> None:
         ({"contact.stiffness": None}, "None is not allowed"),
         ({"flexion_angle": "5 %"}, "flexion_angle: '5 %' is not allowed; in rad"),
         ({"medial_share": "5 %"}, "medial_share: '5 %' is not allowed; in parts of 1"),
+        ({"lateral.contact.stiffness": "5 %"}, "moves nothing with load.compartment fixed_share"),
         ({"femoral_height": 1e-4}, "femoral_height moves nothing with drive force"),
     ],
 )

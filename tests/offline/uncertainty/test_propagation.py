@@ -82,8 +82,13 @@ def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
     ((depth, force),) = found.parts.values()
     assert force == pytest.approx(0.01 * LOAD, rel=1e-9)  # from 0.99 to 1 only; the depth is solved to 1e-12 of it
     assert (depth > 0.0).all()
-    with pytest.raises(UsageError, match=r"load\.share: 2 leaves the parameter's range both ways"):
+    with pytest.raises(UsageError, match=r"load\.share: 2 leaves the range of what it is of both ways"):
         of(resting, {"load.share": 2.0}, **{"load.share": 1.0})
+
+
+def test_an_input_of_no_knee_is_told(resting: Path) -> None:
+    with pytest.raises(UsageError, match=r"flexion_angle: 100 rad leaves the range of what it is of both ways"):
+        of(resting, {"flexion_angle": 100.0})
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, -0.3, math.nan])
