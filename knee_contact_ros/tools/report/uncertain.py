@@ -63,10 +63,13 @@ def with_uncertainty(runs: Sequence[Run], asked: ReportOptions, say: Callable[[s
 
 def contribution_table(run: Run, of: Propagated) -> Table:
     """What each input does alone, and all together, beside the numerical error."""
-    head = ("input", "standard deviation", "depth at the largest load [µm]", "force there [N]", "depth, RMS [µm]",
-            "force, RMS [N]")  # fmt: skip
-    rows = [(name, told, *(f"{number:.3g}" for number in numbers)) for name, told, *numbers in contributions(run, of)]
-    return Table(head, rows)
+    head = ("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]")
+    rows = [
+        (name, told, *(f"{number:.3g}" for number in numbers[:3])) for name, told, *numbers in contributions(run, of)
+    ]
+    return Table(
+        head, rows, "At the largest load, with sign: what one standard deviation more does. RMS: over all ticks."
+    )
 
 
 def contributions(_run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
