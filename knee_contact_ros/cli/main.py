@@ -74,4 +74,8 @@ def fail(text: str, code: int = 2) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    code = main()
+    # Under `python -m`, CPython ends by SIGINT, whatever the code, if a KeyboardInterrupt left the last text given to
+    # exec (a data class being made, say): this text is the last, and nothing interrupts it.
+    exec("")  # noqa: S102
+    raise SystemExit(code)

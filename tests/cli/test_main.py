@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import click
 import pytest
@@ -36,3 +40,16 @@ def test_a_file_that_ends_too_early_is_no_interruption(failing: list[BaseExcepti
     failing.append(EOFError("Ran out of input"))
     with pytest.raises(EOFError, match="Ran out of input"):
         main(["fail"])
+
+
+def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) -> None:
+    """When a KeyboardInterrupt leaves a text given to exec, CPython remembers, and kills a module that runs by -m."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import click\nclick.Group.main = lambda *_, **__: exec('raise KeyboardInterrupt')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "knee_contact_ros.cli.main"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == INTERRUPTED
+    assert done.stderr.strip() == "knee-contact: interrupted"
