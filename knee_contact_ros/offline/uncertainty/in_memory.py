@@ -38,7 +38,7 @@ class Uncertainty:
             raise UsageError(f"samples: {samples} is not allowed; 2 or more")
         linear = [self.medial, *([self.lateral] if self.lateral else [])]
         with progress("Sampling") as advance:
-            return sampled(self.given, linear, samples, seed, advance)
+            return sampled(self.given.ready_for(samples), linear, samples, seed, advance)
 
 
 def uncertainty(

@@ -52,7 +52,17 @@ class Given(NamedTuple):
     """[N m]"""
     compartments: tuple[Compartment, ...]
     """To answer with"""
+    asked: bool | None
+    """Whether with the compiled kernel; None: if that answers sooner"""
     compiled: bool
+
+    def ready_for(self, replays: int) -> Given:
+        """The same, to be answered so many times more: for many it is compiled."""
+        scene, ticks = self.compartments[0].model.scene, replays * sum(map(len, self.rows))
+        wanted = worth_compiling(scene, ticks) if self.asked is None else self.asked
+        for compartment in self.compartments if wanted and not self.compiled else ():
+            compartment.compile(forced)
+        return self._replace(compiled=self.compiled or wanted)
 
     def answers(self, moved: Moved) -> list[Rows]:
         """The answers of each compartment to inputs and parameters that are off.
@@ -151,10 +161,7 @@ def given_in(
     )
     rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
     ours = compartments_of(parameters, texts)
-    wanted = worth_compiling(ours[0].model.scene, (replays + 1) * len(rows[0])) if compiled is None else compiled
-    for compartment in ours if wanted else ():
-        compartment.compile(forced)
-    return Given(parameters, texts, rows, angles, axial, moment, ours, wanted)
+    return Given(parameters, texts, rows, angles, axial, moment, ours, compiled, compiled=False).ready_for(replays)
 
 
 def _run(compartment: Compartment, *columns: Any) -> Rows:

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import Change, read_provenance
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import FLAT, Rows, Status
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.uncertainty import replay
 from knee_contact_ros.offline.uncertainty.deviations import Deviation
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
 from knee_contact_ros.parameters.reading import load_parameters
@@ -62,6 +64,25 @@ def test_a_run_that_began_anew_begins_anew(tmp_path: Path) -> None:
     taken = given(write_rosbag2(tmp_path / "twice", [*once, *later]), {"contact.law": "kelvin_voigt"})
     assert np.flatnonzero(taken.rows[0]["status"] & Status.TIME_RESET).tolist() == [40]
     assert_same(taken.answers({})[0], taken.rows[0])
+
+
+@pytest.mark.parametrize(("asked", "compiled"), [(None, [False, True]), (True, [True, True]), (False, [False, False])])
+def test_many_more_answers_are_compiled_though_a_few_are_not(
+    asked: bool | None, compiled: list[bool], short_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[KneeModel] = []
+
+    def noted(model: KneeModel) -> KneeModel:
+        made.append(model)
+        return model
+
+    monkeypatch.setattr(replay, "forced", noted)
+    monkeypatch.setattr(replay, "worth_compiling", lambda _scene, ticks: ticks > 100 * SHORT)
+    few = given_in(short_bag, load_parameters("healthy"), silent, replays=2, compiled=asked)
+    many = few.ready_for(200)
+    assert [few.compiled, many.compiled] == compiled
+    assert len(made) == any(compiled)  # once
+    assert_same(many.answers({})[0], few.rows[0])
 
 
 def test_heights_are_moved_where_they_are_prescribed(tmp_path: Path) -> None:
