@@ -55,10 +55,17 @@ def with_uncertainty(runs: Sequence[Run], asked: ReportOptions, say: Callable[[s
             names = names_in_bag((), knee) if knee != KNEE else asked.names
             solving = say(f"Solving {run.source.name}")
             given = given_in(run.source, how, solving, names, replays=2 * len(deviations))
-            known[run.source, knee] = propagated(given, deviations, say(f"Uncertainty of {run.source.name}"))
+            ours = propagated(given, deviations, say(f"Uncertainty of {run.source.name}"))
+            known[run.source, knee] = [by_stamp(one) for one in ours]
         mine = None if run.beside is not None else known[run.source, knee][is_lateral(run.topic)]
         found.append(run._replace(uncertain=mine))
     return found
+
+
+def by_stamp(of: Propagated) -> Propagated:
+    """The same in the order of the stamps, as recordings hold their ticks and as a report counts its time."""
+    order = np.argsort(of.rows["stamp"], kind="stable")
+    return Propagated(of.rows[order], {one: (depth[order], force[order]) for one, (depth, force) in of.parts.items()})
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
@@ -148,7 +155,8 @@ def _panels(canvas: Any, of: Propagated) -> None:
             hue, style = HUES[number % len(HUES)], "-" if number < len(HUES) else "--"
             below.plot(time, np.maximum(micro, LEAST), style, color=hue, linewidth=1.4,
                        label=f"{deviation.name}, {deviation.text}")  # fmt: skip
-    below.plot(time, np.maximum(MICRO * of.depth[shown], LEAST), color="black", linewidth=2.2, label=TOGETHER)
+    whole = np.maximum(MICRO * of.depth[shown], LEAST)
+    below.plot(time, whole, color="black", linewidth=3.0, zorder=1.5, label=TOGETHER)  # behind what makes most of it
     numerical = np.maximum(MICRO * of.rows["error_estimate"][shown], LEAST)
     below.plot(time, numerical, ":", color="0.35", linewidth=1.6, label=NUMERICAL)
     below.set(yscale="log", ylabel="of the depth [µm]", xlabel="time since the first tick [s]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.tools.report.uncertain import COLUMNS, NUMERICAL, TOGETHER
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.messages import raw_inputs
 from tests.tools.report.pages import page_of, text_of
 from tests.tools.report.test_report import check_html
 
@@ -67,6 +70,21 @@ def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp
     medial, lateral = (float(row["force_at_largest_load_N"]) for row in shares)
     assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
     assert (out / "uncertainty_2.png").exists()
+
+
+def test_an_interval_is_that_of_its_peak_where_stamps_went_back(
+    right_bag: Path, deviations: Path, tmp_path: Path
+) -> None:
+    once = raw_inputs(right_bag)
+    middle, whole = once[len(once) // 2].log_time, once[-1].log_time
+    early = [message._replace(log_time=message.log_time + whole) for message in once if message.log_time < middle]
+    bag = write_rosbag2(tmp_path / "bag", [*(message for message in once if message.log_time >= middle), *early])
+    out = tmp_path / "out"
+    assert main(["report", str(bag), "--output", str(out), "--uncertainty", str(deviations)]) == 0
+    found = re.findall(r"(\d\.\d{3}) ± (\d\.\d{3}) (\d\.\d{3}) … (\d\.\d{3})", text_of(page_of(out)))
+    assert len(found) == 4
+    for depth, half, low, high in (map(float, numbers) for numbers in found):
+        assert [depth - half, depth + half] == pytest.approx([low, high], abs=1.1e-3)  # three decimals of each
 
 
 def test_what_is_wrong_is_a_line(
