@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +24,7 @@ FLEXION_ANGLE, AXIAL_LOAD, MEDIAL_SHARE, FEMORAL_HEIGHT = (
 )
 STREAMS = {FLEXION_ANGLE: "rad", AXIAL_LOAD: "N", MEDIAL_SHARE: "", FEMORAL_HEIGHT: "m"}
 """What a tick is given, and the share that follows from it, with the units of their deviations"""
-SECTIONS = ("load.", "femur.", "tibia.", "contact.", "lateral.", "translation.", "body_weight")
+SECTIONS = ("load.", "femur.", "tibia.", "contact.", "lateral.", "body_weight")
 """What the names of the parameters begin with that may be uncertain"""
 UNIT = re.compile(r"\[([^\]]+)\]")
 """What a parameter's meaning begins with, if it has a unit"""
@@ -84,12 +86,16 @@ def deviations_of(given: Mapping[str, Any], parameters: Parameters) -> tuple[Dev
 
 
 def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Parameters) -> Deviation:
-    if name not in STREAMS and not (name.startswith(SECTIONS) and isinstance(values.get(name), float)):
-        raise UsageError(
-            f"uncertainty: {name} is not allowed; {', '.join(STREAMS)}, or a parameter that is a real number, of "
-            "load, femur, tibia, contact, lateral, or body_weight"
+    real = [each for each, value in values.items() if each.startswith(SECTIONS) and isinstance(value, float)]
+    if name not in STREAMS and name not in real:
+        near = difflib.get_close_matches(name, [*STREAMS, *real], n=1, cutoff=0.75)
+        allowed = (
+            f"{', '.join(STREAMS)}, or a parameter that is a real number, of load, femur, tibia, contact, lateral, or "
+            "body_weight"
         )
-    if (name == FEMORAL_HEIGHT) != (parameters.drive == "displacement") and name in {FEMORAL_HEIGHT, AXIAL_LOAD}:
+        hint = f"did you mean {near[0]}?" if near else allowed
+        raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
+    if (name == FEMORAL_HEIGHT) != (parameters.drive == "displacement") and name in STREAMS and name != FLEXION_ANGLE:
         raise UsageError(f"uncertainty: {name} moves nothing with drive {parameters.drive}")
     if name.startswith(LATERAL) and not has_both(parameters):
         raise UsageError(f"uncertainty: {name} moves nothing with load.compartment {parameters.load.compartment}")
@@ -103,8 +109,11 @@ def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Par
 
 
 def _number(given: Any) -> float:
-    """A number; not a number if it is none."""
-    return float(given) if isinstance(given, int | float) and not isinstance(given, bool) else math.nan
+    """A number, Python's or NumPy's; not a number if it is none, and infinite if it has too many digits."""
+    try:
+        return float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
+    except OverflowError:
+        return math.inf
 
 
 def _percent(text: str) -> float:

@@ -16,12 +16,21 @@ from knee_contact_ros.system.errors import UsageError
 
 
 def test_numbers_and_percents() -> None:
-    given = {"flexion_angle": 0.02, "axial_load": "5 %", "contact.stiffness": "10%", "femur.radius": 1}
+    given = {
+        "flexion_angle": 0.02,
+        "axial_load": "5 %",
+        "contact.stiffness": "10%",
+        "femur.radius": 1,
+        "femur.mass": np.int64(2),
+        "contact.damping": np.float32(0.5),
+    }
     assert deviations_of(given, load_parameters("healthy")) == (
         Deviation("flexion_angle", 0.02, relative=False),
         Deviation("axial_load", 0.05, relative=True),
         Deviation("contact.stiffness", 0.1, relative=True),
         Deviation("femur.radius", 1.0, relative=False),
+        Deviation("femur.mass", 2.0, relative=False),
+        Deviation("contact.damping", 0.5, relative=False),
     )
 
 
@@ -40,6 +49,9 @@ def test_a_percentage_is_a_factor() -> None:
         ({}, "no standard deviation is given; as contact.stiffness: 10 %"),
         ({"load": 3.0}, "load is not allowed; flexion_angle, axial_load, medial_share, femoral_height, or a parameter"),
         ({"contact.law": 1.0}, "contact.law is not allowed"),
+        ({"contact.stifness": "5 %"}, "contact.stifness is not allowed; did you mean contact.stiffness?"),
+        ({"axial_loads": 3.0}, "axial_loads is not allowed; did you mean axial_load?"),
+        ({"": 3.0}, "'' is not allowed; flexion_angle"),
         ({"fidelity.tolerance": 1e-6}, "fidelity.tolerance is not allowed"),
         ({"knee.flexion_offset": 0.1}, "knee.flexion_offset is not allowed; flexion_angle"),
         ({"contact.stiffness": "ten"}, "contact.stiffness: 'ten' is not allowed; a number > 0 in SI units"),
@@ -49,6 +61,8 @@ def test_a_percentage_is_a_factor() -> None:
         ({"contact.stiffness": -1.0}, "-1.0 is not allowed"),
         ({"contact.stiffness": math.nan}, "nan is not allowed"),
         ({"contact.stiffness": math.inf}, "inf is not allowed"),
+        ({"contact.stiffness": 10**400}, "000 is not allowed"),
+        ({"contact.stiffness": np.True_}, "contact.stiffness: "),
         ({"contact.stiffness": True}, "True is not allowed"),
         ({"contact.stiffness": None}, "None is not allowed"),
         ({"flexion_angle": "5 %"}, "flexion_angle: '5 %' is not allowed; in rad"),
@@ -67,6 +81,8 @@ def test_loads_move_nothing_where_the_height_is_prescribed() -> None:
     assert deviations_of({"femoral_height": 1e-4}, parameters)[0].text == "0.0001 m"
     with pytest.raises(UsageError, match="axial_load moves nothing with drive displacement"):
         deviations_of({"axial_load": 10.0}, parameters)
+    with pytest.raises(UsageError, match="medial_share moves nothing with drive displacement"):
+        deviations_of({"medial_share": 0.1}, parameters)
 
 
 def test_a_file_may_be_nested(tmp_path: Path) -> None:
