@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.parameters.build import material_stiffness
+from knee_contact_ros.parameters.lateral import LATERAL
 from knee_contact_ros.parameters.reading import (
     all_values,
     flat_parameters,
@@ -127,7 +128,10 @@ def unit(name: str) -> str:
 
 
 def between(several: Sequence[Parameters]) -> list[str]:
-    """What the parameters of several recordings differ in, name by name: `body_weight: 737.068, 931.6`."""
+    """What the parameters of several runs differ in, name by name: `body_weight: 737.068, 931.6`.
+
+    A lateral compartment is a run of its own, with its parameters under the names of the medial one's.
+    """
     values = [
         {name: value for name, value in flat_parameters(each).items() if not name.startswith(SECTION)}
         | _constants(each)
@@ -135,7 +139,7 @@ def between(several: Sequence[Parameters]) -> list[str]:
     ]
     if not several:
         return []
-    names = [name for name in values[0] if not name.startswith((SECTION, *NOT_OF_THE_RESULT))]
+    names = [name for name in values[0] if not name.startswith((SECTION, LATERAL, *NOT_OF_THE_RESULT))]
     names += list(dict.fromkeys(name for each in several for name in _constants(each)))
     told = ((name, [each.get(name) for each in values]) for name in names)
     return [

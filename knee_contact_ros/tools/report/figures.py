@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.readouts import OWN_PRESSURE
+from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.cycles import CURVES, PERCENT, Floats
 from knee_contact_ros.tools.report.published import CARTILAGE_THICKNESS, DEPTH, MEDIAL, TOTAL, Range, is_total
@@ -220,16 +221,18 @@ def force_caption(cyclic: Sequence[Run]) -> str:
     if not ranges:
         return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
     about = "total" if ranges == TOTAL else "medial"
+    lateral = any(is_lateral(run.topic) for run in cyclic)
     return (
-        f"The load of these runs is the {about} one. Grey, published: "
+        f"The load of these runs is the {about} one{', in the lateral compartment the rest' if lateral else ''}. Grey, "
+        f"published{f' of the {about} one' if lateral else ''}: "
         f"{'; '.join(dict.fromkeys(each.text for each in ranges))}. They are peaks, drawn where peaks are expected; "
         "the sources give no curve."
     )
 
 
 def ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
-    """Published forces to compare with; none where total and compartment forces are mixed."""
-    kinds = {is_total(run.parameters) for run in cyclic}
+    """Published forces to compare with; none where total and compartment forces are mixed, none of a lateral one."""
+    kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
     if len(kinds) != 1:
         return ()
     return TOTAL if kinds.pop() else MEDIAL

@@ -70,6 +70,9 @@ def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp
     medial, lateral = (float(row["force_at_largest_load_N"]) for row in shares)
     assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
     assert (out / "uncertainty_2.png").exists()
+    text = text_of(page_of(out))  # and nowhere is the lateral compartment called medial, or told by names of another's
+    assert "The load of these runs is the medial one, in the lateral compartment the rest. Grey, published of" in text
+    assert "parameters differ: femur.profile: femur_medial.csv, femur_lateral.csv." in text
 
 
 def test_an_interval_is_that_of_its_peak_where_stamps_went_back(
