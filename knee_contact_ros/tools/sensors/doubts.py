@@ -57,7 +57,7 @@ def impossible(angle: Series, load: Series | None) -> str:
 
 def doubts(angle: Series, load: Series | None, sensors: SensorMap) -> list[str]:
     """What is likely a mistake in the map."""
-    found = [_weight(sensors), _slow(angle), _still(angle), _outside(angle), _jumps(angle)]
+    found = [_weight(sensors), _slow(angle), _still(angle), _outside(angle), _jumps(angle, sensors.max_gap)]
     if load is not None:
         found += [_slow(load), _peak(load, sensors)]
     return [sentence for sentence in found if sentence]
@@ -97,15 +97,16 @@ def _outside(angle: Series) -> str:
     )
 
 
-def _jumps(angle: Series) -> str:
-    steps = np.abs(np.diff(angle.values))
+def _jumps(angle: Series, max_gap: float) -> str:
+    """Steps that no knee makes; behind a gap, which is told, a knee may be anywhere."""
+    steps = np.where(np.diff(angle.seconds) <= max_gap, np.abs(np.diff(angle.values)), 0.0)
     worst = int(np.argmax(steps))
     if steps[worst] <= JUMP:
         return ""
-    at = angle.stamps[worst + 1] / NANOSECONDS
+    at, times = angle.stamps[worst + 1] / NANOSECONDS, np.count_nonzero(steps > JUMP)
     return (
-        f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {at:.7g} s, and "
-        f"{np.count_nonzero(steps > JUMP)} times in all: a loose contact, or an encoder's turn?"
+        f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {at:.7g} s"
+        f"{f', and {times} times in all' if times > 1 else ''}: a loose contact, or an encoder's turn?"
     )
 
 

@@ -284,6 +284,18 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert (len(angles), len(forces)) == (720 - 59, number)
 
 
+def test_behind_a_gap_a_knee_may_be_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = cells()
+    kept = np.ones(len(table["time_s"]), dtype=bool)
+    kept[545:574] = False  # a quarter of a second of swing, by 46 degrees
+    jump = np.abs(np.diff(table["goniometer_deg"][kept])).max()
+    assert jump > 30.0
+    path = write_csv(tmp_path / "cells.csv", {name: values[kept] for name, values in table.items()})
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
+
+
 def test_columns_in_two_files_are_asked_for(tmp_path: Path, told: Told, capsys: pytest.CaptureFixture[str]) -> None:
     one, other = (write_csv(tmp_path / f"{name}.csv", cells()) for name in ("a", "b"))
     (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
