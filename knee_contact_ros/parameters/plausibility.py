@@ -5,6 +5,7 @@ Nothing is refused here: somebody may model a rat.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +20,10 @@ from knee_contact_ros.parameters.schema import ContactParameters, Pairing, Param
 GRAVITY = 9.80665
 LIGHTEST = 150.0
 """Body weight [N] below which kg were meant: 15 kg"""
+STIFF = math.radians(3.5)
+"""[rad] Less movement is that of no joint, or of numbers in rad that count as degrees"""
+LEAST_PEAK, MOST_PEAK = 0.75, 8.0
+"""[BW] Peaks of measured knees: from 1.07 on two legs to some 6 in stumbling (OrthoLoad); walking 2 to 3"""
 SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
 """Part of the body weight that a compartment is tried with, where the parameters do not say it"""
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0

@@ -33,6 +33,8 @@ MOST_ROWS = 50_000
 """Of more, every so manieth is used: they tell nothing new"""
 ALIKE = 0.8
 """Correlation below which two angles are not of one knee"""
+MOST_GAIN = 5.0
+"""Times that one angle may move as far as the other: soft tissue makes 0.8, degrees for radians 57"""
 SURE = 0.95
 
 
@@ -128,7 +130,7 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     """What the sensor is off by; lags up to `longest` [s] are tried, to both sides.
 
     Raises:
-        UsageError: too little in common, or the two are not alike at any lag.
+        UsageError: too little in common, the two are not alike at any lag, or one moves many times as far.
     """
     pair = Pair(sensor, reference, max_gap)
     rows = pair.rows(-longest, longest)
@@ -140,7 +142,12 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     margin = 4.0 * pair.step
     rows = pair.rows(near[0] - margin, near[1] + margin)  # more of them than with the longest lags
     lag = pair.best(rows, *near)
-    return _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
+    made = _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
+    if not 1.0 / MOST_GAIN <= made.gain.value <= MOST_GAIN:
+        raise UsageError(
+            f"{sensor.where} moves {made.gain.value:.3g} times as far as {reference.where}: are both units right?"
+        )
+    return made
 
 
 def _check(sensor: Series, reference: Series, found: list[float], lags: Floats, at: int) -> None:

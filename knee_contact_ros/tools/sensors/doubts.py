@@ -11,7 +11,7 @@ import numpy as np
 
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.parameters.plausibility import GRAVITY, LIGHTEST
+from knee_contact_ros.parameters.plausibility import GRAVITY, LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF
 from knee_contact_ros.tools.sensors.channels import Series
 from knee_contact_ros.tools.sensors.sensor_map import SensorMap
 from knee_contact_ros.tools.sensors.units import BODY_WEIGHT, FORCE, UNITS
@@ -20,12 +20,8 @@ WIDEST = math.radians(180.0)
 """[rad] from the straightest to the most bent: no knee moves so far"""
 EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
 """[rad] flexion of any knee"""
-STIFF = math.radians(3.5)
-"""[rad] Less movement is that of no joint, or of numbers in rad that count as degrees"""
 JUMP = math.radians(30.0)
 """[rad] from one row to the next: a lost contact, or an encoder that begins a new turn"""
-LEAST_PEAK, MOST_PEAK = 0.75, 8.0
-"""[BW] Peaks of measured knees: from 1.07 on two legs to some 6 in stumbling (OrthoLoad); walking 2 to 3"""
 USUAL_WEIGHT = (LIGHTEST, 2500.0)
 """[N] where the map does not tell"""
 USUAL_PEAK = (1.5, 4.0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.parameters.plausibility import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import read_regular
 
@@ -102,11 +103,23 @@ def _checked(trial: Trial, degrees: bool) -> Trial:
             f"trial {trial.name}: flexion is {math.degrees(trial.flexion.mean()):.0f} degrees on average; it must be "
             "positive in flexion: turn the sign in --flexion"
         )
+    span = math.degrees(np.ptp(trial.flexion))
+    if span < math.degrees(STIFF):
+        raise UsageError(
+            f"trial {trial.name}: flexion moves by {span:.3g} degrees in all, which is no knee's that walks: is "
+            "--angle-unit right?"
+        )
     total, most = trial.load, float(np.abs(trial.load).max())
     if most > LARGEST_LOAD or total.max() < LEAST_TOTAL:
         raise UsageError(
             f"trial {trial.name}: the axial force reaches {total.max():g} N; allowed: {LEAST_TOTAL:g} to "
             f"{LARGEST_LOAD:g} N of compression"
+        )
+    peak = float(total.max()) / trial.body_weight
+    if not LEAST_PEAK <= peak <= MOST_PEAK:
+        raise UsageError(
+            f"trial {trial.name}: the axial force reaches {peak:.3g} body weights, and a knee that bears its body "
+            f"{LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and --body-weight no mass?"
         )
     excess = max(float((trial.medial - total).max()), float((-trial.medial).max()))
     if excess > LARGEST_EXCESS * total.max():

@@ -82,6 +82,8 @@ def test_gaps_of_the_reference_tell_nothing() -> None:
         (lambda t: np.random.default_rng(1).normal(size=len(t)), "are both of one knee, in one time"),
         (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
         (lambda t: np.zeros(len(t)), "go together with r = 0.00"),
+        (lambda t: np.degrees(flexion(t - 0.02)), r"moves 57\.3 times as far as .*: are both units right\?"),
+        (lambda t: np.radians(flexion(t - 0.02)), r"moves 0\.0175 times as far as .*: are both units right\?"),
     ],
 )
 def test_angles_that_do_not_go_together_are_told(sensor: Callable[[Floats], Floats], words: str) -> None:

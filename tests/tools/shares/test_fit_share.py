@@ -107,6 +107,12 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
         (["--axial", "am + (pm)"], "it must be a sum of columns"),
         (["--axial", ""], "it must be a sum of columns"),
         (["--angle-unit", "rad"], "--angle-unit deg, if it is in degrees"),
+        (["--flexion=-0.01745 angle"], "flexion moves by 1.3"),
+        (
+            ["--axial", "9.81 am + 9.81 pm + 9.81 lateral"],
+            "reaches 23.5 body weights, and a knee that bears its body 0.75 to 8: are both",
+        ),
+        (["--axial", "0.2248 am + 0.2248 pm + 0.2248 lateral"], "reaches 0.539 body weights"),
         (["--flexion", "angle"], "it must be positive in flexion: turn the sign"),
         (["--axial", "-am - pm - lateral"], "the axial force reaches"),
         (["--medial", "am + pm + lateral + lateral"], "beyond 0 or the whole"),
