@@ -1,15 +1,17 @@
-"""What happened, as text: contact that begins and ends, bone, events of gait, status bits, changes to the node."""
+"""What happened, as text: contact and bone, gait with the impulse of strides, status bits, changes to the node."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from knee_contact_ros.core.types import ContactState, Rows, Status
-from knee_contact_ros.pipeline.gait.events import GaitEvents
+from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, impulse_of, spans
 
 INFO, WARNING = "INFO", "WARN"
 
@@ -41,26 +43,77 @@ STATUS = {
 }
 
 
+class Gait:
+    """Finds the events of gait and, at its end, the impulse of every stride."""
+
+    def __init__(self, body_weight: float) -> None:
+        """`body_weight` is in N."""
+        self._events = GaitEvents(body_weight)
+        self._known: list[GaitEvent] = []
+        """Those that a stride may still begin or go on with"""
+        self._stamps, self._force = np.empty(0, dtype=np.int64), np.empty(0)
+
+    def take(self, shown: Rows) -> list[Remark]:
+        """What became certain with these answers, at least one."""
+        stamps, found = shown["stamp"], []
+        steps = np.diff(stamps, prepend=self._stamps[-1] if len(self._stamps) else stamps[0] - 1)
+        cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
+        for begin, end in zip([0, *cuts], [*cuts, len(shown)], strict=True):
+            if begin in cuts:
+                found += self.finish()
+            if end > begin:
+                found += self._go_on(shown[begin:end])
+        return found
+
+    def finish(self) -> list[Remark]:
+        """What the end makes certain; what comes after it starts anew."""
+        found = self._told(self._events.finish(), math.inf)
+        self._known, self._stamps, self._force = [], self._stamps[:0], self._force[:0]
+        return found
+
+    def _go_on(self, part: Rows) -> list[Remark]:
+        """Take answers without a gap."""
+        self._stamps = np.append(self._stamps, part["stamp"])
+        self._force = np.append(self._force, part["contact_force"])
+        last = int(self._stamps[-1])
+        found = self._told(self._events.add(part["stamp"], part["flexion_angle"], part["load"]), last - CERTAIN)
+        kept = np.searchsorted(self._stamps, last - KEPT)
+        self._stamps, self._force = self._stamps[kept:], self._force[kept:]
+        return found
+
+    def _told(self, events: Sequence[GaitEvent], certain: float) -> list[Remark]:
+        """Events, and the strides that end up to the stamp [ns] `certain`."""
+        found = [Remark(event.stamp, event.text) for event in events]
+        self._known += [event for event in events if event.kind != LOAD_PEAK]
+        strikes, toe_offs = (
+            sorted(event.stamp for event in self._known if event.kind == kind and event.stamp <= certain)
+            for kind in (HEEL_STRIKE, TOE_OFF)
+        )
+        for span in spans(strikes, toe_offs):
+            _, whole, stance = impulse_of(span, self._stamps, self._force)
+            told = f"stride of {span.duration:.2f} s: impulse {whole:.1f} N s, stance {stance:.1f} N s"
+            found.append(Remark(span.end, told))
+        if strikes:
+            self._known = [event for event in self._known if event.stamp >= strikes[-1]]
+        return found
+
+
 class Remarks:
     """Finds what is worth a line, batch by batch; how answers are cut into batches makes no difference."""
 
     def __init__(self, body_weight: float) -> None:
         """`body_weight` is in N."""
-        self._gait = GaitEvents(body_weight)
+        self._gait = Gait(body_weight)
         self._state = -1
         self._status = 0
 
     def take(self, shown: Rows) -> list[Remark]:
         """What became certain with these answers, at least one."""
-        found = [
-            Remark(event.stamp, event.text)
-            for event in self._gait.add(shown["stamp"], shown["flexion_angle"], shown["load"])
-        ]
-        return sorted([*found, *self._contact(shown), *self._flags(shown)])
+        return sorted([*self._gait.take(shown), *self._contact(shown), *self._flags(shown)])
 
     def finish(self) -> list[Remark]:
         """What is left at the end."""
-        return [Remark(event.stamp, event.text) for event in self._gait.finish()]
+        return self._gait.finish()
 
     def _contact(self, shown: Rows) -> list[Remark]:
         states = np.concatenate([[self._state], shown["contact_state"].astype(int)])

@@ -17,6 +17,10 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 SHORTEST, LONGEST = 0.4, 2.5
 """[s] of a stride"""
+CERTAIN = round(2.2 * SECOND)
+"""[ns] after which all events are: a toe-off may wait for a slow flexion and a slow extension"""
+KEPT = round((LONGEST + 3.0) * SECOND)
+"""[ns] of samples that strides may look back at: one, and as late as events become certain"""
 
 
 class Span(NamedTuple):
@@ -147,16 +151,17 @@ def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Imp
     Returns:
         One entry per whole stride, in their order; none where there is no gait.
     """
-    stamps = np.asarray(series["stamp"])
-    force = np.asarray(series["contact_force"])[:, np.newaxis]
-    found = []
-    for span in _strides(stamps, series, body_weight):
-        whole, stance = (
-            integral(since, of_it[:, 0])
-            for since, of_it in (cut(stamps, force, span.start, end, held=0) for end in (span.end, span.toe_off))
-        )
-        found.append(Impulse(span, whole, stance))
-    return found
+    stamps, force = np.asarray(series["stamp"]), np.asarray(series["contact_force"])
+    return [impulse_of(span, stamps, force) for span in _strides(stamps, series, body_weight)]
+
+
+def impulse_of(span: Span, stamps: Stamps, force: Floats) -> Impulse:
+    """That of a stride within stamps [ns], which grow, and contact forces [N], both of shape (n,)."""
+    whole, stance = (
+        integral(since, of_it[:, 0])
+        for since, of_it in (cut(stamps, force[:, np.newaxis], span.start, end, 0) for end in (span.end, span.toe_off))
+    )
+    return Impulse(span, whole, stance)
 
 
 def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:

@@ -13,14 +13,9 @@ from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
-from knee_contact_ros.pipeline.gait.strides import LONGEST, Span, spans
+from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, Span, spans
 from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
-
-KEPT = round((LONGEST + 3.0) * NANOSECONDS)
-"""[ns] of samples that are kept: a cycle, and as late as events become certain"""
-CERTAIN = round(2.2 * NANOSECONDS)
-"""[ns] after which all events are: a toe-off may wait for a slow flexion and a slow extension"""
 
 
 class Moment(NamedTuple):
