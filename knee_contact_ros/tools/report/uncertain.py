@@ -16,7 +16,9 @@ from knee_contact_ros.messages.topics import KNEE, is_lateral, knee_name
 from knee_contact_ros.offline.uncertainty.deviations import deviations_of, read_deviations
 from knee_contact_ros.offline.uncertainty.propagation import LEVEL, Propagated, factor, propagated
 from knee_contact_ros.offline.uncertainty.replay import given_in
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.data import Row
 from knee_contact_ros.tools.report.figures import MM, Figure, draw, legend
 from knee_contact_ros.tools.report.peaks import stance_peaks
@@ -47,6 +49,12 @@ def with_uncertainty(runs: Sequence[Run], asked: ReportOptions, say: Callable[[s
         return runs
     read, found = read_deviations(asked.uncertainty), []
     known: dict[tuple[Path, str], list[Propagated]] = {}
+    for run in runs:
+        if is_lateral(run.topic) and not has_both(run.parameters):
+            raise UsageError(
+                f"recording {run.source} has answers of the lateral compartment and does not tell its parameters; "
+                f"load.compartment of --params is {run.parameters.load.compartment}, and must be both"
+            )
     for run in runs:
         knee = knee_name(run.topic)
         if run.beside is None and (run.source, knee) not in known:

@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import knee_contact_ros
 from knee_contact_ros.cli.main import main
@@ -73,6 +75,30 @@ def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp
     text = text_of(page_of(out))  # and nowhere is the lateral compartment called medial, or told by names of another's
     assert "The load of these runs is the medial one, in the lateral compartment the rest. Grey, published of" in text
     assert "parameters differ: femur.profile: femur_medial.csv, femur_lateral.csv." in text
+
+
+def test_a_recording_of_others_needs_the_parameters_of_both_compartments(
+    right_bag: Path, deviations: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ours, theirs, out = tmp_path / "ours.mcap", tmp_path / "theirs.mcap", tmp_path / "out"
+    knee = ["--params", "healthy", "--params", "both_compartments"]
+    assert main(["solve", str(right_bag), *knee, "--output", str(ours)]) == 0
+    with ours.open("rb") as recording, theirs.open("wb") as copy:  # as ros2 bag records: the messages alone
+        writer = Writer(copy)
+        writer.start()
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(recording).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kind)
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    asked = ["report", str(theirs), "--uncertainty", str(deviations), "--output", str(out)]
+    capsys.readouterr()
+    assert main(asked) == 2
+    assert "load.compartment of --params is fixed_share, and must be both" in capsys.readouterr().err
+    assert main([*asked, *knee]) == 0
 
 
 def test_an_interval_is_that_of_its_peak_where_stamps_went_back(
