@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.offline.uncertainty.deviations import Deviation
-from knee_contact_ros.offline.uncertainty.replay import Given
+from knee_contact_ros.offline.uncertainty.replay import Given, Moved
 from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
@@ -100,7 +100,10 @@ def propagated(given: Given, deviations: Sequence[Deviation], advance: Callable[
     """
     parts: list[dict[Deviation, tuple[Floats, Floats]]] = [{} for _ in given.rows]
     for done, deviation in enumerate(deviations, start=1):
-        low, high = (_answers(given, deviation, times) for times in (-1.0, 1.0))
+        # All are named, for one that is does not follow another: a lateral parameter has its own deviation then.
+        low, high = (
+            _answers(given, {each: times * (each == deviation) for each in deviations}) for times in (-1.0, 1.0)
+        )
         if low is None and high is None:
             raise UsageError(
                 f"uncertainty: {deviation.name}: {deviation.text} leaves the range of what it is of both ways"
@@ -145,10 +148,10 @@ def sampled(
     return found
 
 
-def _answers(given: Given, deviation: Deviation, times: float) -> list[Rows] | None:
-    """Those to one input that is off; None if it leaves its range."""
+def _answers(given: Given, moved: Moved) -> list[Rows] | None:
+    """Those to inputs that are off; None if one leaves its range."""
     try:
-        return given.answers({deviation: times})
+        return given.answers(moved)
     except UsageError:
         return None
 

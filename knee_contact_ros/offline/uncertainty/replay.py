@@ -67,7 +67,8 @@ class Given(NamedTuple):
     def answers(self, moved: Moved) -> list[Rows]:
         """The answers of each compartment to inputs and parameters that are off.
 
-        A lateral parameter that is the medial one's is off with it. Off by nothing, the bits are the recording's.
+        A lateral parameter that is the medial one's is off with it, unless it is among those moved. Off by nothing,
+        the bits are the recording's.
 
         Raises:
             UsageError: a parameter leaves its range, or an input that of a knee.
@@ -101,7 +102,7 @@ class Given(NamedTuple):
 
     def _compartments(self, parameters: Parameters, moved: Moved) -> Sequence[Compartment]:
         """Those of other parameters: ours with other numbers, unless other surfaces have to be made."""
-        if any(of_a_surface(deviation.name) for deviation in moved):
+        if any(times and of_a_surface(deviation.name) for deviation, times in moved.items()):
             made = compartments_of(parameters, self.texts)
             for compartment in made if self.compiled else ():
                 compartment.compile(forced)

@@ -134,6 +134,20 @@ def test_both_compartments_have_their_own(resting: Path) -> None:
     assert lateral == pytest.approx(-0.01 * LOAD, rel=1e-9)
 
 
+def test_a_lateral_parameter_follows_the_medial_one_unless_it_is_named(resting: Path) -> None:
+    both = {**AT_REST, "load.compartment": "both"}
+    medial, lateral = {"contact.stiffness": "10 %"}, {"lateral.contact.stiffness": "10 %"}
+    found = [
+        knee_contact_ros.uncertainty(resting, both, given, compiled=False)
+        for given in (medial, lateral, {**medial, **lateral}, {**medial, **lateral, "lateral.femur.radius": 0.001})
+    ]
+    ten = DEPTH * math.sinh(0.1 / EXPONENT)  # e^±0.1, to the power -1/n
+    for one, alone in zip(found, (ten, 0.0, ten, ten), strict=True):
+        assert one.lateral is not None
+        assert one.medial.depth == pytest.approx(alone, rel=1e-9, abs=1e-18)
+        assert one.lateral.depth == pytest.approx(ten, rel=1e-9)
+
+
 def test_deviations_may_be_a_file_and_what_is_wrong_is_told(resting: Path, tmp_path: Path) -> None:
     path = tmp_path / "sd.yaml"
     path.write_text("contact.stiffness: 1 %\n")
