@@ -31,7 +31,7 @@ from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import DATES_FROM, Scene
 from tests.helpers.answers import contact, rows_of
 from tests.helpers.messages import raw_inputs
-from tests.view.rrd import column, entities, lists
+from tests.view.rrd import column, entities, lists, still
 
 WEIGHT = 737.068
 PLOTS = (*KNEE, *DETAILS)
@@ -138,7 +138,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
     told = [text[0] for _, text in lists(path, "/knee/sagittal/contact_force", "Points2D:labels")]
-    assert told == [f"{newtons:.0f} N = {newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
+    assert told == [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
     in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
     assert np.array_equal(in_front, behind)
     quaternion = in_front.reshape(len(answers), 4)
@@ -181,6 +181,19 @@ def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
     assert corners.shape == (1, 2 * 2 * POINTS, 3)
     assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
     assert [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")] == ["1.00 mm apart"]
+
+
+def test_apart_the_force_is_told_on_the_tibia_and_else_above_its_arrow(tmp_path: Path) -> None:
+    model = Pipeline(load_parameters({}), compiled=False).model
+    flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
+    rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [at(rows, [0, PICTURE_PERIOD])])
+    words, point = (
+        column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
+        for name in ("contact_force", "contact_point")
+    )
+    assert words[0] == pytest.approx(point[0])  # words stand below their places: in the tibia, not in the gap
+    assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
 SHIPPED: dict[str, list[str]] = {
@@ -384,6 +397,14 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
     moment = peak_of(path)  # where the force is largest
     assert moment is not None
     assert moment.stamp == rows["stamp"][int(rows["contact_force"].argmax())]
+
+
+def test_a_single_answer_is_seen_in_every_plot(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
+    assert still(written(tmp_path / "one.rrd", drawing, [rows_of(answers[:1])]), "SeriesPoints:marker_sizes") == shown
+    more = written(tmp_path / "two.rrd", drawing, [rows_of(answers[:1]), rows_of(answers[1:2])])
+    assert still(more, "SeriesPoints:marker_sizes") == set()
 
 
 def test_what_is_read_off_is_what_the_model_reads_off(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
