@@ -11,14 +11,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.ros_types import DATES_FROM, NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
 
 MOST_PEAKS = 12
 """That have a row each"""
+ONE_MOMENT = 100_000_000
+"""[ns] within which the largest load, force and depth are those of one peak"""
 MM = 1e3
 MICROMETRE = 1e6
 
@@ -33,7 +35,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures = Table(box=None, show_header=False, pad_edge=False)
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
-    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
+    begin = f" from {summary.first_stamp / NANOSECONDS:.3f} s on" if summary.first_stamp >= DATES_FROM else ""
+    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{begin}")
     if len(summary.load_peaks) > MOST_PEAKS:
         figures.add_row("peaks", f"{len(summary.load_peaks)} of the load")
     for name, value in live.items():
@@ -74,15 +77,23 @@ def error_of_force(summary: Summary) -> str:
 
 
 def peak_table(summary: Summary) -> Table:
-    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run."""
+    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run.
+
+    Stamps that are dates are told from the first one on: as seconds since 1970 they are too long to be read.
+    """
+    dated = summary.first_stamp >= DATES_FROM
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for heading in ("load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"):
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
     def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
         weight = summary.body_weight
         return f"{load:.1f}", f"{load / weight:.2f}", f"{force:.1f}", f"{force / weight:.2f}", f"{depth * MM:.3f}"
+
+    def moment(stamp: int) -> str:
+        seconds = (stamp - (summary.first_stamp if dated else 0)) / NANOSECONDS
+        return f"{seconds:+.3f}" if dated else f"{seconds:.3f}"
 
     peaks = summary.load_peaks
     if len(peaks) > MOST_PEAKS:
@@ -91,9 +102,13 @@ def peak_table(summary: Summary) -> Table:
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        table.add_row(f"peak {number}", *values, f"{peak.stamp / NANOSECONDS:.3f}")
+        table.add_row(f"peak {number}", *values, moment(peak.stamp))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
-    table.add_row("largest", *forces(load.value, force.value, depth.value), f"{depth.stamp / NANOSECONDS:.3f}")
+    stamps = load.stamp, force.stamp, depth.stamp
+    when = moment(depth.stamp) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
+    table.add_row("largest", *forces(load.value, force.value, depth.value), when)
+    if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
+        table.collapse_padding = True
     return table
 
 

@@ -12,6 +12,7 @@ import rerun as rr
 
 from knee_contact_ros.core.readouts import SPREAD, Readings
 from knee_contact_ros.core.types import Rows, blank
+from knee_contact_ros.messages.ros_types import DATES_FROM, NANOSECONDS
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES, Colour
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
@@ -34,9 +35,6 @@ CONTACT, LEVEL = "contact", "level"
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 """By `Fidelity`"""
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
-NANOSECONDS = 1_000_000_000
-DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
-"""Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
 REPEAT = 5 * NANOSECONDS
 """How long [ns] a state may last without being written again, where what is old gets lost"""
 SINGLE = 5.0
