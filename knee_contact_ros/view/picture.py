@@ -1,7 +1,7 @@
 """The knee at a moment, drawn by matplotlib alone: no Rerun, no display.
 
-`write_peak` writes a PNG of the knee at the largest load of a recording; `draw_knee` and `draw_contact` paint on axes
-of somebody else's figure.
+`write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives;
+`draw_knee` and `draw_contact` paint on axes of somebody else's figure.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ class Moment(NamedTuple):
 
 
 def write_peak(recording: Path, output: Path, parameters: Parameters | None = None) -> str:
-    """Write a PNG of the knee at the largest load of a recording's first knee; give what it shows, in a line.
+    """Write a PNG of a recording's first knee where the load is largest; give what it shows, in a line.
+
+    Where the femoral height drives, no load does: there it is the contact force.
 
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
@@ -83,24 +85,28 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     if known is None:
         raise UsageError(f"recording {recording} does not tell its parameters")
     model = build_model(known, curves=provenance.texts() if provenance else None)
-    row = largest_load(recording, topics[0])
+    name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
+    row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
-    title = f"largest load, at {row['stamp'] / NANOSECONDS:.3f} s"
+    title = f"largest {words}, at {row['stamp'] / NANOSECONDS:.3f} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
 
 
-def largest_load(recording: Path, topic: str) -> Mapping[str, Any]:
-    """The answer with the largest load on a topic that has some, by its names; a load that is missing is none."""
-    rows = [block[[int(_known(block["load"]).argmax())]] for block in answer_blocks(recording, topic)]
-    largest = max(rows, key=lambda row: float(_known(row["load"])[0]))
+def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
+    """The answer with the largest load or contact force on a topic that has answers, by their names.
+
+    One that is missing is none.
+    """
+    rows = [block[[int(_known(block[force]).argmax())]] for block in answer_blocks(recording, topic)]
+    largest = max(rows, key=lambda row: float(_known(row[force])[0]))
     return {name: largest[name][0].item() for name in largest.dtype.names or ()}
 
 
-def _known(loads: Any) -> Floats:
-    """Loads [N], shape (n,); below all others where there is none."""
-    return np.asarray(np.nan_to_num(loads, nan=-math.inf))
+def _known(forces: Any) -> Floats:
+    """Forces [N], shape (n,); below all others where there is none."""
+    return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
 def png(shown: Moment, title: str) -> bytes:

@@ -20,11 +20,11 @@ from knee_contact_ros.view.picture import (
     draw_contact,
     draw_knee,
     in_contact_frame,
-    largest_load,
     posed,
+    with_largest,
     write_peak,
 )
-from tests.offline.test_solve import silent
+from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
 KNEES = (
@@ -63,7 +63,15 @@ def test_a_load_that_is_missing_is_not_the_largest(recording: Path, monkeypatch:
     holed = answers.copy()
     holed["load"][[0, 200]] = np.nan
     monkeypatch.setattr("knee_contact_ros.view.picture.answer_blocks", lambda *_: iter([holed[:150], holed[150:]]))
-    assert largest_load(recording, "/knee_contact")["stamp"] == answers["stamp"][int(answers["load"].argmax())]
+    assert with_largest("load", recording, "/knee_contact")["stamp"] == answers["stamp"][int(answers["load"].argmax())]
+
+
+def test_where_the_height_drives_the_picture_is_of_the_largest_force(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
+    bag = make_bag(tmp_path / "in.mcap", rows, heights=0.0335 - 1e-5 * np.arange(20.0))
+    solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "knee.mcap", silent)
+    told = write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png")
+    assert told.startswith("largest contact force, at 0.095 s: ")  # all loads are the same
 
 
 def test_a_bag_without_answers_is_refused(config: Path, tmp_path: Path) -> None:

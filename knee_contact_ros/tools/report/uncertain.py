@@ -87,7 +87,7 @@ def interval_table(run: Run, of: Propagated) -> Table:
     reach, weight = factor(LEVEL), run.parameters.body_weight
     peaks = [(peak.which or NONE, peak.moment) for peak in stance_peaks(run.gathered)[:SHOWN]]
     if not peaks and run.gathered.largest:
-        peaks = [("largest load", run.gathered.largest)]
+        peaks = [(run.gathered.largest.event.kind, run.gathered.largest)]
     level = f"{100.0 * LEVEL:.0f} %"
     rows = []
     for which, moment in peaks:
