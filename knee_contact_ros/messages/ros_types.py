@@ -12,8 +12,6 @@ from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 
 NANOSECONDS = 1_000_000_000
-DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
-"""Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
 
 
 @cache

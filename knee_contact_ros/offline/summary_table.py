@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from knee_contact_ros.messages.ros_types import DATES_FROM, NANOSECONDS
+from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
 

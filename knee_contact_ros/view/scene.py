@@ -12,7 +12,8 @@ import rerun as rr
 
 from knee_contact_ros.core.readouts import SPREAD, Readings
 from knee_contact_ros.core.types import Rows, blank
-from knee_contact_ros.messages.ros_types import DATES_FROM, NANOSECONDS
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES, Colour
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines

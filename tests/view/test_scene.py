@@ -18,6 +18,7 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.view.anatomy import placed
 from knee_contact_ros.view.colours import OF_KNEES
 from knee_contact_ros.view.cursor import peak_of
@@ -28,7 +29,7 @@ from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.overlap import POINTS
 from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, plots_of
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
-from knee_contact_ros.view.scene import DATES_FROM, Scene
+from knee_contact_ros.view.scene import Scene
 from tests.helpers.answers import contact, rows_of
 from tests.helpers.messages import raw_inputs
 from tests.view.rrd import column, entities, lists, still
