@@ -26,7 +26,7 @@ from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, 
 
 MM = 1e3
 EXTRA = "report"
-BONE, CARTILAGE, EDGE = "#F0E8D6", "#A9D0EC", "#7A7060"
+BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Where cartilages overlap, where more than the first layer does, the force, texts"""
 MM_PER_WEIGHT = 6.0
@@ -163,7 +163,7 @@ def draw_knee(axis: Any, shown: Moment) -> None:
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
         fill(axis, MM * bone, BONE)
-        fill(axis, MM * cartilage, CARTILAGE)
+        fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
     fill(axis, MM * picture.overlap, OVERLAP, OVERLAP)
     everything = MM * np.concatenate(picture[:4])
     (left, bottom), (right, top) = everything.min(axis=0), everything.max(axis=0)

@@ -14,6 +14,7 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.picture import (
+    SURFACE,
     Moment,
     Window,
     beyond,
@@ -54,7 +55,9 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path) -> 
     assert f"{np.degrees(peak['flexion_angle']):.0f}° of flexion" in told
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
-        assert len(image.convert("RGB").getcolors(1 << 24)) > 20
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    surface = [int(SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
+    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
 
 
 def test_a_load_that_is_missing_is_not_the_largest(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
