@@ -18,7 +18,9 @@ from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
@@ -88,7 +90,8 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
     row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
-    title = f"largest {words}, at {row['stamp'] / NANOSECONDS:.3f} s"
+    which = f"{MEDIAL} compartment, " if has_both(known) else ""
+    title = f"{which}largest {words}, at {row['stamp'] / NANOSECONDS:.3f} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"

@@ -77,6 +77,12 @@ def test_where_the_height_drives_the_picture_is_of_the_largest_force(tmp_path: P
     assert told.startswith("largest contact force, at 0.095 s: ")  # all loads are the same
 
 
+def test_of_both_compartments_the_picture_says_which(config: Path, tmp_path: Path) -> None:
+    parameters = load_parameters([config / "both_compartments.yaml"])
+    solve(config.parent / "bags" / "gait2354_right", parameters, tmp_path / "knee.mcap", silent)
+    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png").startswith("medial compartment, largest load, at ")
+
+
 def test_a_bag_without_answers_is_refused(config: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="has no answers"):
         write_peak(config.parent / "bags" / "gait2354_right", tmp_path / "knee.png")
