@@ -23,11 +23,11 @@ from knee_contact_ros.view.anatomy import placed
 from knee_contact_ros.view.colours import OF_KNEES
 from knee_contact_ros.view.cursor import peak_of
 from knee_contact_ros.view.frame import common, frame_of
-from knee_contact_ros.view.layout import blueprint, plane_title, title_of
+from knee_contact_ros.view.layout import LONGEST_TITLE, blueprint, plane_title, title_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.overlap import POINTS
-from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, plots_of
+from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, READ_OFF, plots_of
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
 from knee_contact_ros.view.scene import Scene
 from tests.helpers.answers import contact, rows_of
@@ -282,6 +282,14 @@ def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines,
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
     assert len({one.colour for one in OF_KNEES}) == len(OF_KNEES)
+    four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
+    assert title_of(four, KNEE[0]) == (
+        "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
+    )
+    for plot in (*KNEE, *DETAILS, *READ_OFF):
+        title = title_of(four, plot)
+        assert len(title) <= LONGEST_TITLE
+        assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
 
 
 def test_the_largest_load_is_found_in_a_file(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
