@@ -38,7 +38,8 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
         [_plot(drawings, shown[plot.path], follow) for plot in plots if plot.path in shown]
         for plots in (KNEE, DETAILS, READ_OFF)
     )
-    told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
+    wide = len(drawings) <= ABREAST
+    told = [rrb.Vertical(_states(one.knee, follow, wide), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(
@@ -112,10 +113,9 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     )
 
 
-def _states(knee: str, follow: bool) -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(
-        origin=f"{knee}/{STATES}", name=f"{knee}: contact and level", time_view=_time_axis(follow)
-    )
+def _states(knee: str, follow: bool, wide: bool) -> rrb.StateTimelineView:
+    name = f"{knee}: contact and level" if wide else knee  # what they are stands above them, too
+    return rrb.StateTimelineView(origin=f"{knee}/{STATES}", name=name, time_view=_time_axis(follow))
 
 
 def _events(knee: str) -> rrb.TextLogView:

@@ -70,7 +70,7 @@ class Scene:
         self._remarks = Remarks(drawing.body_weight)
         self._time = _durations
         self._last_stamp = 0
-        self._begun, self._alone = False, True
+        self._begun, self._alone, self._told = False, True, False
         self._before, self._law_known = blank(0), True
         self._early: list[tuple[str, Mapping[str, str]]] = []
         """Notes from before the first answer, whose stamp they get"""
@@ -138,6 +138,8 @@ class Scene:
                 points = rr.SeriesPoints(names=names, colors=colours, marker_sizes=[SINGLE])
                 self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
         self._tell(self._remarks.finish())
+        if self._begun and not self._told:
+            self._tell([Remark(self._last_stamp, "no events")])
 
     def _begin(self, stamp: int) -> None:
         """Decide by the first stamp [ns] what the timeline shows, once for all; tell what came before it."""
@@ -185,6 +187,7 @@ class Scene:
 
     def _tell(self, remarks: Sequence[Remark]) -> None:
         if remarks:
+            self._told = True
             stamps = np.array([remark.stamp for remark in remarks], dtype=np.int64)
             texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
             levels = [remark.level for remark in remarks]

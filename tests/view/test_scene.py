@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
+import rerun.blueprint as rrb
+from rerun.blueprint.api import Container
 
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
@@ -292,6 +294,17 @@ def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines,
         assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
 
 
+@pytest.mark.parametrize("knees", [["left", "right"], ["left_medial", "left_lateral", "right"]])
+def test_narrow_views_of_states_have_short_names(knees: list[str], knee: tuple[KneeOutlines, list[Answer]]) -> None:
+    def views(container: Any) -> list[Any]:
+        within = isinstance(container, Container)
+        return [view for part in container.contents for view in views(part)] if within else [container]
+
+    drawn = blueprint([knee[0]._replace(knee=name) for name in knees])
+    states = [view.name for view in views(drawn.root_container) if isinstance(view, rrb.StateTimelineView)]
+    assert states == ([f"{name}: contact and level" for name in knees] if len(knees) == 2 else knees)
+
+
 def test_the_largest_load_is_found_in_a_file(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
     drawing, answers = knee
     whole = rows_of(answers)
@@ -412,6 +425,7 @@ def test_a_single_answer_is_seen_in_every_plot(knee: tuple[KneeOutlines, list[An
     drawing, answers = knee
     shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
     assert still(written(tmp_path / "one.rrd", drawing, [rows_of(answers[:1])]), "SeriesPoints:marker_sizes") == shown
+    assert lists(tmp_path / "one.rrd", "/knee/events", "TextLog:text")[0][1][0].endswith(" s  no events")
     more = written(tmp_path / "two.rrd", drawing, [rows_of(answers[:1]), rows_of(answers[1:2])])
     assert still(more, "SeriesPoints:marker_sizes") == set()
 
