@@ -30,10 +30,14 @@ def time_of(rows: Rows) -> NDArray[np.float64]:
     return seconds
 
 
-def begin_of(rows: Rows) -> int:
-    """The stamp [ns] from which on a person is told the time: 0, or the first one if they are dates."""
-    first = int(rows["stamp"][0]) if len(rows) else 0
+def begin_of(first: int) -> int:
+    """The stamp [ns] from which on a person is told the time of answers: 0, or the first one if it is a date."""
     return first if first >= DATES_FROM else 0
+
+
+def told(stamp: int, begin: int) -> str:
+    """A stamp [ns] in seconds, as short as it can be told; `begin` is what `begin_of` gives."""
+    return f"{NANOSECOND * (stamp - begin):{'+' if begin else ''}.3f}"
 
 
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:

@@ -22,7 +22,7 @@ def figure_of(rows: Rows) -> Any:
     matplotlib, pyplot = library("matplotlib"), library("matplotlib.pyplot")
     figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
     flexion, force, depth, point = axes
-    begin = begin_of(rows)
+    begin = begin_of(int(rows["stamp"][0])) if len(rows) else 0
     time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
     flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
     flexion.set_ylabel("flexion [°]")

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.results.columns import NANOSECOND, begin_of, time_of
+from knee_contact_ros.results.columns import NANOSECOND, begin_of, time_of, told
 
 ENDS = 4
 """Rows that are shown of either end"""
@@ -50,23 +50,26 @@ def as_html(rows: Rows) -> str:
     return f"<p>{escape(f'{in_a_line(rows)} {_origin(rows)}'.strip())}</p>{whole}"
 
 
+def _begin(rows: Rows) -> int:
+    return begin_of(int(rows["stamp"][0])) if len(rows) else 0
+
+
 def _origin(rows: Rows) -> str:
-    begin = begin_of(rows)
+    begin = _begin(rows)
     return f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
 
 
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
-    begin = begin_of(rows)
+    begin = _begin(rows)
     if len(rows) <= 2 * ENDS + 1:
         return _of(rows, begin)
     return [*_of(rows[:ENDS], begin), ("…",) * len(HEADINGS), *_of(rows[-ENDS:], begin)]
 
 
 def _of(rows: Rows, begin: int) -> list[tuple[str, ...]]:
-    sign = "+" if begin else ""
     return [
         (
-            f"{NANOSECOND * (row['stamp'] - begin):{sign}.3f}", f"{np.degrees(row['flexion_angle']):.1f}",
+            told(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
             f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
             f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
         )

@@ -17,11 +17,11 @@ import numpy as np
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.results.columns import begin_of, told
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
@@ -91,7 +91,7 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
     which = f"{MEDIAL} compartment, " if has_both(known) else ""
-    title = f"{which}largest {words}, at {row['stamp'] / NANOSECONDS:.3f} s"
+    title = f"{which}largest {words}, at {told(row['stamp'], begin_of(row['first_stamp']))} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
@@ -100,11 +100,14 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
 def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
     """The answer with the largest load or contact force on a topic that has answers, by their names.
 
-    One that is missing is none.
+    One that is missing is none. `first_stamp` is that of the first answer [ns].
     """
-    rows = [block[[int(_known(block[force]).argmax())]] for block in answer_blocks(recording, topic)]
+    first, rows = [], []
+    for block in answer_blocks(recording, topic):
+        first.append(int(block["stamp"][0]))
+        rows.append(block[[int(_known(block[force]).argmax())]])
     largest = max(rows, key=lambda row: float(_known(row[force])[0]))
-    return {name: largest[name][0].item() for name in largest.dtype.names or ()}
+    return {"first_stamp": first[0]} | {name: largest[name][0].item() for name in largest.dtype.names or ()}
 
 
 def _known(forces: Any) -> Floats:
@@ -208,8 +211,8 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     axis.annotate("", (0.0, 0.0), (0.0, -depth), zorder=6,
                   arrowprops={"arrowstyle": "<->", "color": "white" if depth > 0.0 else INK, "shrinkA": 0, "shrinkB": 0,
                               "linewidth": 1.2})  # fmt: skip
-    told = f"depth {depth:.3f} mm" if depth > 0.0 else f"{-depth:.3f} mm apart"
-    axis.text(0.98, 0.05, told, ha="right", va="bottom", fontsize=8.5, fontweight="bold", color=INK, zorder=6,
+    words = f"depth {depth:.3f} mm" if depth > 0.0 else f"{-depth:.3f} mm apart"
+    axis.text(0.98, 0.05, words, ha="right", va="bottom", fontsize=8.5, fontweight="bold", color=INK, zorder=6,
               transform=axis.transAxes)  # fmt: skip
     bone = " (pink: bone)" if len(deep) else ""
     axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)

@@ -77,6 +77,14 @@ def test_where_the_height_drives_the_picture_is_of_the_largest_force(tmp_path: P
     assert told.startswith("largest contact force, at 0.095 s: ")  # all loads are the same
 
 
+def test_a_stamp_of_today_is_told_from_the_first_one_on(tmp_path: Path) -> None:
+    begin = 1_764_027_108_530_000_000
+    bag = make_bag(tmp_path / "in.mcap", [(begin + i * 5_000_000, 0.1, 800.0 + i) for i in range(20)])
+    solve(bag, load_parameters({}), tmp_path / "knee.mcap", silent)
+    told = write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png")
+    assert told.startswith("largest load, at +0.095 s: ")  # as the table of peaks has it
+
+
 def test_of_both_compartments_the_picture_says_which(config: Path, tmp_path: Path) -> None:
     parameters = load_parameters([config / "both_compartments.yaml"])
     solve(config.parent / "bags" / "gait2354_right", parameters, tmp_path / "knee.mcap", silent)
