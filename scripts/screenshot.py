@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Render a scene to a picture without a screen: `screenshot.py FILE.rrd OUT.png [SECONDS]`.
 
-SECONDS sets the time cursor on the stamp timeline; in place of a file, the address that a node serves on. On Debian
-this needs mesa-vulkan-drivers and libgl1-mesa-dri.
+SECONDS sets the time cursor on the stamp timeline; in place of a file, the address that a node serves on. The picture
+has 256 colours, which halves it. On Debian this needs mesa-vulkan-drivers and libgl1-mesa-dri.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from knee_contact_ros.view.scene import NANOSECONDS, TIMELINE
+from PIL import Image
+
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.view.scene import TIMELINE
 from tests.helpers.viewer import rendered
 
 
@@ -22,7 +25,7 @@ def main() -> int:
     with rendered(scene) as screen:
         if seconds:
             screen.set_time(TIMELINE, round(float(seconds[0]) * NANOSECONDS))
-        screen.save(Path(picture))
+        Image.fromarray(screen.picture()).quantize(256, dither=Image.Dither.NONE).save(Path(picture), optimize=True)
         for complaint in screen.complaints():
             print(complaint)
     return 0

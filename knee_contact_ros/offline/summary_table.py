@@ -14,11 +14,14 @@ from rich.table import Table
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.results.columns import begin_of, told
 from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
 
 MOST_PEAKS = 12
 """That have a row each"""
+ONE_MOMENT = 100_000_000
+"""[ns] within which the largest load, force and depth are those of one peak"""
 MM = 1e3
 MICROMETRE = 1e6
 
@@ -33,7 +36,9 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures = Table(box=None, show_header=False, pad_edge=False)
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
-    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s")
+    begin = begin_of(summary.first_stamp)
+    since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
+    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}")
     if len(summary.load_peaks) > MOST_PEAKS:
         figures.add_row("peaks", f"{len(summary.load_peaks)} of the load")
     for name, value in live.items():
@@ -42,12 +47,12 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         figures.add_row("share of the load", summary.split.text)
     figures.add_row("samples refused", _counts(summary.refused))
     for name, each in compartments(summary):
-        told = f"{name}: " if name else ""
-        figures.add_row("ticks flagged", told + _counts(each.flagged))
+        of = f"{name}: " if name else ""
+        figures.add_row("ticks flagged", of + _counts(each.flagged))
         errors = f"{error_of_depth(each)} of depth at most, {error_of_force(each)} of force"
-        figures.add_row("error estimate", told + errors)
-        figures.add_row("levels", told + _shares(each.levels))
-        figures.add_row("cost", f"{told}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
+        figures.add_row("error estimate", of + errors)
+        figures.add_row("levels", of + _shares(each.levels))
+        figures.add_row("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
     for sentence in summary.sentences:
         figures.add_row("warning", shown(sentence))
     console.print(figures)
@@ -74,9 +79,13 @@ def error_of_force(summary: Summary) -> str:
 
 
 def peak_table(summary: Summary) -> Table:
-    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run."""
+    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run.
+
+    Stamps that are dates are told from the first one on: as seconds since 1970 they are too long to be read.
+    """
+    begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for heading in ("load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"):
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
@@ -91,9 +100,13 @@ def peak_table(summary: Summary) -> Table:
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        table.add_row(f"peak {number}", *values, f"{peak.stamp / NANOSECONDS:.3f}")
+        table.add_row(f"peak {number}", *values, told(peak.stamp, begin))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
-    table.add_row("largest", *forces(load.value, force.value, depth.value), f"{depth.stamp / NANOSECONDS:.3f}")
+    stamps = load.stamp, force.stamp, depth.stamp
+    when = told(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
+    table.add_row("largest", *forces(load.value, force.value, depth.value), when)
+    if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
+        table.collapse_padding = True
     return table
 
 

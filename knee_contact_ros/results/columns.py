@@ -12,6 +12,8 @@ from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.system.errors import UsageError
 
 NANOSECOND = 1e-9
+DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
+"""Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
 TIME = "time"
 UNITS = {
     TIME: "s", "flexion_angle": "rad", "load": "N", "contact_force": "N", "penetration_depth": "m", "gap": "m",
@@ -26,6 +28,16 @@ def time_of(rows: Rows) -> NDArray[np.float64]:
     """Stamps in seconds, shape (n,)."""
     seconds: NDArray[np.float64] = np.asarray(rows["stamp"]) * NANOSECOND
     return seconds
+
+
+def begin_of(first: int) -> int:
+    """The stamp [ns] from which on a person is told the time of answers: 0, or the first one if it is a date."""
+    return first if first >= DATES_FROM else 0
+
+
+def told(stamp: int, begin: int) -> str:
+    """A stamp [ns] in seconds, as short as it can be told; `begin` is what `begin_of` gives."""
+    return f"{NANOSECOND * (stamp - begin):{'+' if begin else ''}.3f}"
 
 
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.results.columns import time_of
+from knee_contact_ros.results.columns import NANOSECOND, begin_of
 from knee_contact_ros.results.extra import library
 
 SIZE = (8.0, 8.0)
@@ -22,7 +22,8 @@ def figure_of(rows: Rows) -> Any:
     matplotlib, pyplot = library("matplotlib"), library("matplotlib.pyplot")
     figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
     flexion, force, depth, point = axes
-    time = time_of(rows)
+    begin = begin_of(int(rows["stamp"][0])) if len(rows) else 0
+    time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
     flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
     flexion.set_ylabel("flexion [°]")
     force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load")
@@ -38,8 +39,10 @@ def figure_of(rows: Rows) -> Any:
     if len(places) and np.ptp(places) < LEAST:
         point.set_ylim(places.mean() - LEAST, places.mean() + LEAST)
     point.set_ylabel("contact point,\nanterior [mm]")
-    point.set_xlabel("time [s]")
+    point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     for one in axes:
+        if len(time) == 1:  # which makes no line
+            pyplot.setp(one.lines, marker="o")
         one.grid(visible=True, alpha=0.3)
         one.margins(x=0.0)
     figure.align_ylabels(axes)

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.results.columns import time_of
+from knee_contact_ros.results.columns import NANOSECOND, begin_of, time_of, told
 
 ENDS = 4
 """Rows that are shown of either end"""
@@ -25,7 +25,8 @@ def in_a_line(rows: Rows) -> str:
         return "no ticks"
     time = time_of(rows)
     force, depth = float(np.max(rows["contact_force"])), 1e3 * float(np.max(rows["penetration_depth"]))
-    return f"{len(rows)} ticks over {time[-1] - time[0]:.3f} s, at most {force:.1f} N and {depth:.3f} mm"
+    ticks = f"{len(rows)} tick{'s' * (len(rows) != 1)}"
+    return f"{ticks} over {time[-1] - time[0]:.3f} s, at most {force:.1f} N and {depth:.3f} mm"
 
 
 def as_text(rows: Rows) -> str:
@@ -37,7 +38,7 @@ def as_text(rows: Rows) -> str:
         table.add_row(*cells)
     text = StringIO()
     Console(file=text, width=WIDTH).print(table)
-    lines = [in_a_line(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
+    lines = [in_a_line(rows), _origin(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
     return "\n".join(filter(None, lines))
 
 
@@ -46,21 +47,31 @@ def as_html(rows: Rows) -> str:
     head = "".join(f"<th>{escape(heading)}</th>" for heading in HEADINGS)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in _cells(rows))
     whole = f'<table style="text-align: right"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-    return f"<p>{escape(in_a_line(rows))}</p>{whole}"
+    return f"<p>{escape(f'{in_a_line(rows)} {_origin(rows)}'.strip())}</p>{whole}"
+
+
+def _begin(rows: Rows) -> int:
+    return begin_of(int(rows["stamp"][0])) if len(rows) else 0
+
+
+def _origin(rows: Rows) -> str:
+    begin = _begin(rows)
+    return f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
 
 
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
+    begin = _begin(rows)
     if len(rows) <= 2 * ENDS + 1:
-        return _of(rows)
-    return [*_of(rows[:ENDS]), ("…",) * len(HEADINGS), *_of(rows[-ENDS:])]
+        return _of(rows, begin)
+    return [*_of(rows[:ENDS], begin), ("…",) * len(HEADINGS), *_of(rows[-ENDS:], begin)]
 
 
-def _of(rows: Rows) -> list[tuple[str, ...]]:
+def _of(rows: Rows, begin: int) -> list[tuple[str, ...]]:
     return [
         (
-            f"{second:.3f}", f"{np.degrees(row['flexion_angle']):.1f}", f"{row['load']:.1f}",
-            f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
+            told(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
+            f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
             f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
         )
-        for second, row in zip(time_of(rows), np.asarray(rows), strict=True)
+        for row in np.asarray(rows)
     ]  # fmt: skip

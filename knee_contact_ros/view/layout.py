@@ -11,7 +11,7 @@ from rerun.blueprint.components import PlayState
 from knee_contact_ros.view.colours import BACKGROUND, OF_KNEES
 from knee_contact_ros.view.frame import Frame, common, frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.plots import DEPTHS, DETAILS, KNEE, LAYER, READ_OFF, Plot, plots_of
+from knee_contact_ros.view.plots import DEPTHS, DETAILS, FLEXION, KNEE, LAYER, READ_OFF, Plot, plots_of
 from knee_contact_ros.view.sagittal import BODY, CAMERA, PATH
 from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
 
@@ -23,6 +23,8 @@ HEIGHTS = [1.03, 0.78, 1.12, 1.07]
 """Of four plots beside the plane, so that their ticks can be read; three have room enough to be alike"""
 ABREAST = 2
 """So many planes side by side; more of them stand below, or their words would cover each other"""
+LONGEST_TITLE = 105
+"""Letters that stand above a plot on a screen of 1600 pixels; Rerun cuts what is longer"""
 MAIN, BEHIND, READ = "Knee", "Cost, levels, estimates, events", "Pressure, patch, strain"
 """The tabs"""
 
@@ -36,7 +38,8 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
         [_plot(drawings, shown[plot.path], follow) for plot in plots if plot.path in shown]
         for plots in (KNEE, DETAILS, READ_OFF)
     )
-    told = [rrb.Vertical(_states(one.knee, follow), _events(one.knee), row_shares=[1, 2]) for one in drawings]
+    wide = len(drawings) <= ABREAST
+    told = [rrb.Vertical(_states(one.knee, follow, wide), _events(one.knee), row_shares=[1, 2]) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(
@@ -67,7 +70,10 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
         for place, drawing in enumerate(drawings)
         if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]
-    return f"{title}: {', '.join(names)}" if several else title
+    if not several:
+        return title
+    told = f"{title}: {', '.join(names)}"
+    return told if len(told) <= LONGEST_TITLE or plot.path == FLEXION else f"{title}: colours as of the flexion angle"
 
 
 def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DView:
@@ -107,10 +113,9 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     )
 
 
-def _states(knee: str, follow: bool) -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(
-        origin=f"{knee}/{STATES}", name=f"{knee}: contact and level", time_view=_time_axis(follow)
-    )
+def _states(knee: str, follow: bool, wide: bool) -> rrb.StateTimelineView:
+    name = f"{knee}: contact and level" if wide else knee  # what they are stands above them, too
+    return rrb.StateTimelineView(origin=f"{knee}/{STATES}", name=name, time_view=_time_axis(follow))
 
 
 def _events(knee: str) -> rrb.TextLogView:

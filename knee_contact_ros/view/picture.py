@@ -1,7 +1,7 @@
 """The knee at a moment, drawn by matplotlib alone: no Rerun, no display.
 
-`write_peak` writes a PNG of the knee at the largest load of a recording; `draw_knee` and `draw_contact` paint on axes
-of somebody else's figure.
+`write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives;
+`draw_knee` and `draw_contact` paint on axes of somebody else's figure.
 """
 
 from __future__ import annotations
@@ -17,16 +17,18 @@ import numpy as np
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.results.columns import begin_of, told
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
 
 MM = 1e3
 EXTRA = "report"
-BONE, CARTILAGE, EDGE = "#F0E8D6", "#A9D0EC", "#7A7060"
+BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Where cartilages overlap, where more than the first layer does, the force, texts"""
 MM_PER_WEIGHT = 6.0
@@ -63,7 +65,9 @@ class Moment(NamedTuple):
 
 
 def write_peak(recording: Path, output: Path, parameters: Parameters | None = None) -> str:
-    """Write a PNG of the knee at the largest load of a recording's first knee; give what it shows, in a line.
+    """Write a PNG of a recording's first knee where the load is largest; give what it shows, in a line.
+
+    Where the femoral height drives, no load does: there it is the contact force.
 
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
@@ -83,24 +87,32 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     if known is None:
         raise UsageError(f"recording {recording} does not tell its parameters")
     model = build_model(known, curves=provenance.texts() if provenance else None)
-    row = largest_load(recording, topics[0])
+    name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
+    row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
-    title = f"largest load, at {row['stamp'] / NANOSECONDS:.3f} s"
+    which = f"{MEDIAL} compartment, " if has_both(known) else ""
+    title = f"{which}largest {words}, at {told(row['stamp'], begin_of(row['first_stamp']))} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
 
 
-def largest_load(recording: Path, topic: str) -> Mapping[str, Any]:
-    """The answer with the largest load on a topic that has some, by its names; a load that is missing is none."""
-    rows = [block[[int(_known(block["load"]).argmax())]] for block in answer_blocks(recording, topic)]
-    largest = max(rows, key=lambda row: float(_known(row["load"])[0]))
-    return {name: largest[name][0].item() for name in largest.dtype.names or ()}
+def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
+    """The answer with the largest load or contact force on a topic that has answers, by their names.
+
+    One that is missing is none. `first_stamp` is that of the first answer [ns].
+    """
+    first, rows = [], []
+    for block in answer_blocks(recording, topic):
+        first.append(int(block["stamp"][0]))
+        rows.append(block[[int(_known(block[force]).argmax())]])
+    largest = max(rows, key=lambda row: float(_known(row[force])[0]))
+    return {"first_stamp": first[0]} | {name: largest[name][0].item() for name in largest.dtype.names or ()}
 
 
-def _known(loads: Any) -> Floats:
-    """Loads [N], shape (n,); below all others where there is none."""
-    return np.asarray(np.nan_to_num(loads, nan=-math.inf))
+def _known(forces: Any) -> Floats:
+    """Forces [N], shape (n,); below all others where there is none."""
+    return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
 def png(shown: Moment, title: str) -> bytes:
@@ -157,7 +169,7 @@ def draw_knee(axis: Any, shown: Moment) -> None:
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
         fill(axis, MM * bone, BONE)
-        fill(axis, MM * cartilage, CARTILAGE)
+        fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
     fill(axis, MM * picture.overlap, OVERLAP, OVERLAP)
     everything = MM * np.concatenate(picture[:4])
     (left, bottom), (right, top) = everything.min(axis=0), everything.max(axis=0)
@@ -199,8 +211,8 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     axis.annotate("", (0.0, 0.0), (0.0, -depth), zorder=6,
                   arrowprops={"arrowstyle": "<->", "color": "white" if depth > 0.0 else INK, "shrinkA": 0, "shrinkB": 0,
                               "linewidth": 1.2})  # fmt: skip
-    told = f"depth {depth:.3f} mm" if depth > 0.0 else f"{-depth:.3f} mm apart"
-    axis.text(0.98, 0.05, told, ha="right", va="bottom", fontsize=8.5, fontweight="bold", color=INK, zorder=6,
+    words = f"depth {depth:.3f} mm" if depth > 0.0 else f"{-depth:.3f} mm apart"
+    axis.text(0.98, 0.05, words, ha="right", va="bottom", fontsize=8.5, fontweight="bold", color=INK, zorder=6,
               transform=axis.transAxes)  # fmt: skip
     bone = " (pink: bone)" if len(deep) else ""
     axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)

@@ -51,8 +51,8 @@ ON_TOP, ABOVE = 40.0, 35.0
 """Draw orders; 30 is that of other points"""
 UNSEEN = -0.01
 """Half width of a point that only its label shows"""
-ABOVE_TIP = 9.0
-"""How far [mm] above the tip of an arrow its word stands; words stand below their places"""
+ABOVE_AXIS, ABOVE_FORCE = 9.0, 13.0
+"""How far [mm] above the tip of an arrow its word stands, of one line and of two; words stand below their places"""
 FORCE_WITHIN = 0.8
 """The same above the contact at most, in extents of the femur: where there is bone behind it"""
 CAMERA, BODY = "sagittal", "body"
@@ -94,7 +94,7 @@ def marks_still(frame: Frame, send: Send) -> None:
     ends = np.array([[length, 0.0], [0.0, -length]])
     send("axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[TEXT], radii=[LINE]))
     send("axes/anterior", _text(corner + 1.1 * ends[0], "anterior"))
-    send("axes/superior", _text(corner + ends[1] - [0.0, ABOVE_TIP], "superior"))
+    send("axes/superior", _text(corner + ends[1] - [0.0, ABOVE_AXIS], "superior"))
     bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
     send("scale", rr.LineStrips2D([bar], colors=[TEXT], radii=[WIDE]))
     send("scale/name", _text(bar.mean(axis=0), f"{SCALE_BAR:g} mm"))
@@ -138,9 +138,11 @@ def marks_moving(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
     arrow = force[:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
     weights = force / drawing.body_weight
-    labels = [f"{n:.0f} N = {w:.2f} BW" if n else "0 N" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
+    labels = [f"{n:.0f} N\n{w:.2f} BW" if n else "0 N" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
     within = np.minimum(1.0, FORCE_WITHIN * extent_of(drawing) / np.maximum(np.hypot(*arrow.T), 1e-9))
-    send(FORCE_NAME, rr.Points2D.columns(positions=point + within[:, None] * arrow - [0.0, ABOVE_TIP], labels=labels))
+    place = point + within[:, None] * arrow
+    place[~(shown["gap"] > 0.0), 1] -= ABOVE_FORCE  # apart the word stands on the tibia: above it there may be no bone
+    send(FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels))
     depths, gaps = (MM * shown[name] for name in ("penetration_depth", "gap"))
     told = [_told(*pair) for pair in zip(depths.tolist(), gaps.tolist(), strict=True)]
     send(DEPTH, rr.Points2D.columns(labels=told))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,9 @@ import rerun as rr
 
 from knee_contact_ros.core.readouts import SPREAD, Readings
 from knee_contact_ros.core.types import Rows, blank
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.results.columns import DATES_FROM
+from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES, Colour
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, plots_of
@@ -34,11 +36,10 @@ CONTACT, LEVEL = "contact", "level"
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 """By `Fidelity`"""
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
-NANOSECONDS = 1_000_000_000
-DATES_FROM = 10 * 365 * 86_400 * NANOSECONDS
-"""Stamps [ns] from which on they are dates; those of simulations and of trials begin near 0"""
 REPEAT = 5 * NANOSECONDS
 """How long [ns] a state may last without being written again, where what is old gets lost"""
+SINGLE = 5.0
+"""Radius of the point that a curve is of a single answer"""
 LAYER_DEPTH = "contact.layer_depth"
 LAW = ("contact.", "lateral.contact.")
 """What the names of parameters begin with on which patch, pressure and strain depend"""
@@ -69,7 +70,7 @@ class Scene:
         self._remarks = Remarks(drawing.body_weight)
         self._time = _durations
         self._last_stamp = 0
-        self._begun = False
+        self._begun, self._alone, self._told = False, True, False
         self._before, self._law_known = blank(0), True
         self._early: list[tuple[str, Mapping[str, str]]] = []
         """Notes from before the first answer, whose stamp they get"""
@@ -81,6 +82,7 @@ class Scene:
 
     def show(self, shown: Rows) -> None:
         """Write answers, at least one."""
+        self._alone = not self._begun and len(shown) == 1
         if not self._begun:
             self._begin(int(shown["stamp"][0]))
         self._last_stamp = int(shown["stamp"][-1])
@@ -130,8 +132,14 @@ class Scene:
         return read
 
     def finish(self) -> None:
-        """Write what is left to say."""
+        """Write what is left to say; a single answer is no line, and gets points."""
+        if self._begun and self._alone:
+            for path, names, colours, _ in self._styles():
+                points = rr.SeriesPoints(names=names, colors=colours, marker_sizes=[SINGLE])
+                self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
         self._tell(self._remarks.finish())
+        if self._begun and not self._told:
+            self._tell([Remark(self._last_stamp, "no events")])
 
     def _begin(self, stamp: int) -> None:
         """Decide by the first stamp [ns] what the timeline shows, once for all; tell what came before it."""
@@ -147,17 +155,23 @@ class Scene:
         at(CAMERA)("", camera())
         plane_still(self._drawing, at(BODY))
         marks_still(frame_of(self._drawing), at(CAMERA))
+        steps = {plot.path for plot in self._plots if plot.steps}
+        for path, names, colours, widths in self._styles():
+            mode = rr.components.InterpolationMode.StepAfter if path in steps else None
+            at(CURVES)(path, rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode))
+        names = list(NAME_OF_STATE.values())
+        at(STATES)(CONTACT, rr.StateConfiguration(values=names, colors=[APART, CARTILAGE, BONE]))
+        at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))
+
+    def _styles(self) -> Iterator[tuple[str, Sequence[str], Sequence[Colour], Sequence[float]]]:
+        """For each entity of curves their names, colours and widths."""
         for plot in self._plots:
             names, colours, widths = zip(*(series[:3] for series in plot.series), strict=True)
             if self._number is not None:
                 colours = (OF_KNEES[self._number % len(OF_KNEES)].colour,) * len(names)
-            mode = rr.components.InterpolationMode.StepAfter if plot.steps else None
-            at(CURVES)(plot.path, rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode))
+            yield plot.path, names, colours, widths
         if self._drawing.has_bone:
-            at(CURVES)(LAYER, rr.SeriesLines(names=[LAYER_NAME], colors=[LAYER_COLOUR], widths=[1.5]))
-        names = list(NAME_OF_STATE.values())
-        at(STATES)(CONTACT, rr.StateConfiguration(values=names, colors=[APART, CARTILAGE, BONE]))
-        at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))
+            yield LAYER, [LAYER_NAME], [LAYER_COLOUR], [1.5]
 
     def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
         """Write a state where it changes."""
@@ -173,6 +187,7 @@ class Scene:
 
     def _tell(self, remarks: Sequence[Remark]) -> None:
         if remarks:
+            self._told = True
             stamps = np.array([remark.stamp for remark in remarks], dtype=np.int64)
             texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
             levels = [remark.level for remark in remarks]

@@ -69,3 +69,31 @@ def test_solve_prints_the_peaks_that_the_demo_does(
         ("1.81", "0.658"),
         ("2.19", "0.747"),
     ]
+
+
+def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    rows, begin = blank(2_000), 1_764_027_108 * 1_000_000_000
+    rows["stamp"] = begin + np.arange(2_000) * 1_000_000
+    rows["load"] = 1200.0 * np.abs(np.sin(np.pi * 1e-3 * np.arange(2_000)))
+    rows["contact_force"], rows["penetration_depth"] = rows["load"], 1e-6 * rows["load"]
+    summary = Summary(700.0)
+    summary.add(rows)
+    summary.finish()
+    show_summary(summary, {}, {})
+    told = capsys.readouterr().out
+    assert " peak 1      1200.0   1.71              1200.0   1.71        1.200   +0.500" in told
+    assert " peak 2      1200.0   1.71              1200.0   1.71        1.200   +1.500" in told
+    assert "2000 over 2.00 s from 1764027108.000 s on" in told
+    assert max(map(len, told.splitlines())) <= 80
+
+
+def test_no_moment_is_told_for_largest_values_of_different_moments(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = blank(3)
+    rows["stamp"] = [0, 1_000_000_000, 2_000_000_000]
+    rows["load"], rows["contact_force"], rows["penetration_depth"] = [1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [1e-3, 0.0, 0.0]
+    summary = Summary(700.0)
+    summary.add(rows)
+    summary.finish()
+    show_summary(summary, {}, {})
+    (largest,) = (line for line in capsys.readouterr().out.splitlines() if "largest" in line)
+    assert largest.split() == ["largest", "3.0", "0.00", "3.0", "0.00", "1.000", "various"]

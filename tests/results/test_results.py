@@ -148,6 +148,28 @@ def test_units_are_those_of_the_message() -> None:
     assert unit_of("contact_wrench_torque_z") == "N m"
 
 
+def test_stamps_of_today_are_told_from_the_first_one_on(results: Results) -> None:
+    dated = results.copy()
+    dated["stamp"] += 1_764_027_108_530_000_000
+    _, origin, *lines = str(dated).splitlines()
+    assert origin == "time from 1764027108.530 s on"
+    assert lines[3].split()[0] == "+0.000"
+    assert lines[-1].split()[0] == "+0.495"
+    assert "…" not in "".join(lines[:7])  # nothing cut
+    assert "<td>+0.495</td>" in dated._repr_html_()
+    assert dated.time[0] == pytest.approx(1_764_027_108.53, abs=1e-6)
+    pytest.importorskip("matplotlib")
+    point = dated.plot().axes[-1]
+    assert point.get_xlabel() == "time [s] from 1764027108.530 s on"
+    assert point.lines[0].get_xdata() == pytest.approx(results.time)
+
+
+def test_a_single_tick_is_told_and_seen(results: Results) -> None:
+    assert repr(results[:1]).startswith("<Results: 1 tick over 0.000 s, ")
+    pytest.importorskip("matplotlib")
+    assert {line.get_marker() for axes in results[:1].plot().axes for line in axes.lines} == {"o"}
+
+
 def test_the_figure_has_the_four_curves(results: Results) -> None:
     pytest.importorskip("matplotlib")
     figure = results.plot()

@@ -47,3 +47,9 @@ def entities(path: Path) -> dict[str, set[str]]:
             names = {name for name in chunk.to_record_batch().schema.names if ":" in name}
             found.setdefault(chunk.entity_path, set()).update(names)
     return found
+
+
+def still(path: Path, component: str) -> set[str]:
+    """The entities that hold a component which does not change."""
+    chunks = (chunk for chunk in RrdReader(path).stream() if chunk.is_static)
+    return {chunk.entity_path for chunk in chunks if component in chunk.to_record_batch().schema.names}

@@ -14,17 +14,18 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.picture import (
+    SURFACE,
     Moment,
     Window,
     beyond,
     draw_contact,
     draw_knee,
     in_contact_frame,
-    largest_load,
     posed,
+    with_largest,
     write_peak,
 )
-from tests.offline.test_solve import silent
+from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
 KNEES = (
@@ -54,7 +55,9 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path) -> 
     assert f"{np.degrees(peak['flexion_angle']):.0f}° of flexion" in told
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
-        assert len(image.convert("RGB").getcolors(1 << 24)) > 20
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    surface = [int(SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
+    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
 
 
 def test_a_load_that_is_missing_is_not_the_largest(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +66,29 @@ def test_a_load_that_is_missing_is_not_the_largest(recording: Path, monkeypatch:
     holed = answers.copy()
     holed["load"][[0, 200]] = np.nan
     monkeypatch.setattr("knee_contact_ros.view.picture.answer_blocks", lambda *_: iter([holed[:150], holed[150:]]))
-    assert largest_load(recording, "/knee_contact")["stamp"] == answers["stamp"][int(answers["load"].argmax())]
+    assert with_largest("load", recording, "/knee_contact")["stamp"] == answers["stamp"][int(answers["load"].argmax())]
+
+
+def test_where_the_height_drives_the_picture_is_of_the_largest_force(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
+    bag = make_bag(tmp_path / "in.mcap", rows, heights=0.0335 - 1e-5 * np.arange(20.0))
+    solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "knee.mcap", silent)
+    told = write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png")
+    assert told.startswith("largest contact force, at 0.095 s: ")  # all loads are the same
+
+
+def test_a_stamp_of_today_is_told_from_the_first_one_on(tmp_path: Path) -> None:
+    begin = 1_764_027_108_530_000_000
+    bag = make_bag(tmp_path / "in.mcap", [(begin + i * 5_000_000, 0.1, 800.0 + i) for i in range(20)])
+    solve(bag, load_parameters({}), tmp_path / "knee.mcap", silent)
+    told = write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png")
+    assert told.startswith("largest load, at +0.095 s: ")  # as the table of peaks has it
+
+
+def test_of_both_compartments_the_picture_says_which(config: Path, tmp_path: Path) -> None:
+    parameters = load_parameters([config / "both_compartments.yaml"])
+    solve(config.parent / "bags" / "gait2354_right", parameters, tmp_path / "knee.mcap", silent)
+    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png").startswith("medial compartment, largest load, at ")
 
 
 def test_a_bag_without_answers_is_refused(config: Path, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
+import rerun.blueprint as rrb
+from rerun.blueprint.api import Container
 
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
@@ -20,21 +22,22 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.gait.strides import impulse_per_stride
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.view.anatomy import placed
 from knee_contact_ros.view.colours import OF_KNEES
 from knee_contact_ros.view.cursor import peak_of
 from knee_contact_ros.view.frame import common, frame_of
-from knee_contact_ros.view.layout import blueprint, plane_title, title_of
+from knee_contact_ros.view.layout import LONGEST_TITLE, blueprint, plane_title, title_of
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.overlap import POINTS
-from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, plots_of
+from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, LOAD_PLACE, READ_OFF, plots_of
 from knee_contact_ros.view.remarks import Remarks
 from knee_contact_ros.view.sagittal import PICTURE_PERIOD
-from knee_contact_ros.view.scene import DATES_FROM, Scene
+from knee_contact_ros.view.scene import Scene
 from tests.helpers.answers import contact, rows_of
 from tests.helpers.messages import raw_inputs
-from tests.view.rrd import column, entities, lists
+from tests.view.rrd import column, entities, lists, still
 
 WEIGHT = 737.068
 PLOTS = (*KNEE, *DETAILS)
@@ -141,7 +144,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
     told = [text[0] for _, text in lists(path, "/knee/sagittal/contact_force", "Points2D:labels")]
-    assert told == [f"{newtons:.0f} N = {newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
+    assert told == [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
     in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
     assert np.array_equal(in_front, behind)
     quaternion = in_front.reshape(len(answers), 4)
@@ -184,6 +187,19 @@ def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
     assert corners.shape == (1, 2 * 2 * POINTS, 3)
     assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
     assert [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")] == ["1.00 mm apart"]
+
+
+def test_apart_the_force_is_told_on_the_tibia_and_else_above_its_arrow(tmp_path: Path) -> None:
+    model = Pipeline(load_parameters({}), compiled=False).model
+    flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
+    rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [at(rows, [0, PICTURE_PERIOD])])
+    words, point = (
+        column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
+        for name in ("contact_force", "contact_point")
+    )
+    assert words[0] == pytest.approx(point[0])  # words stand below their places: in the tibia, not in the gap
+    assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
 SHIPPED: dict[str, list[str]] = {
@@ -271,6 +287,25 @@ def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines,
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
     assert len({one.colour for one in OF_KNEES}) == len(OF_KNEES)
+    four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
+    assert title_of(four, KNEE[0]) == (
+        "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
+    )
+    for plot in (*KNEE, *DETAILS, *READ_OFF):
+        title = title_of(four, plot)
+        assert len(title) <= LONGEST_TITLE
+        assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
+
+
+@pytest.mark.parametrize("knees", [["left", "right"], ["left_medial", "left_lateral", "right"]])
+def test_narrow_views_of_states_have_short_names(knees: list[str], knee: tuple[KneeOutlines, list[Answer]]) -> None:
+    def views(container: Any) -> list[Any]:
+        within = isinstance(container, Container)
+        return [view for part in container.contents for view in views(part)] if within else [container]
+
+    drawn = blueprint([knee[0]._replace(knee=name) for name in knees])
+    states = [view.name for view in views(drawn.root_container) if isinstance(view, rrb.StateTimelineView)]
+    assert states == ([f"{name}: contact and level" for name in knees] if len(knees) == 2 else knees)
 
 
 def test_the_largest_load_is_found_in_a_file(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
@@ -409,6 +444,15 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
     moment = peak_of(path)  # where the force is largest
     assert moment is not None
     assert moment.stamp == rows["stamp"][int(rows["contact_force"].argmax())]
+
+
+def test_a_single_answer_is_seen_in_every_plot(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    drawing, answers = knee
+    shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
+    assert still(written(tmp_path / "one.rrd", drawing, [rows_of(answers[:1])]), "SeriesPoints:marker_sizes") == shown
+    assert lists(tmp_path / "one.rrd", "/knee/events", "TextLog:text")[0][1][0].endswith(" s  no events")
+    more = written(tmp_path / "two.rrd", drawing, [rows_of(answers[:1]), rows_of(answers[1:2])])
+    assert still(more, "SeriesPoints:marker_sizes") == set()
 
 
 def test_what_is_read_off_is_what_the_model_reads_off(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:

@@ -139,7 +139,8 @@ def between(several: Sequence[Parameters]) -> list[str]:
     ]
     if not several:
         return []
-    names = [name for name in values[0] if not name.startswith((SECTION, LATERAL, *NOT_OF_THE_RESULT))]
+    left_out = (SECTION, LATERAL, *NOT_OF_THE_RESULT)  # a lateral run has its parameters under the medial one's names
+    names = [name for name in values[0] if not name.startswith(left_out)]
     names += list(dict.fromkeys(name for each in several for name in _constants(each)))
     told = ((name, [each.get(name) for each in values]) for name in names)
     return [

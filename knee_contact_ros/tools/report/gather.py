@@ -43,20 +43,30 @@ class Moment(NamedTuple):
 TOLD = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "flexion_angle",
         "femoral_height")  # fmt: skip
 """Columns of a moment"""
-LOAD = COLUMNS.index("load")
-LARGEST_LOAD = "largest load"
+LARGEST = {"load": "largest load", "contact_force": "largest contact force"}
+"""What is largest at a moment, by its column"""
 
 
 class Gathered:
     """All that a report says of a run."""
 
-    def __init__(self, body_weight: float, doubts: Doubts | None = None, model: KneeModel | None = None) -> None:
-        """`body_weight` is in N; `doubts` are those about the run's parameters; `model` computed all of the run."""
+    def __init__(
+        self,
+        body_weight: float,
+        doubts: Doubts | None = None,
+        model: KneeModel | None = None,
+        height_prescribed: bool = False,
+    ) -> None:
+        """`body_weight` is in N; `doubts` are those about the run's parameters; `model` computed all of the run.
+
+        Where the femoral height is prescribed no load drives, and the contact force tells where most is borne.
+        """
+        self.of_largest = "contact_force" if height_prescribed else "load"
         self.body_weight, self._model = body_weight, model if model and model.patch else None
         self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
         self.moments: list[Moment] = []
         self.largest: Moment | None = None
-        """Where the load is largest; None: nothing came"""
+        """Where `of_largest` is largest, which its event names; None: nothing came"""
         self.cycles: list[Cycle] = []
         self.strikes = 0
         """Heel strikes that another one followed: as many cycles, if all had been plausible"""
@@ -105,9 +115,10 @@ class Gathered:
         return np.column_stack([read[name] if name in SPREAD else part.view(FLAT)[name] for name in COLUMNS])
 
     def _largest(self, stamps: NDArray[np.int64], values: Floats) -> None:
-        at = int(values[:, LOAD].argmax())
-        if self.largest is None or values[at, LOAD] > self.largest.load:
-            event = GaitEvent(int(stamps[at]), LARGEST_LOAD, "")
+        column = COLUMNS.index(self.of_largest)
+        at = int(values[:, column].argmax())
+        if self.largest is None or values[at, column] > getattr(self.largest, self.of_largest):
+            event = GaitEvent(int(stamps[at]), LARGEST[self.of_largest], "")
             self.largest = Moment(event, (event.stamp - self._since) / NANOSECONDS, *contact_in(values[at]))
 
     def _take(self, events: list[GaitEvent], *, ended: bool) -> None:

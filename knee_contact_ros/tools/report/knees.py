@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from knee_contact_ros.tools.report.figures import Figure, draw, plain, told
-from knee_contact_ros.tools.report.gather import LARGEST_LOAD, Moment
+from knee_contact_ros.tools.report.gather import Moment
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, StancePeak, stance_peaks
 from knee_contact_ros.tools.report.runs import Run
 from knee_contact_ros.view import picture
@@ -17,7 +17,7 @@ from knee_contact_ros.view.anatomy import cartilage_of
 WIDTH, KNEE, CONTACT = 5.2, 3.1, 1.45
 """[in] of the figure, and heights of a knee and of a magnified contact"""
 CAPTION = (
-    "Side view at the load's peak; the arrow is the contact force on the femur. Below, the contact with its heights "
+    "Side view; the arrow is the contact force on the femur. Below, the contact with its heights "
     "magnified: dark is where the surfaces would overlap if neither gave way; the number is the depth. The surfaces "
     "that touch are the model's; the shafts are drawn around them"
 )
@@ -52,14 +52,14 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
 
 
 def drawn_peaks(run: Run) -> list[Peak]:
-    """The largest first and second peak of stance; where there is none, the largest load."""
+    """The largest first and second peak of stance; where there is none, the largest load or force."""
     peaks = stance_peaks(run.gathered)
     found = [
         Peak(titled(largest), largest.moment) for which in (FIRST, SECOND) if (largest := largest_of(peaks, which))
     ]
     if not found and run.gathered.largest:
         moment = run.gathered.largest
-        found = [Peak(f"{LARGEST_LOAD}, {moment.elapsed:.2f} s", moment)]
+        found = [Peak(f"{moment.event.kind}, {moment.elapsed:.2f} s", moment)]
     return found
 
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from knee_contact_ros import __version__
+from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.tools.report import words
 from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.figures import Figure, moves
 from knee_contact_ros.tools.report.published import SOURCES, which_load
-from knee_contact_ros.tools.report.runs import Run
+from knee_contact_ros.tools.report.runs import Run, prescribed
 from knee_contact_ros.tools.report.uncertain import contribution_table, interval_table
 
 TEMPLATE = "report.html.jinja"
@@ -37,7 +38,8 @@ def page(
     return environment.get_template(TEMPLATE).render(
         title=f"Knee contact: {', '.join(run.name for run in bases)}",
         lead=lead(runs),
-        loads="; ".join(dict.fromkeys(which_load(run.parameters) for run in runs)),
+        loads="; ".join(dict.fromkeys(which_load(run.parameters) for run in runs if not prescribed(run.parameters))),
+        prescribed=[run.label for run in runs if prescribed(run.parameters)],
         version=__version__,
         doubts=[(run.label, sentence) for run in runs for sentence in run.gathered.totals.doubts.sentences],
         first=words.first_table(runs),
@@ -82,9 +84,10 @@ def what_differs(runs: Sequence[Run]) -> list[str]:
 
 
 def lead(runs: Sequence[Run]) -> str:
-    """The page in a sentence."""
-    cycles = sum(len(run.gathered.cycles) for run in runs if run.beside is None)
-    ticks = sum(run.gathered.totals.ticks for run in runs if run.beside is None)
+    """The page in a sentence. Both compartments of a knee are of the same ticks and cycles."""
+    knees = [run for run in runs if run.beside is None and not is_lateral(run.topic)]
+    cycles = sum(len(run.gathered.cycles) for run in knees)
+    ticks = sum(run.gathered.totals.ticks for run in knees)
     each = ", each" if len({run.source for run in runs}) > 1 else ","
     compared = f"{each} computed again with another contact law" if any(run.beside is not None for run in runs) else ""
     files = len({run.source for run in runs})

@@ -250,10 +250,15 @@ def _model(topic: str, parameters: Parameters, provenance: Provenance | None) ->
         return answering(topic, parameters, {})[0], None
 
 
+def prescribed(parameters: Parameters) -> bool:
+    """Whether the femoral height drives, and no load."""
+    return parameters.drive == "displacement"
+
+
 def _gathered(
     path: Path, topic: str, parameters: Parameters, doubts: Doubts, model: KneeModel | None, advance: Advance
 ) -> Gathered:
-    gathered = Gathered(parameters.body_weight, doubts, model)
+    gathered = Gathered(parameters.body_weight, doubts, model, prescribed(parameters))
     for block in answer_blocks(path, topic, advance):
         gathered.add(block)
     return gathered.finish()

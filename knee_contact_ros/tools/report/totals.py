@@ -110,6 +110,8 @@ class Course:
     def __init__(self, columns: int) -> None:
         self.width = FIRST_WIDTH
         """[ns]"""
+        self.begin = np.full(BUCKETS, np.inf)
+        """[ns] of the first value in a bucket"""
         self.lowest = np.full((BUCKETS, columns), np.inf)
         self.highest = np.full((BUCKETS, columns), -np.inf)
 
@@ -118,11 +120,15 @@ class Course:
         while int(elapsed[-1]) // self.width >= BUCKETS:
             self._widen()
         buckets, starts = np.unique(elapsed // self.width, return_index=True)
+        self.begin[buckets] = np.minimum(self.begin[buckets], elapsed[starts])
         self.lowest[buckets] = np.minimum(self.lowest[buckets], np.minimum.reduceat(values, starts))
         self.highest[buckets] = np.maximum(self.highest[buckets], np.maximum.reduceat(values, starts))
 
     def _widen(self) -> None:
         self.width *= 2
+        self.begin = np.concatenate(
+            (np.minimum(self.begin[::2], self.begin[1::2]), np.full_like(self.begin[::2], np.inf))
+        )
         self.lowest = np.concatenate(
             (np.minimum(self.lowest[::2], self.lowest[1::2]), np.full_like(self.lowest[::2], np.inf))
         )
@@ -133,4 +139,4 @@ class Course:
     def lines(self) -> tuple[Floats, Floats, Floats]:
         """Time [s], shape (n,), and the smallest and largest values, shape (n, columns), where there are any."""
         used = np.flatnonzero(np.isfinite(self.lowest[:, 0]))
-        return (used + 0.5) * self.width / NANOSECONDS, self.lowest[used], self.highest[used]
+        return self.begin[used] / NANOSECONDS, self.lowest[used], self.highest[used]

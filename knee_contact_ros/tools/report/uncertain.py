@@ -21,6 +21,7 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.data import Row
 from knee_contact_ros.tools.report.figures import MM, Figure, draw, legend
+from knee_contact_ros.tools.report.gather import LARGEST
 from knee_contact_ros.tools.report.peaks import stance_peaks
 from knee_contact_ros.tools.report.runs import Advance, ReportOptions, Run, stored
 from knee_contact_ros.tools.report.words import NONE, Table
@@ -28,11 +29,12 @@ from knee_contact_ros.tools.report.words import NONE, Table
 SIZE = (5.2, 6.4)
 MICRO = 1e6
 AROUND = 1.0
-"""[s] that is drawn on either side of the largest load"""
+"""[s] that is drawn on either side of the largest load, or force"""
 LEAST = 1e-3
 """[µm] below which nothing is drawn"""
 SHOWN = 12
 """Peaks that are listed"""
+# "at_largest_load": where the femoral height drives, at the largest contact force
 COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N", "depth_rms_um",
            "force_rms_N")  # fmt: skip
 TOGETHER, NUMERICAL = "all of them together", "numerical error (bound)"
@@ -82,14 +84,13 @@ def contribution_table(run: Run, of: Propagated) -> Table:
     rows = [
         (name, told, *(f"{number:.3g}" for number in numbers[:3])) for name, told, *numbers in contributions(run, of)
     ]
-    return Table(
-        head, rows, "At the largest load, with sign: what one standard deviation more does. RMS: over all ticks."
-    )
+    where = LARGEST[run.gathered.of_largest]
+    return Table(head, rows, f"At the {where}, with sign: what one standard deviation more does. RMS: over all ticks.")
 
 
-def contributions(_run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
-    """Name, deviation, and what it does: at the largest load with its sign, and over all ticks."""
-    at = int(of.rows["load"].argmax())
+def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
+    """Name, deviation, and what it does: at the largest load, or force, with its sign, and over all ticks."""
+    at = int(of.rows[run.gathered.of_largest].argmax())
     for deviation, (depth, force) in of.parts.items():
         yield deviation.name, deviation.text, MICRO * depth[at], force[at], MICRO * _rms(depth), _rms(force)
     yield TOGETHER, "", MICRO * of.depth[at], of.force[at], MICRO * _rms(of.depth), _rms(of.force)
@@ -102,7 +103,7 @@ def interval_table(run: Run, of: Propagated) -> Table:
     reach, weight = factor(LEVEL), run.parameters.body_weight
     peaks = [(peak.which or NONE, peak.moment) for peak in stance_peaks(run.gathered)[:SHOWN]]
     if not peaks and run.gathered.largest:
-        peaks = [("largest load", run.gathered.largest)]
+        peaks = [(run.gathered.largest.event.kind, run.gathered.largest)]
     level = f"{100.0 * LEVEL:.0f} %"
     rows = []
     for which, moment in peaks:
@@ -133,7 +134,7 @@ def uncertainty_figures(runs: Sequence[Run]) -> list[Figure]:
     found = []
     known = [(run, run.uncertain) for run in runs if run.uncertain]
     for number, (run, of) in enumerate(known, start=1):
-        png = draw(SIZE, partial(_panels, of=of))
+        png = draw(SIZE, partial(_panels, of=of, of_largest=run.gathered.of_largest))
         caption = (
             f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
             "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
@@ -142,10 +143,10 @@ def uncertainty_figures(runs: Sequence[Run]) -> list[Figure]:
     return found
 
 
-def _panels(canvas: Any, of: Propagated) -> None:
+def _panels(canvas: Any, of: Propagated, of_largest: str) -> None:
     stamps = of.rows["stamp"]
     since = (stamps - stamps[0]) / NANOSECONDS
-    at = since[int(of.rows["load"].argmax())]
+    at = since[int(of.rows[of_largest].argmax())]
     shown = (since >= at - AROUND) & (since <= at + AROUND)
     time = since[shown]
     above, middle, below = canvas.subplots(3, 1, sharex=True)

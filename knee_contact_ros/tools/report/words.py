@@ -12,7 +12,7 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.tools.report.cycles import Cycle
 from knee_contact_ros.tools.report.figures import has_bone, pressure_of
-from knee_contact_ros.tools.report.gather import LARGEST_LOAD, Moment
+from knee_contact_ros.tools.report.gather import LARGEST, Moment
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, StancePeak, stance_peaks
 from knee_contact_ros.tools.report.published import which_load
 from knee_contact_ros.tools.report.runs import Run, own_values
@@ -34,10 +34,12 @@ class Table(NamedTuple):
 
 
 def first_table(runs: Sequence[Run]) -> Table:
-    """The peaks of all runs at a glance; without any, where the load is largest."""
+    """The peaks of all runs at a glance; without any, where the load or the contact force is largest."""
     peaks = [stance_peaks(run.gathered) for run in runs]
     found = [which for which in (FIRST, SECOND) if any(peak.which == which for each in peaks for peak in each)]
-    head = [f"{which} peak: " if which in (FIRST, SECOND) else f"{which}: " for which in found or [LARGEST_LOAD]]
+    head = [f"{which} peak: " for which in found]
+    if not found:
+        head = [" or ".join(dict.fromkeys(LARGEST[run.gathered.of_largest] for run in runs)) + ": "]
     columns = [f"{name}{quantity}" for name in head for quantity in ("load [BW]", "contact force [BW]", "depth [mm]")]
     rows = []
     for run, each in zip(runs, peaks, strict=True):

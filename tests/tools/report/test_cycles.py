@@ -208,6 +208,8 @@ def test_a_course_keeps_extremes(number: int) -> None:
     time, lowest, highest = course.lines()
     assert len(time) <= BUCKETS
     buckets = elapsed // course.width
+    begins = elapsed[np.unique(buckets, return_index=True)[1]]
+    assert time == pytest.approx(1e-9 * begins)  # when something came, and not the middle of a bucket
     for bucket, low, high in zip(np.unique(buckets), lowest, highest, strict=True):
         np.testing.assert_array_equal(low, values[buckets == bucket].min(axis=0))
         np.testing.assert_array_equal(high, values[buckets == bucket].max(axis=0))

@@ -376,6 +376,30 @@ def test_a_few_ticks_are_a_report(tmp_path: Path, ticks: int) -> None:
     assert f"{ticks} in {0.005 * (ticks - 1):.2f} s" in text_of(page_of(tmp_path / "out"))
 
 
+def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(100)]
+    bag = make_bag(tmp_path / "pressed.mcap", rows, heights=0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2)
+    parameters = load_parameters({"drive": "displacement"})
+    solve(bag, parameters, tmp_path / "height.mcap", silent)
+    assert main(["report", str(tmp_path / "height.mcap"), "--output", str(tmp_path / "out")]) == 0
+    text = text_of(page_of(tmp_path / "out"))
+    force = max(answer.contact_force for answer in read_answers(tmp_path / "height.mcap").view(np.recarray))
+    assert "largest contact force: contact force [BW]" in text
+    assert f"{force / BODY_WEIGHT:.2f}" in text.partition("Peaks")[2].partition("The knee at the peaks")[0]
+    assert "The femoral height is prescribed (height)" in text
+    assert "largest load:" not in text
+    assert "contact force answers the load" not in text
+
+
+def test_both_compartments_are_of_one_recording(bags: tuple[Path, Path], config: Path, tmp_path: Path) -> None:
+    solve(bags[0], load_parameters([config / "both_compartments.yaml"]), tmp_path / "knee.mcap", silent)
+    assert main(["report", str(tmp_path / "knee.mcap"), "--output", str(tmp_path / "out")]) == 0
+    text = text_of(page_of(tmp_path / "out"))
+    assert "in 1 recording: 387 ticks, 1 whole gait cycle." in text
+    differs = text.partition("What differs")[2].partition("What these numbers are")[0]
+    assert differs.split() == ["femur.profile:", "femur_medial.csv,", "femur_lateral.csv"]
+
+
 def test_a_knee_that_lifts_off_is_told(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1, -200.0 if 100 <= i < 120 else 800.0) for i in range(200)]
     bag = make_bag(tmp_path / "apart.mcap", rows)

@@ -7,6 +7,7 @@ import io
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -16,6 +17,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.tools.report.uncertain import COLUMNS, NUMERICAL, TOGETHER
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
+from tests.offline.test_solve import make_bag
 from tests.tools.report.pages import page_of, text_of
 from tests.tools.report.test_report import check_html
 
@@ -129,3 +131,19 @@ def test_what_is_wrong_is_a_line(
     assert "nowhere.yaml" in second
     assert not (tmp_path / "out").exists()
     assert deviations.exists()
+
+
+def test_where_the_height_drives_it_is_told_at_the_largest_force(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(60)]
+    heights = 0.0335 - 3e-4 * np.sin(0.05 * np.arange(60.0)) ** 2
+    bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
+    (tmp_path / "sd.yaml").write_text("contact.stiffness: 20 %\n")
+    asked = ["report", str(bag), "-p", "drive:=displacement", "--output", str(tmp_path / "out")]
+    assert main([*asked, "--uncertainty", str(tmp_path / "sd.yaml")]) == 0
+    parameters = {"drive": "displacement"}
+    found = knee_contact_ros.uncertainty(bag, parameters, {"contact.stiffness": "20 %"}).medial
+    at = int(found.rows["contact_force"].argmax())
+    assert at > 0  # where the load, the same throughout, would be "largest"
+    first = rows_of(tmp_path / "out")[0]
+    assert float(first["force_at_largest_load_N"]) == pytest.approx(next(iter(found.parts.values()))[1][at], rel=1e-8)
+    assert "At the largest contact force, with sign" in text_of(page_of(tmp_path / "out"))
