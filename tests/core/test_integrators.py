@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer
+from knee_contact_ros.core.contact_laws.hunt_crossley import hunt_crossley
 from knee_contact_ros.core.contact_modes import APART, BELOW, NOWHERE, ContactMode, ContactModes
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle
@@ -17,6 +18,7 @@ from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
 from knee_contact_ros.core.integrators.base import FemurState, Motion, Stage, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
+from knee_contact_ros.core.integrators.massless import massless_step
 from knee_contact_ros.core.integrators.tableaus import ESDIRK4, FEHLBERG
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
@@ -199,6 +201,50 @@ def test_a_flight_sees_a_turning_profile_brush_the_plateau(monkeypatch: pytest.M
     # The first try, along an all but straight line, leaves 1.1e-5 m/s; all but the second of the others halve it.
     assert abs(peak.rate) <= 1.2e-5 / 2.0 ** (MAX_PEAK - 2)
     assert peak.depth == pytest.approx(deepest - height, abs=1e-15)  # that squared, over 2 x 39 m/s², and rounding
+
+
+def test_a_flight_sees_a_load_that_ends_press_the_surfaces_together_for_a_moment() -> None:
+    """Between the first two stages the femur turns back, touches and is let go: its depth falls at both of them."""
+    load, load_rate, rate, h = 8.0, -4e3, -0.0028, 16e-3
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, load, load_rate, math.nan)
+
+    def moved(t: float) -> tuple[float, float]:
+        """Exact depth and its rate."""
+        return (
+            rate * t + (0.5 * load * t**2 + load_rate * t**3 / 6.0) / MASS,
+            rate + (load * t + 0.5 * load_rate * t**2) / MASS,
+        )
+
+    assert moved(0.25 * h)[1] < 0.0  # as at the beginning
+    touches = min(root.real for root in np.roots([load_rate / 6.0 / MASS, 0.5 * load / MASS, rate]) if root.real > 0.0)
+    peak = max(root.real for root in np.roots([0.5 * load_rate / MASS, load / MASS, rate]))
+    assert moved(peak)[0] > 1e-7
+    step = free_flight_step(flying(interval), 0.0, FemurState(RADIUS, -rate), h)
+    assert step.crossing.boundary == BELOW
+    assert touches <= step.crossing.fraction * h <= peak + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_of_a_step_without_mass_does_not_vanish(seed: int) -> None:
+    """The pair's own goes through 0 where it changes its sign: every tenth step errs by over six times that."""
+    random, ratios = np.random.default_rng(seed), []
+    for _ in range(300):
+        exponent, stiffness = random.uniform(1.0, 3.0), 1e9
+        spring = hunt_crossley(stiffness=stiffness, exponent=exponent, restitution=0.5, least_impact_speed=0.05)
+        begin, end = 10 ** random.uniform(1.0, 3.0, 2)
+        depth = (begin / stiffness) ** (1.0 / exponent) * random.uniform(0.8, 1.2)
+        _, slope, damping = spring.layers[0].formula.force_at(depth, 0.0, 0.0)
+        h = random.uniform(0.2, 1.0) * damping / slope
+        interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, begin, (end - begin) / h, math.nan)
+        motion = Motion(interval, ContactModes(spring, True), ContactMode(0, True), 0.0, 0.0, NOWHERE)
+        state = FemurState(RADIUS - depth, 0.0)
+        step = massless_step(motion, 0.0, state, h)
+        for i in range(64):
+            state = massless_step(motion, i * h / 64, state, h / 64).state
+        if step.solved and step.end.depth > 0.0 and state.height < RADIUS:
+            ratios.append(abs(step.state.height - state.height) / step.error.height)
+    assert len(ratios) > 200
+    assert max(ratios) < 6.0  # 4.9 in thousands of them; without Simpson's rule beside it, over 300
 
 
 def test_a_stiff_stage_is_solved() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from knee_contact_ros.core.integrators.base import (
     INSIDE,
     Crossing,
@@ -18,7 +20,7 @@ from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 
 PARTS = 4
 """Of a flight, at whose ends the contact is looked at"""
-MAX_PEAK = 12
+MAX_PEAK = 10
 """Tries to find the highest point between two stages."""
 PEAK_RATE = 1e-9
 """Rate [m/s] at which it is found."""
@@ -31,27 +33,55 @@ LAUNCH_ROUNDING = 2e-12
 def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Fly for `h` [s]. While the surfaces overlap, the force that the contact would give is watched.
 
-    The surfaces may meet and part again between two stages (a turning profile brushes the plateau): where the depth has
-    a maximum between them, it becomes a stage too.
+    The surfaces may meet and part again between two stages (a turning profile brushes the plateau, or the load presses
+    for a moment): where the depth has a maximum between them, it becomes a stage too, and so does the place where the
+    depth's rate turns round, which may be the only one at which the surfaces approach each other.
     """
     begin = in_flight(motion, s, state, 0.0)
-    evaluations = 1 if motion.mode.layer >= 0 else 0
-    crossing, before = INSIDE, begin
+    crossing, before, low, stages = INSIDE, begin, 0.0, 1
     for part in range(1, PARTS + 1):
-        low, high = (part - 1) / PARTS, part / PARTS
+        high = part / PARTS
         stage = in_flight(motion, s, state, high * h)
-        evaluations += 1 if motion.mode.layer >= 0 else 0
-        if before.rate > 0.0 > stage.rate:
-            crossing, looks = towards_peak(crossing, motion, s, state, h, low, high, before.rate, stage.rate)
-            evaluations += looks if motion.mode.layer >= 0 else 0
-        crossing = earlier(crossing, motion, stage, s + high * h, high)
-        before = stage
+        turn = turning(motion, h, low, high, before.rate, stage.rate)
+        if low < turn < high:
+            between = in_flight(motion, s, state, turn * h)
+            crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before.rate, between)
+            before, low, stages = between, turn, stages + 1 + looks
+        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before.rate, stage)
+        before, low, stages = stage, high, stages + 1 + looks
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
     return Step(
         state=end, error=error, begin=begin, end=before, crossing=crossing, stiffness=0.0, damping=0.0, cosine=1.0,
-        leapt=0.0, evaluations=evaluations, solved=True,
+        leapt=0.0, evaluations=stages if motion.mode.layer >= 0 else 0, solved=True,
     )  # fmt: skip
+
+
+@in_kernel
+def turning(motion: Motion, h: float, low: float, high: float, before: float, after: float) -> float:
+    """Where the depth's rate is largest or least between two parts of a flight, from its values [m/s] there.
+
+    A load that is linear in time bends the rate like a parabola; not a number where the load stays.
+    """
+    duration, load_rate = (high - low) * h, motion.interval.load_rate
+    if load_rate == 0.0 or duration <= 0.0:
+        return math.nan
+    return 0.5 * (low + high) - (after - before) / duration * motion.mass / load_rate / h
+
+
+@in_kernel
+def looked_at(
+    crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
+    low: float, high: float, rising: float, stage: Stage,
+) -> tuple[Crossing, int]:  # fmt: skip
+    """The first crossing so far, up to a stage at the part `high` of a flight; `rising` is the rate [m/s] at `low`.
+
+    The second number is that of stages in between.
+    """
+    looks = 0
+    if rising > 0.0 > stage.rate:
+        crossing, looks = towards_peak(crossing, motion, s, state, h, low, high, rising, stage.rate)
+    return earlier(crossing, motion, stage, s + high * h, high), looks
 
 
 @never_inlined
