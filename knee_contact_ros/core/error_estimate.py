@@ -24,14 +24,18 @@ UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
 TURNED = 0.5
 """The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""
+ALIKE = 0.15
+"""The part of it that is the same in all steps, so that it adds up as their errors do, and not as their squares"""
 LARGEST_HEIGHT_ERROR, LARGEST_VELOCITY_ERROR = 1e7, 1e7
 """[m] and [m/s]: no femur is farther from where its answer has it"""
 FAST_SWING = 5.0
 """Radians of the contact's oscillation in a step from which on the method damps it away."""
+KICKED = 0.3
+"""Part of the way of a transient that a step which does not resolve it errs by"""
 TINY = sys.float_info.min
 """Keeps what presses nothing from a division by 0"""
 SLOW = 4.0
-"""Square of the radians of a swing that a step may last for, so that Magnus' series converges"""
+"""Square of the radians of a swing, or of the decays of a velocity, in a step: Magnus' series converges"""
 BENT = 1e-3
 """Errors up to this part of the depth meet a straight contact"""
 NEAR_ZERO = 1.0
@@ -105,7 +109,7 @@ def carry_on(
     per_mass = 1.0 / mass
     spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
-    if h * h * spring > SLOW or not 0.5 < grown < 2.0:
+    if h * h * max(spring, drag * drag) > SLOW or not 0.5 < grown < 2.0:
         return propagated(error, middle, damping, mass, h)
     shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     even, odd, half_rate = response(spring, drag, h)
@@ -130,8 +134,9 @@ def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> Carri
 def with_step(error: CarriedError, local: StateError, unknown: float, held: float) -> CarriedError:
     """The error behind a step with an estimated error of its own, of which a part is `unknown`; `held`: see `reach`."""
     h, v = local.height, local.velocity
-    swing = held * h
-    aside = TURNED * TURNED * (swing * swing + v * v)
+    square = held * held * h * h + v * v
+    spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
+    aside = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
     return CarriedError(
         height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
         hh=error.hh + unknown * unknown * h * h + aside / (held * held),
@@ -247,6 +252,16 @@ def carry_in_flight(error: CarriedError, h: float) -> CarriedError:
 
 
 @in_kernel
+def either(error: CarriedError, other: CarriedError) -> CarriedError:
+    """An error that may as well be another one."""
+    spread_height = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(error.hh, 0.0))
+    spread_velocity = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(error.vv, 0.0))
+    height = abs(other.height - error.height) + SPREAD * max(spread_height, 0.0)
+    velocity = abs(other.velocity - error.velocity) + SPREAD * max(spread_velocity, 0.0)
+    return with_bound(error, height, velocity)
+
+
+@in_kernel
 def curved(error: CarriedError, depth: float, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
     """The error after a step of `h` [s] in a contact whose slope changes with the depth [m]."""
     square = error.height * error.height + error.hh
@@ -292,6 +307,18 @@ def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float)
     load, load_rate = load / step.cosine, load_rate / step.cosine
     before, after = swing(begin, load, load_rate, mass), swing(end, load + load_rate * h, load_rate, mass)
     return max(0.0, before * math.exp(-half_rate * h) - after)
+
+
+@in_kernel
+def lost_creep(step: Step, load: float, mass: float, h: float) -> float:
+    """Way [m] that a dashpot lets the femur go, in a small part of a step of `h` [s], until it creeps under its load.
+
+    A kick or a landing that begins the step is over before its stages look. `load` [N] is that at the beginning.
+    """
+    damping = step.damping
+    if damping * h < FAST_SWING * mass or damping * damping < 4.0 * step.stiffness * mass:
+        return 0.0
+    return KICKED * abs(step.cosine * step.begin.force - load) * mass / (damping * damping)
 
 
 @in_kernel

@@ -15,6 +15,7 @@ from knee_contact_ros.core.error_estimate import (
     decay_rate,
     depth_error,
     holding,
+    lost_creep,
     lost_swing,
 )
 from knee_contact_ros.core.integrators.base import FemurState, Motion, StateError, Step, no_step
@@ -45,7 +46,7 @@ FOLLOWED = 0.02
 """Part of a lasting swing that its error may become"""
 MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
-WATCHED = PARTS + 2 * MAX_PEAK
+WATCHED = 2 * PARTS + 2 * MAX_PEAK
 """Evaluations that a flight through overlapping surfaces may take"""
 MAX_EVENTS = 1_000
 """The same for the boundaries that a tick crosses."""
@@ -155,7 +156,7 @@ def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: S
         scene, load_at(interval, stepper.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
         step.damping, step.leapt, h, stepper.impact_speed > 0.0,
     )  # fmt: skip
-    lost = StateError(0.0, lost_in(scene, interval, stepper, step, h))
+    lost = StateError(creep_lost_in(scene, interval, stepper, step, h), lost_in(scene, interval, stepper, step, h))
     ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
         LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
     )
@@ -183,7 +184,7 @@ def local_ratio(
     forgotten = 1.0 if leapt > 0.0 else min(1.0, h * memory)
     whole = depth_error(above_rounding, stiffness, damping, mass) / forgotten + h * leapt
     lets_go = force < RELEASE * (begin_force - force) or force > REBOUND * load
-    if lets_go and not scene.modes.allow_tension:
+    if lets_go:
         # What errs in the velocity then is carried into the flight.
         whole = max(whole, THROWN * depth_error(above_rounding, 0.0, 0.0, mass))
     allowed = wanted(scene, stiffness, damping)
@@ -212,6 +213,12 @@ def wanted(scene: Scene, stiffness: float, damping: float) -> float:
 def lost_in(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
     """Speed [m/s] of the oscillation that a step has lost."""
     return lost_swing(step, load_at(interval, stepper.s), interval.load_rate, scene.mass, h)
+
+
+@in_kernel
+def creep_lost_in(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
+    """Way [m] of a transient that a step has not resolved."""
+    return lost_creep(step, load_at(interval, stepper.s), scene.mass, h)
 
 
 @in_kernel
@@ -255,12 +262,19 @@ def looks_for_doubt(scene: Scene, stepper: StepperState) -> int:
 
 @in_kernel
 def doubtful_push(scene: Scene, stepper: StepperState, mode: ContactMode, step: Step, h: float) -> float:
-    """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it."""
+    """Speed [m/s] that this force's doubt gives the femur in a step, or until the contact answers it.
+
+    A contact that lets go doubts nothing at the end, where there is no force.
+    """
     if h == 0.0 or not mode.pressing:
         return 0.0
-    end, mass = step.end, scene.mass
+    begin, end, mass = step.begin, step.end, scene.mass
     answered = max(holding(step.stiffness, step.damping, mass), 1.0 / h)
-    return impact_doubt(scene, stepper, mode, end.depth, end.rate, end.force) / max(mass * answered, TINY)
+    doubt = max(
+        impact_doubt(scene, stepper, mode, begin.depth, begin.rate, begin.force),
+        impact_doubt(scene, stepper, mode, end.depth, end.rate, end.force),
+    )
+    return doubt / max(mass * answered, TINY)
 
 
 @in_kernel

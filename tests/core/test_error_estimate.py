@@ -82,6 +82,18 @@ def test_a_stiffness_that_changes_over_a_step_carries_an_error_at_fourth_order(d
     assert wrong(4e-4) / wrong(2e-4) > 2.0**4
 
 
+def test_a_stiffness_that_changes_over_many_decays_leaves_the_velocity_at_its_creep() -> None:
+    """A released contact keeps that velocity: a series that no longer converges made a tenth of it."""
+    begin, end, damping, h = 4.5e5, 4.1e5, 3e4, 1.3e-3
+    exact = solve_ivp(
+        lambda s, z: [z[1], -(begin + (end - begin) * s / h) / MASS * z[0] - damping / MASS * z[1]],
+        (0.0, h), [1e-7, -1.5e-6], rtol=1e-12, atol=1e-20, method="Radau",
+    ).y[:, -1]  # fmt: skip
+    found = carry_on(of(1e-7, -1.5e-6), begin, 0.5 * (begin + end), end, damping, MASS, h)
+    # The middle's stiffness for the end's, which are 5 % apart
+    assert tuple(found[:2]) == pytest.approx(tuple(exact), rel=0.06)
+
+
 @pytest.mark.parametrize("rate", [0.2, -0.2])
 @pytest.mark.parametrize("jump", [50.0, -50.0])
 def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float, jump: float) -> None:
@@ -221,6 +233,29 @@ def test_a_doubtful_impact_speed_is_felt_for_as_long_as_the_contact_lasts() -> N
     one, other = (advanced(flores, begun(1e-4, 0.4, speed), short) for speed in (0.5, 0.52))
     assert abs(doubtful.rate) < 1e-6
     assert 1e-7 < abs(other.depth - one.depth) <= doubtful.error_estimate
+
+
+def test_a_contact_that_lets_go_keeps_the_doubt_of_its_speed() -> None:
+    """Nothing presses, and its surfaces part at a speed that its impact has set, in one long step up to no force."""
+    flores, duration, depth = law("flores"), 0.05, 3e-4
+    doubtful = advanced(flores, begun(depth, -0.3, 0.5, 5e-4), duration)
+    one, other = (advanced(flores, begun(depth, -0.3, speed), duration) for speed in (0.5, 0.5005))
+    assert doubtful.depth == one.depth < -1e-3
+    assert 1e-6 < abs(other.depth - one.depth) <= doubtful.error_estimate
+    later = advanced(flores, doubtful.run_state, duration)
+    after = advanced(flores, other.run_state, duration)
+    assert abs(after.depth - later.depth) <= later.error_estimate
+
+
+def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
+    """The load has pressed it on for that time, and damping that remembers the impact goes by it ever after."""
+    flores, above = law("flores"), 1e-4
+    error = CarriedError(height=1e-6, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
+    lands = moving(FemurState(RADIUS + above, -0.05))._replace(error=error, depth=-above)
+    late = moving(FemurState(RADIUS + above + 1e-6, -0.05))._replace(depth=-above - 1e-6)
+    one, other = (advanced(flores, start, 2e-3, load=200.0).run_state for start in (lands, late))
+    assert other.impact_speed != one.impact_speed
+    assert abs(other.impact_speed - one.impact_speed) <= one.impact_error
 
 
 def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() -> None:

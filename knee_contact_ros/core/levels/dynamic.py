@@ -56,6 +56,7 @@ from knee_contact_ros.core.stepping import (
     Landing,
     StepperState,
     controlled_step,
+    creep_lost_in,
     doubtful_push,
     impact_doubt,
     looks_for_doubt,
@@ -66,6 +67,8 @@ from knee_contact_ros.core.stepping import (
 
 RELEASED = 0.05
 """Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
+LOST = 1.75
+"""Speed of a swing that a step has lost, at most, over what its ends tell of it: springs are taken as straight"""
 
 
 @always_inlined
@@ -161,11 +164,12 @@ def accepted(
         error = with_step(error, step.error, unknown, holding(step.stiffness, step.damping, scene.mass))
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
         stepper = touching_anew(scene, stepper, step)
-        unsigned = lost_in(scene, interval, stepper, step, h) + doubtful_push(scene, stepper, mode, step, h)
-        error = with_bound(error, 0.0, unsigned) if unsigned > 0.0 else error
+        unsigned = LOST * lost_in(scene, interval, stepper, step, h) + doubtful_push(scene, stepper, mode, step, h)
+        crept = creep_lost_in(scene, interval, stepper, step, h)
+        error = with_bound(error, crept, unsigned) if crept + unsigned > 0.0 else error
         swift = spectral_radius(step.stiffness, step.damping, scene.mass)
         if h > 0.0:
-            stepper = spending(stepper, looks_for_doubt(scene, stepper), False)
+            stepper = spending(stepper, 2 * looks_for_doubt(scene, stepper), False)
     else:
         error, swift = with_bound_aside(carry_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
     return StepperState(
@@ -202,8 +206,10 @@ def behind_boundary(
     impact_speed, impact_error = stepper.impact_speed, stepper.impact_error
     landing = stepper.landing
     if mode.layer < 0:
-        impact_speed, impact_error = end.rate, velocity_reach(stepper.error)
         late = lateness(interval, stepper, end.rate, scene.mass)
+        # A femur that comes later has been sped up or slowed down by the load meanwhile.
+        gained = abs(load_at(interval, stepper.s)) / scene.mass * late
+        impact_speed, impact_error = end.rate, velocity_reach(stepper.error) + gained
         landing = Landing(stepper.s + late, end.rate)
     if boundary == FORCE:
         entry = switch(scene.modes, mode, end.depth, end.rate, impact_speed)
