@@ -46,6 +46,13 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     (1001396, "dynamic", 1e-6),  # a force that ends right before its surface does
     (1000392, "auto", 1e-5),  # a load about to end
     (1000170, "auto", 1e-5),  # a layer's boundary, met by the quasi-static level
+    (1001994, "auto", 1e-8),  # a late landing at another speed
+    (1000636, "auto", 1e-6),  # a creeping contact that is let go
+    (1001734, "auto", 1e-8),  # one step whose estimate goes through 0
+    (1000237, "first_order", 1e-6),  # a swing of hundreds of radians in a tick
+    (1000088, "first_order", 1e-8),  # a layer's boundary, and a velocity that rises and falls at it
+    (2000084, "dynamic", 1e-8),  # a kick that a stiff dashpot has ended long before a step looks
+    (1000010, "quasi_static", 1e-4),  # a load that ends, and the speed at which the surfaces part
 ])  # fmt: skip
 def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
     found = judged(seed, level, tolerance)

@@ -21,7 +21,7 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import AUTO, FIRST_ORDER, PRESCRIBED_HEIGHT, QUASI_STATIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
-DESCEND = 0.4
+DESCEND = 0.7
 """Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
 
 LASTING = 0.1
@@ -65,12 +65,12 @@ def meets(scene: Scene, start: RunState, result: TickResult) -> bool:
     law = scene.modes.law
     if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, result.depth):
         return False
-    if result.error_estimate > SMALL * result.depth or abs(result.depth - start.depth) > start.depth:
+    lasting = max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass))
+    forgets = min(LAYERED if len(law.layers) > 1 else 1.0, lasting)
+    if result.error_estimate > SMALL * forgets * result.depth or abs(result.depth - start.depth) > start.depth:
         return False  # It is no small change of the contact, as what is left out is taken to be.
-    share = 1.0 if start.fidelity <= result.fidelity else DESCEND
-    most = LAYERED if len(law.layers) > 1 else 1.0
-    share *= min(most, max(LASTING, HORIZON * decay_rate(start.stiffness, start.damping, scene.mass)))
-    share = share / THROWN if start.impact_speed > 0.0 and most < 1.0 else share
+    share = forgets if start.fidelity <= result.fidelity else DESCEND * forgets
+    share = share / THROWN if start.impact_speed > 0.0 and len(law.layers) > 1 else share
     if scene.force_tolerance > 0.0 and not result.force_error_estimate <= share * scene.force_tolerance:
         return False
     return result.error_estimate <= share * scene.tolerance

@@ -24,7 +24,7 @@ from knee_contact_ros.core.error_estimate import (
 from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
-from knee_contact_ros.core.levels.deviation import LeftOut, deviate
+from knee_contact_ros.core.levels.deviation import UNKNOWN_INERTIA, LeftOut, deviate
 from knee_contact_ros.core.levels.dynamic import most_evaluations, unresolved
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.scene import FIRST_ORDER, RunState, Scene, TickResult, impact_of
@@ -43,8 +43,6 @@ from knee_contact_ros.core.stepping import (
     motion_in,
 )
 
-UNKNOWN_INERTIA = 0.6
-"""Part of the inertia that is left out that is not known: it is a tick's mean"""
 FADING, FASTER = 0.5, 10.0
 """Part of a tick's load at its end below which it lets go of the contact, and how much the inertia may grow in that"""
 UNKNOWN_STEPS = 5.0
@@ -203,9 +201,11 @@ def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
 def jumped(stepper: StepperState, jump: float) -> StepperState:
     """A tick behind a jump of the height [m], which the femur with its mass does not follow.
 
-    The sum of all jumps is kept as the expected error, and what the steps leave as the spread.
+    The sum of all jumps is kept as the expected error, that of the velocity's changes likewise, and what the steps
+    leave as the spread.
     """
-    error = CarriedError(height=stepper.error.height + abs(jump), velocity=0.0, hh=stepper.error.hh, hv=0.0, vv=0.0)
+    before = stepper.error
+    error = CarriedError(height=before.height + abs(jump), velocity=before.velocity, hh=before.hh, hv=0.0, vv=0.0)
     return StepperState(
         s=stepper.s, state=stepper.state, error=error, try_step=stepper.try_step,
         spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
@@ -248,7 +248,8 @@ def step_on(
         return stepper, mode
     remembered = memory(step, h)
     spread = remembered * math.sqrt(stepper.error.hh) + abs(step.error.height)
-    error = CarriedError(height=stepper.error.height, velocity=0.0, hh=spread * spread, hv=0.0, vv=0.0)
+    changed = stepper.error.velocity + abs(step.state.velocity - stepper.state.velocity)
+    error = CarriedError(height=stepper.error.height, velocity=changed, hh=spread * spread, hv=0.0, vv=0.0)
     swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = stepper.events + (0 if boundary == NOWHERE else 1)
     stepper = StepperState(
@@ -324,8 +325,9 @@ def first_order_result(
     rest = inertia / spring if spring > 0.0 else 0.0
     layers = scene.modes.law.layers
     left_out = LeftOut(
-        stiffness=spring, damping=0.5 * (start.damping + damping), begin_rest=rest, end_rest=rest,
-        way=stepper.state.height - first.height - (first.velocity + blow) * h, gain=change - blow,
+        stiffness=spring, damping=0.5 * (start.damping + damping), end_stiffness=stiffness, end_damping=damping,
+        begin_rest=rest, end_rest=rest,
+        way=stepper.state.height - first.height - (first.velocity + blow) * h, gain=change - blow, inertia=inertia,
         begin_load=load_at(interval, 0.0), end_load=load_at(interval, h),
         depth=max(0.0, depth - layers[mode.layer].begin) / cosine,
     )  # fmt: skip
@@ -344,7 +346,11 @@ def first_order_result(
         unknown += abs(inertia) * min(FASTER, abs(left_out.gain) * h / max(left_out.depth, TINY))
     error = with_push(error, unknown, stiffness, damping, scene.mass, h)
     held, jumps = holding(stiffness, damping, scene.mass), stepper.error.height + faded
-    error = bounded(with_bound(error, jumps + UNKNOWN_STEPS * math.sqrt(stepper.error.hh), jumps * held))
+    blows = jumps * held
+    if stepper.events > 0:
+        # Next to a layer's boundary, where the next one is soft at first, the velocity may rise and fall again.
+        blows += max(stepper.error.velocity - abs(change), 0.0)
+    error = bounded(with_bound(error, jumps + UNKNOWN_STEPS * math.sqrt(stepper.error.hh), blows))
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,

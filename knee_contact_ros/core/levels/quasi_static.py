@@ -18,7 +18,7 @@ from knee_contact_ros.core.error_estimate import (
 )
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
-from knee_contact_ros.core.levels.deviation import LeftOut, deviate
+from knee_contact_ros.core.levels.deviation import UNKNOWN_INERTIA, LeftOut, deviate
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import QUASI_STATIC, RunState, Scene, TickResult, impact_of
 from knee_contact_ros.core.statics import NO_LIMIT, RESOLVED, static_contact
@@ -56,16 +56,19 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: RunState, spent: 
     inertia = scene.mass * (velocity - begin_velocity) / h
     left_out = LeftOut(
         stiffness=0.5 * (start.stiffness + stiffness), damping=0.5 * (start.damping + damping),
+        end_stiffness=stiffness, end_damping=damping,
         begin_rest=rest(inertia - start.damping * begin_sinking, start.stiffness, stiffness),
         end_rest=rest(inertia - damping * sinking, stiffness, start.stiffness),
         way=static.height - start.state.height - lag_of(start) - begin_velocity * h, gain=velocity - begin_velocity,
+        inertia=inertia,
         begin_load=load_at(interval, 0.0), end_load=load,
         depth=static.depth - law.layers[max(0, layer_at(law, static.depth))].begin,
     )  # fmt: skip
     error = deviate(deviation_at_start(start, begin_velocity), left_out, scene.mass, h)
     left = min(NEWTON_SHARE * scene.tolerance, RESOLVED * static.depth)
     unknown = way_across(law, begin_depth, static.depth) + left * left / max(static.depth, TINY)
-    error = bounded(with_bound(with_push(error, doubt, stiffness, damping, scene.mass, h), unknown, 0.0))
+    push = UNKNOWN_INERTIA * abs(inertia) + doubt
+    error = bounded(with_bound(with_push(error, push, stiffness, damping, scene.mass, h), unknown, 0.0))
     held = holding(stiffness, damping, scene.mass)
     return TickResult(
         run_state=RunState(
