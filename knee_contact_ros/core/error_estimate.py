@@ -24,7 +24,7 @@ UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
 """Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
 TURNED = 0.5
 """The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""
-ALIKE = 0.15
+ALIKE = 0.1
 """The part of it that is the same in all steps, so that it adds up as their errors do, and not as their squares"""
 LARGEST_HEIGHT_ERROR, LARGEST_VELOCITY_ERROR = 1e7, 1e7
 """[m] and [m/s]: no femur is farther from where its answer has it"""

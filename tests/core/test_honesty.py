@@ -61,6 +61,20 @@ def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, to
     assert not found.claimed.any()
 
 
+def test_surfaces_that_part_and_meet_again_within_a_tick_begin_another_contact() -> None:
+    """They overlap at both ends of a part of the flight, and damping goes by the later impact."""
+    time, load = np.arange(7) * 1e-3, np.array([299.0, 299.0, -350.0, 1213.0, -350.0, 1213.0, 1213.0])
+    arguments = {"stiffness": 1e9, "exponent": 1.5, "restitution": 0.2, "least_impact_speed": 5e-3}
+    scene = Scene(
+        0, "", "hunt_crossley", arguments, 2.0, (0.034, 0.034), 0.0, False, "", time, np.full(7, 0.5), load
+    )  # fmt: skip
+    series = replace(knee(scene, "dynamic", 1e-6), kernel=PLAIN).run(time, scene.angle, load)
+    found = judge(series, reference(scene), 1e-6)
+    assert found.depth.known.all()
+    assert found.depth.covered.all()
+    assert not found.depth.wrong.any()
+
+
 def test_a_running_arthritic_knee_is_not_lost() -> None:
     """Between the strides nothing presses it: it leaves its undamped layer, and comes back in the next stance."""
     time = np.arange(320) * 5e-3

@@ -21,7 +21,7 @@ from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 PARTS = 4
 """Of a flight, at whose ends the contact is looked at"""
 MAX_PEAK = 10
-"""Tries to find the highest point between two stages."""
+"""Tries to find the highest or lowest point between two stages."""
 PEAK_RATE = 1e-9
 """Rate [m/s] at which it is found."""
 
@@ -76,11 +76,12 @@ def looked_at(
 ) -> tuple[Crossing, int]:  # fmt: skip
     """The first crossing so far, up to a stage at the part `high` of a flight; `rising` is the rate [m/s] at `low`.
 
-    The second number is that of stages in between.
+    Surfaces that overlap may part and meet again in between, which begins another contact. The second number is that of
+    stages in between.
     """
-    looks = 0
-    if rising > 0.0 > stage.rate:
-        crossing, looks = towards_peak(crossing, motion, s, state, h, low, high, rising, stage.rate)
+    looks, leaves = 0, motion.mode.layer >= 0 and rising < 0.0 < stage.rate
+    if leaves or rising > 0.0 > stage.rate:
+        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, rising, stage.rate)
     return earlier(crossing, motion, stage, s + high * h, high), looks
 
 
@@ -113,14 +114,14 @@ def launch_rounding(begin: FemurState, end: FemurState) -> float:
 
 
 @never_inlined
-def towards_peak(
+def towards_extreme(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
     low: float, high: float, rising: float, falling: float,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """Look at stages that close in on the maximum of the depth between two, where its rate changes sign (Illinois).
+    """Look at stages that close in on the extreme of the depth between two, where its rate changes sign (Illinois).
 
-    `low` and `high` are the parts of the step, `rising` and `falling` the rates [m/s] there. Returns the first crossing
-    so far, and the number of stages.
+    `low` and `high` are the parts of the step, `rising` and `falling` the rates [m/s] there, for a minimum with the
+    other sign. Returns the first crossing so far, and the number of stages.
     """
     last, looks = 0.0, 0
     for _ in range(MAX_PEAK):
@@ -133,7 +134,7 @@ def towards_peak(
         if abs(stage.rate) <= PEAK_RATE:
             break
         again = stage.rate * last > 0.0  # the other end has been kept twice: count it half
-        if stage.rate > 0.0:
+        if stage.rate * rising > 0.0:
             low, rising = middle, stage.rate
             falling = 0.5 * falling if again else falling
         else:
