@@ -4,7 +4,7 @@ Two nodes, in the namespaces `left` and `right`: `/left/joint_states` and `/left
 `/left/knee_contact`, and so on. If one topic has the angles of both knees, say which joint is which:
 `joint_states:=/joint_states left_joint:=left_knee right_joint:=right_knee`. With `rerun:=serve` one viewer shows both:
 `knee-contact view rerun+http://127.0.0.1:9876/proxy rerun+http://127.0.0.1:9877/proxy`. The arguments `autostart`,
-`use_sim_time`, `respawn`, `respawn_delay` and `log_level` of knee_contact.launch.py hold for both. `-s` lists all
+`use_sim_time`, `respawn`, `respawn_delay` and `log_level` are those of knee_contact.launch.py, for both. `-s` lists all
 arguments.
 """
 
@@ -46,6 +46,11 @@ def knee(side, port):
                     "rerun": LaunchConfiguration(f"{side}_rerun"),
                     "rerun_port": port,
                     "rerun_knees": "left,right",
+                    "autostart": LaunchConfiguration("autostart"),
+                    "use_sim_time": LaunchConfiguration("use_sim_time"),
+                    "respawn": LaunchConfiguration("respawn"),
+                    "respawn_delay": LaunchConfiguration("respawn_delay"),
+                    "log_level": LaunchConfiguration("log_level"),
                 }.items(),
             ),
         ]
@@ -53,12 +58,22 @@ def knee(side, port):
 
 
 def generate_launch_description():
+    truth = ["", "true", "false"]
     return LaunchDescription(
         [
             DeclareLaunchArgument("rerun", default_value="", description="serve: both knees to one viewer"),
             *arguments("left"),
             *arguments("right"),
             DeclareLaunchArgument("joint_states", default_value="joint_states", description="topic of the angles"),
+            DeclareLaunchArgument(
+                "autostart", default_value="", choices=truth, description="configure and activate without being asked"
+            ),
+            DeclareLaunchArgument("use_sim_time", default_value="", choices=truth, description="go by /clock"),
+            DeclareLaunchArgument(
+                "respawn", default_value="true", choices=["true", "false"], description="start a node that died again"
+            ),
+            DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
+            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
             knee("left", "9876"),
             knee("right", "9877"),
         ]

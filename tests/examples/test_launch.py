@@ -139,6 +139,21 @@ def test_arguments_are_declared_described_and_used(name: str) -> None:
         assert keyword(call, "default_value")
 
 
+def test_what_holds_for_both_knees_is_listed_and_is_as_for_one() -> None:
+    def said(name: str) -> dict[str, list[str]]:
+        options = "default_value", "choices", "description"
+        found = {text(call.args[0]): call for call in calls(tree_of(name), "DeclareLaunchArgument")}
+        return {
+            argument: [ast.unparse(value) for option in options if (value := keyword(call, option))]
+            for argument, call in found.items()
+        }
+
+    one, both = said("knee_contact.launch.py"), said("two_knees.launch.py")
+    of_each_knee = {"namespace", "params", "joint", "record", "rerun", "rerun_port", "rerun_knees"}
+    for argument in one.keys() - of_each_knee:
+        assert both.get(argument) == one[argument], argument
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_parameters_are_the_nodes(name: str) -> None:
     tree = tree_of(name)
