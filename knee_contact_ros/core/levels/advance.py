@@ -21,7 +21,7 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from
 from knee_contact_ros.core.scene import AUTO, FIRST_ORDER, PRESCRIBED_HEIGHT, QUASI_STATIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
-DESCEND = 0.7
+DESCEND = 0.4
 """Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
 
 LASTING = 0.1
