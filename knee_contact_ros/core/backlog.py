@@ -86,7 +86,12 @@ def work_off(
         backlog["angle"] = interval.angle + interval.angle_rate * result.reached
         backlog["load"] = load_at(interval, result.reached)
         durations[0] = interval.duration - result.reached
-        return behind(scene, backlog, result, start.adrift, count > MOST or not moved), False
+        adrift, looks = start.adrift, 0
+        if adrift.stage != NONE and result.reached > 0.0:
+            drive = drive_of(scene, first_part(interval, result.reached), start)
+            adrift, looks = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
+        result = gone_on(result, result.run_state, looks)
+        return behind(scene, backlog, result, adrift, count > MOST or not moved), False
     result = watched(scene, interval, start, result)
     backlog["angle"], backlog["load"] = angles[0], loads[0]
     for i in range(count - 1):
@@ -111,6 +116,16 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
         pair=scene.pair, mechanism=scene.mechanism, duration=duration, angle=angle,
         angle_rate=(float(backlog["angles"][index]) - angle) / duration, start_load=load,
         load_rate=(float(backlog["loads"][index]) - load) / duration, end_height=float("nan"),
+    )  # fmt: skip
+
+
+@in_kernel
+def first_part(interval: Interval, duration: float) -> Interval:
+    """An interval's first `duration` [s]."""
+    return Interval(
+        pair=interval.pair, mechanism=interval.mechanism, duration=duration, angle=interval.angle,
+        angle_rate=interval.angle_rate, start_load=interval.start_load, load_rate=interval.load_rate,
+        end_height=float("nan"),
     )  # fmt: skip
 
 

@@ -89,9 +89,15 @@ def event_function(modes: ContactModes, mode: ContactMode, boundary: int, depth:
         return depth - layers[mode.layer].begin
     if boundary == FORCE and mode.layer >= 0 and not modes.allow_tension:
         return force if mode.pressing else -force
-    if boundary == BELOW and mode.layer + 1 < len(layers):
+    if boundary == BELOW and has_deeper(modes, mode):
         return layers[mode.layer + 1].begin - depth
     return float("inf")
+
+
+@in_kernel
+def has_deeper(modes: ContactModes, mode: ContactMode) -> bool:
+    """Whether another layer lies below that of a mode."""
+    return mode.layer + 1 < len(modes.law.layers)
 
 
 @in_kernel

@@ -7,7 +7,7 @@ import sys
 from typing import NamedTuple
 
 from knee_contact_ros.core.contact_laws.base import LayerFormula
-from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode
+from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, has_deeper
 from knee_contact_ros.core.error_estimate import (
     HORIZON,
     TINY,
@@ -47,7 +47,7 @@ FOLLOWED = 0.02
 MAX_EVALUATIONS = 100_000
 """Contact law evaluations after which a tick is answered with the static solution, and says so."""
 WATCHED = 2 * PARTS + 2 * MAX_PEAK
-"""Evaluations that a flight through overlapping surfaces may take"""
+"""Evaluations that a flight through overlapping surfaces may take; `MAX_PEAK` more over a deeper layer"""
 MAX_EVENTS = 1_000
 """The same for the boundaries that a tick crosses."""
 EXPLICIT = 1.0
@@ -120,7 +120,9 @@ def attempt(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, h: float, known: int
 ) -> tuple[StepperState, Step]:
     """One step of `h` [s] by the mode's formula, wherever it leads; `known` is the boundary it is to end on."""
-    least = WATCHED if mode.layer >= 0 and not mode.pressing else 3 * STAGES
+    least = 3 * STAGES
+    if mode.layer >= 0 and not mode.pressing:
+        least = WATCHED + (MAX_PEAK if has_deeper(scene.modes, mode) else 0)
     if stepper.evaluations + least >= stepper.most or stepper.events >= MAX_EVENTS:
         return giving_up(stepper), no_step(stepper.state)
     motion = motion_in(scene, interval, stepper, mode, known)

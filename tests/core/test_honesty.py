@@ -13,14 +13,18 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 from knee_contact_ros.core.model import PLAIN
 from studies.honesty.judging import Judged, judge
 from studies.honesty.ours import knee
-from studies.honesty.scenes import ARTHRITIC, FEMUR, Scene, draw, shipped
+from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
 
 
 def judged(seed: int, level: str, tolerance: float) -> Judged:
-    scene = draw(seed)
-    model = replace(knee(scene, level, tolerance), kernel=PLAIN)
-    return judge(model.run(scene.time, scene.angle, scene.load), reference(scene), tolerance)
+    return answered(draw(seed), level, tolerance)
+
+
+def answered(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> Judged:
+    model = replace(knee(scene, level, tolerance, budget, force_tolerance), kernel=PLAIN)
+    series = model.run(scene.time, scene.angle, scene.load)
+    return judge(series, reference(scene), tolerance, force_tolerance)
 
 
 @pytest.mark.parametrize(("seed", "level", "tolerance"), [
@@ -68,11 +72,49 @@ def test_surfaces_that_part_and_meet_again_within_a_tick_begin_another_contact()
     scene = Scene(
         0, "", "hunt_crossley", arguments, 2.0, (0.034, 0.034), 0.0, False, "", time, np.full(7, 0.5), load
     )  # fmt: skip
-    series = replace(knee(scene, "dynamic", 1e-6), kernel=PLAIN).run(time, scene.angle, load)
-    found = judge(series, reference(scene), 1e-6)
+    found = answered(scene, "dynamic", 1e-6)
     assert found.depth.known.all()
     assert found.depth.covered.all()
     assert not found.depth.wrong.any()
+
+
+def test_a_released_contact_that_presses_again_between_two_looks_is_found() -> None:
+    """Its force rises above 0 for a tenth of a tick, where neither its depth nor the rate of that turns round."""
+    time = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.045, 0.05])
+    angle = np.array([0.9, 0.975, 1.05, 1.108, 1.166, 1.195, 1.224])
+    load = np.array([100.0, 100.0, 50.0, -200.0, -200.0, -200.0, -200.0])
+    scene = Scene(0, "", "kelvin_voigt", KNEE, FEMUR, (0.034, 0.0265), 0.0, False, "", time, angle, load)
+    found = answered(scene, "dynamic", 1e-8)
+    assert found.depth.known.all()
+    assert found.depth.covered.all()
+    assert not found.depth.wrong.any()
+
+
+@pytest.mark.parametrize(("law", "budget"), [("two_layer_elastic", 150), ("kelvin_voigt", 100)])
+def test_a_budget_does_not_forget_that_a_turning_surface_kicks(law: str, budget: int) -> None:
+    """The femur flies by millimetres for ticks that are all given up at their very beginning."""
+    hard = {"stiffness": 3.07e9, "exponent": 1.056, "layer_depth": 4.9e-4, "stiffness_2": 1.65e11}
+    arguments = hard if law == "two_layer_elastic" else {"stiffness": 3.27e12, "exponent": 1.967, "damping": 1.468e6}
+    tick = np.arange(40)
+    angle = np.where(tick < 8, 0.5 - 0.05 * np.cos(tick), 0.4623 - 0.06 * np.clip(tick - 7, 0, 6))
+    load = np.where(tick < 20, 30.0, -1e-8)
+    scene = Scene(0, "", law, arguments, 10.8, (0.048, 0.032), 0.0, False, "", tick * 8e-3, angle, load)
+    found = answered(scene, "dynamic", 1e-4, budget)
+    flown = found.depth.known & (found.depth.error > 1e-3)
+    assert flown.sum() > 5
+    assert not found.depth.wrong.any()
+    assert found.depth.covered[flown & (tick < 20)].all()
+
+
+def test_a_first_order_force_is_in_doubt_where_its_inertia_goes_through_zero() -> None:
+    """That of a tick's mean is 0 then, and that of its end is not."""
+    time = np.arange(17) * 8e-3
+    load = 300.0 * (1.0 + np.cos(8.0 * math.pi * time))
+    scene = Scene(0, "", "kelvin_voigt", KNEE, FEMUR, (0.034, 0.034), 0.0, False, "", time, np.full(17, 0.5), load)
+    found = answered(scene, "first_order", 1e-6, force_tolerance=0.1)
+    assert found.force.known.sum() > 12
+    assert found.force.covered.all()
+    assert not found.force.wrong.any()
 
 
 def test_a_running_arthritic_knee_is_not_lost() -> None:
@@ -83,8 +125,7 @@ def test_a_running_arthritic_knee_is_not_lost() -> None:
     law, arguments = shipped(ARTHRITIC)
     angle = 0.5 + 0.4 * np.sin(math.tau * time / 0.7)
     scene = Scene(0, ARTHRITIC, law, arguments, FEMUR, (0.034, 0.030), 0.0, False, "", time, angle, load)
-    series = replace(knee(scene, "auto", 1e-6), kernel=PLAIN).run(time, angle, load)
-    found = judge(series, reference(scene), 1e-6)
+    found = answered(scene, "auto", 1e-6)
     assert found.apart.mean() > 0.5
     assert found.depth.covered[found.depth.known].mean() > 0.98
     assert found.said_right.mean() >= 0.95

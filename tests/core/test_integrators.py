@@ -11,7 +11,7 @@ import pytest
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer
 from knee_contact_ros.core.contact_laws.hunt_crossley import hunt_crossley
-from knee_contact_ros.core.contact_modes import APART, BELOW, NOWHERE, ContactMode, ContactModes
+from knee_contact_ros.core.contact_modes import APART, BELOW, FORCE, NOWHERE, ContactMode, ContactModes
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
@@ -222,6 +222,31 @@ def test_a_flight_sees_a_load_that_ends_press_the_surfaces_together_for_a_moment
     step = free_flight_step(flying(interval), 0.0, FemurState(RADIUS, -rate), h)
     assert step.crossing.boundary == BELOW
     assert touches <= step.crossing.fraction * h <= peak + 1e-9
+
+
+def test_a_flight_sees_surfaces_that_overlap_press_again_for_a_moment() -> None:
+    """Both terms of the force change: its maximum comes before that of the rate, when it is below 0 again."""
+    contact, depth, load, load_rate, h = law("kelvin_voigt"), 1e-4, 50.0, -25e3, 0.01
+    at_rest, _, damping = contact.layers[0].formula.force_at(depth, 0.0, 0.0)
+    rate, mass = -(at_rest + 1.0) / damping, 9.3014
+
+    def force(t: float) -> float:
+        """Of the formula [N] after a flight of `t` [s]."""
+        moved = rate * t + (0.5 * load * t**2 + load_rate * t**3 / 6.0) / mass
+        return contact.layers[0].formula.force_at(
+            depth + moved, rate + (load * t + 0.5 * load_rate * t**2) / mass, 0.0
+        )[0]
+
+    turn = -load / load_rate  # of the rate
+    peak = max(np.linspace(0.0, turn, 1001), key=force)
+    assert force(0.0) < 0.0 < force(peak)
+    assert all(force(t) < 0.0 for t in (turn, *(part * h for part in (0.25, 0.5, 0.75, 1.0))))
+    interval = Interval(OnPlane(Circle(RADIUS)), Hinge(), h, 0.0, 0.0, load, load_rate, math.nan)
+    motion = Motion(interval, ContactModes(contact, False), ContactMode(0, False), 0.0, mass, NOWHERE)
+    step = free_flight_step(motion, 0.0, FemurState(RADIUS - depth, -rate), h)
+    assert step.crossing.boundary == FORCE
+    assert 0.0 < step.crossing.fraction * h < turn
+    assert force(step.crossing.fraction * h) > 0.0
 
 
 @pytest.mark.parametrize("seed", range(3))

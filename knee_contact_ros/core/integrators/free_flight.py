@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.core.contact_modes import NOWHERE, has_deeper
 from knee_contact_ros.core.integrators.base import (
     INSIDE,
     Crossing,
@@ -35,7 +36,8 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
 
     The surfaces may meet and part again between two stages (a turning profile brushes the plateau, or the load presses
     for a moment): where the depth has a maximum between them, it becomes a stage too, and so does the place where the
-    depth's rate turns round, which may be the only one at which the surfaces approach each other.
+    depth's rate turns round, which may be the only one at which the surfaces approach each other. Surfaces that overlap
+    press again where the force has a maximum above 0, which neither the depth nor its rate need have.
     """
     begin = in_flight(motion, s, state, 0.0)
     crossing, before, low, stages = INSIDE, begin, 0.0, 1
@@ -45,9 +47,9 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
         turn = turning(motion, h, low, high, before.rate, stage.rate)
         if low < turn < high:
             between = in_flight(motion, s, state, turn * h)
-            crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before.rate, between)
+            crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before, between)
             before, low, stages = between, turn, stages + 1 + looks
-        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before.rate, stage)
+        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before, stage)
         before, low, stages = stage, high, stages + 1 + looks
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
@@ -72,17 +74,44 @@ def turning(motion: Motion, h: float, low: float, high: float, before: float, af
 @in_kernel
 def looked_at(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
-    low: float, high: float, rising: float, stage: Stage,
+    low: float, high: float, before: Stage, stage: Stage,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """The first crossing so far, up to a stage at the part `high` of a flight; `rising` is the rate [m/s] at `low`.
+    """The first crossing so far, up to a stage at the part `high` of a flight; `before` is the one at `low`.
 
-    Surfaces that overlap may part and meet again in between, which begins another contact. The second number is that of
-    stages in between.
+    Surfaces that overlap may part and meet again in between, which begins another contact, or press for a moment. The
+    second number is that of stages in between.
     """
-    looks, leaves = 0, motion.mode.layer >= 0 and rising < 0.0 < stage.rate
-    if leaves or rising > 0.0 > stage.rate:
-        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, rising, stage.rate)
+    looks, overlaps = 0, motion.mode.layer >= 0
+    deepest = before.rate > 0.0 > stage.rate and has_deeper(motion.modes, motion.mode)
+    if (overlaps and before.rate < 0.0 < stage.rate) or deepest:
+        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, before.rate, stage.rate, math.nan)
+    if overlaps and low < high and crossing.boundary == NOWHERE:
+        middle = (stage.rate - before.rate) / ((high - low) * h)
+        at_once = middle - 0.5 * (low + high) * h * bend(motion)
+        rising = change(motion, before, low * h, at_once)
+        falling = change(motion, stage, high * h, at_once)
+        if rising > 0.0 > falling:
+            crossing, more = towards_extreme(crossing, motion, s, state, h, low, high, rising, falling, at_once)
+            looks += more
     return earlier(crossing, motion, stage, s + high * h, high), looks
+
+
+@in_kernel
+def bend(motion: Motion) -> float:
+    """How fast the depth's acceleration changes in a flight [m/s³], but for the surfaces."""
+    return motion.interval.load_rate / motion.mass
+
+
+@in_kernel
+def change(motion: Motion, stage: Stage, t: float, at_once: float) -> float:
+    """The force's rate [N/s] at a stage at t [s] of a flight that begins with the acceleration `at_once` [m/s²].
+
+    The depth's rate [m/s] where that is not a number.
+    """
+    if math.isnan(at_once):
+        return stage.rate
+    _, stiffness, damping = force_on(motion, max(stage.depth, 0.0), stage.rate)
+    return stiffness * stage.rate + damping * (at_once + bend(motion) * t)
 
 
 @never_inlined
@@ -116,11 +145,11 @@ def launch_rounding(begin: FemurState, end: FemurState) -> float:
 @never_inlined
 def towards_extreme(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
-    low: float, high: float, rising: float, falling: float,
+    low: float, high: float, rising: float, falling: float, at_once: float,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """Look at stages that close in on the extreme of the depth between two, where its rate changes sign (Illinois).
+    """Look at stages that close in on the extreme of depth or force between two, where its `change` is 0 (Illinois).
 
-    `low` and `high` are the parts of the step, `rising` and `falling` the rates [m/s] there, for a minimum with the
+    `low` and `high` are the parts of the step, `rising` and `falling` the changes there, for a minimum with the
     other sign. Returns the first crossing so far, and the number of stages.
     """
     last, looks = 0.0, 0
@@ -131,14 +160,15 @@ def towards_extreme(
         stage = in_flight(motion, s, state, middle * h)
         looks += 1
         crossing = earlier(crossing, motion, stage, s + middle * h, middle)
-        if abs(stage.rate) <= PEAK_RATE:
+        value = change(motion, stage, middle * h, at_once)
+        if abs(value) <= PEAK_RATE or (crossing.fraction == middle and not math.isnan(at_once)):
             break
-        again = stage.rate * last > 0.0  # the other end has been kept twice: count it half
-        if stage.rate * rising > 0.0:
-            low, rising = middle, stage.rate
+        again = value * last > 0.0  # the other end has been kept twice: count it half
+        if value * rising > 0.0:
+            low, rising = middle, value
             falling = 0.5 * falling if again else falling
         else:
-            high, falling = middle, stage.rate
+            high, falling = middle, value
             rising = 0.5 * rising if again else rising
-        last = stage.rate
+        last = value
     return crossing, looks

@@ -45,7 +45,7 @@ from knee_contact_ros.core.error_estimate import (
 from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
-from knee_contact_ros.core.levels.flight import flies_freely, flying_tick
+from knee_contact_ros.core.levels.flight import AIRBORNE, flies_freely, flying_tick
 from knee_contact_ros.core.levels.smooth import smooth_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
@@ -275,6 +275,7 @@ def dynamic_result(
             error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)
         held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)
         force_error = cosine * force_reach(error, stiffness, damping, 0.0, held) + doubt
+    found = reach(error, held) if mode.pressing else AIRBORNE * reach(error, held)
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,
@@ -283,7 +284,7 @@ def dynamic_result(
             adrift=adrift,
         ),
         depth=depth, rate=rate, force=force if scene.modes.allow_tension else max(force, 0.0),
-        error_estimate=reach(error, held), force_error_estimate=force_error, evaluations=evaluations,
+        error_estimate=found, force_error_estimate=force_error, evaluations=evaluations,
         reached=interval.duration, converged=True, height=stepper.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
@@ -299,11 +300,13 @@ def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> Ti
             fidelity=DYNAMIC,
         )  # fmt: skip
     rate = surface_rate - cosine * stepper.state.velocity
+    # At its very beginning the surface has not kicked the femur yet: the bounds of what it does count that once.
+    sinking = rate / cosine if stepper.s > 0.0 else start.sinking
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=bounded(stepper.error), try_step=stepper.try_step,
             impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, fidelity=start.fidelity,
-            stiffness=start.stiffness, damping=start.damping, excess=start.excess, sinking=rate / cosine, depth=depth,
+            stiffness=start.stiffness, damping=start.damping, excess=start.excess, sinking=sinking, depth=depth,
             adrift=start.adrift,
         ),
         depth=depth, rate=rate, force=0.0, error_estimate=math.inf, force_error_estimate=math.inf,

@@ -310,13 +310,16 @@ def first_order_result(
     depth, surface_rate, cosine = touch_at(interval, h).touch(stepper.state.height)
     rate = surface_rate - cosine * stepper.state.velocity
     force, stiffness, damping = force_on(motion_in(scene, interval, stepper, mode, NOWHERE), depth, rate)
+    rising = cosine * (interval.load_rate - cosine * stiffness * rate)
     stiffness, damping = cosine * cosine * stiffness, cosine * cosine * damping
-    change, blow, faded = stepper.state.velocity - first.velocity, 0.0, 0.0
-    if h * stiffness > SUDDEN * damping and damping > 0.0 and start.stiffness > 0.0:
+    change, blow, faded, at_end = stepper.state.velocity - first.velocity, 0.0, 0.0, math.nan
+    _, surface_before, cosine_before = touch_at(interval, 0.0).touch(first.height)
+    turned = surface_rate / cosine - surface_before / cosine_before
+    if 0.0 < damping and h * stiffness <= SUDDEN * damping:
+        at_end = scene.mass * (turned / h - rising / damping)
+    elif damping > 0.0 and start.stiffness > 0.0:
         # The dashpot answers within the tick: but for the surfaces and the softer or stiffer contact, the level's
         # velocity changes as by a blow at the beginning.
-        _, surface_before, cosine_before = touch_at(interval, 0.0).touch(first.height)
-        turned = surface_rate / cosine - surface_before / cosine_before
         blow = change - turned + interval.load_rate * (1.0 / stiffness - 1.0 / start.stiffness)
         answers = h * stiffness / damping
         faded = scene.mass * abs(blow) / damping * answers * math.exp(-answers)
@@ -351,6 +354,8 @@ def first_order_result(
         # Next to a layer's boundary, where the next one is soft at first, the velocity may rise and fall again.
         blows += max(stepper.error.velocity - abs(change), 0.0)
     error = bounded(with_bound(error, jumps + UNKNOWN_STEPS * math.sqrt(stepper.error.hh), blows))
+    if not math.isnan(at_end):
+        doubt += abs(at_end - inertia)
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,

@@ -14,6 +14,9 @@ from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, TickResult
 
+AIRBORNE = 1.25
+"""Of a flight's error more is published: it is that of one velocity, which many steps have no part in any more"""
+
 
 @in_kernel
 def flies_freely(interval: Interval, start: RunState, mass: float) -> bool:
@@ -40,6 +43,6 @@ def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) ->
             impact_error=start.impact_error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
             sinking=rate / cosine, depth=depth, adrift=start.adrift,
         ),
-        depth=depth, rate=rate, force=0.0, error_estimate=reach(error, math.inf), force_error_estimate=0.0,
+        depth=depth, rate=rate, force=0.0, error_estimate=AIRBORNE * reach(error, math.inf), force_error_estimate=0.0,
         evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,
     )  # fmt: skip
