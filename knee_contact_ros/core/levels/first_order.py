@@ -315,7 +315,7 @@ def first_order_result(
     change, blow, faded, at_end = stepper.state.velocity - first.velocity, 0.0, 0.0, math.nan
     _, surface_before, cosine_before = touch_at(interval, 0.0).touch(first.height)
     turned = surface_rate / cosine - surface_before / cosine_before
-    if 0.0 < damping and h * stiffness <= SUDDEN * damping:
+    if damping > 0.0 and h * stiffness <= SUDDEN * damping:
         at_end = scene.mass * (turned / h - rising / damping)
     elif damping > 0.0 and start.stiffness > 0.0:
         # The dashpot answers within the tick: but for the surfaces and the softer or stiffer contact, the level's
