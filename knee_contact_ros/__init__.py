@@ -1,7 +1,7 @@
 """Live tibiofemoral contact from streamed gait.
 
-`load_model` gives the model, `solve` the answers to a recorded gait and `uncertainty` how far they may be off, all
-without ROS; docs/python.md shows them.
+`load_model` gives the model, `solve` the answers to a recorded gait, `uncertainty` how far they may be off and `sweep`
+what many knees come to, all without ROS; docs/python.md shows them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
 __version__ = "0.2.0"
-__all__ = ["Results", "UsageError", "load_model", "solve", "uncertainty"]
+__all__ = ["Results", "UsageError", "load_model", "solve", "sweep", "uncertainty"]
 
 if TYPE_CHECKING:
+    from knee_contact_ros.cohort.in_memory import sweep
     from knee_contact_ros.offline.in_memory import solve
     from knee_contact_ros.offline.uncertainty.in_memory import uncertainty
     from knee_contact_ros.parameters.build import load_model
@@ -27,6 +28,7 @@ _PLACES = {
     "UsageError": "system.errors",
     "load_model": "parameters.build",
     "solve": "offline.in_memory",
+    "sweep": "cohort.in_memory",
     "uncertainty": "offline.uncertainty.in_memory",
 }
 

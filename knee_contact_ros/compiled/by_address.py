@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -52,11 +52,21 @@ def bind(
     return tick
 
 
+class SceneMemory(NamedTuple):
+    """How scenes of a kind lie in memory, as compiled code sees them."""
+
+    size: int
+    """[B] of one"""
+    put: Callable[..., None]
+    """Lay a scene down at an address"""
+    taken_up: Callable[..., Any]
+    """For compiled code: the scene at an address"""
+
+
 @functools.cache
-def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..., None]]:
-    """For a kind of scene: its size in bytes, a function that lays one down, and one that ticks with it."""
+def scene_memory(kind: types.Type) -> SceneMemory:
+    """For a kind of scene, Numba's type of it."""
     context = cpu_target.target_context
-    compiled_run = compiled_function(ticks.run)
 
     @intrinsic
     def laid_down(_typing: Any, scene: Any, address: Any) -> Any:
@@ -76,23 +86,31 @@ def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..
     def put(scene: Any, address: Any) -> None:
         laid_down(scene, address)
 
+    # Numba's decorators do likewise, with its own cache or none.
+    lay_down: Any = njit(**ENTRY)(put)
+    lay_down._cache = kernel_cache(put, kind)
+    return SceneMemory(context.get_abi_sizeof(context.get_value_type(kind)), lay_down, taken_up)
+
+
+@functools.cache
+def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..., None]]:
+    """For a kind of scene: its size in bytes, a function that lays one down, and one that ticks with it."""
+    compiled_run, memory_of = compiled_function(ticks.run), scene_memory(kind)
+    taken_up = memory_of.taken_up
+
     def tick(addresses: Any, duration: float, angle: float, load: float, height: float) -> None:
         memory, sample = carray(addresses[0], 1, MEMORY), carray(addresses[1], 4, np.float64)
         sample[0], sample[1], sample[2], sample[3] = duration, angle, load, height
         answers = carray(addresses[2], 1, ROW)
         compiled_run(taken_up(addresses[3]), memory, sample[:1], sample[1:2], sample[2:3], sample[3:], answers)
 
-    # Numba's decorators do likewise, with its own cache or none.
     pointer: Any = CFunc(
         tick, ((types.CPointer(types.voidptr), *[types.float64] * 4), types.void), locals={}, options={}
     )
     pointer._cache = kernel_cache(tick, kind)
     pointer.compile()
     _KEPT.append(pointer)
-    lay_down: Any = njit(**ENTRY)(put)
-    lay_down._cache = kernel_cache(put, kind)
-    size = context.get_abi_sizeof(context.get_value_type(kind))
-    return size, lay_down, FFI().cast(TICK, pointer.address)
+    return memory_of.size, memory_of.put, FFI().cast(TICK, pointer.address)
 
 
 def _pointer(context: Any, builder: Any, kind: types.Type, address: Any) -> Any:

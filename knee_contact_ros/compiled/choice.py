@@ -89,7 +89,12 @@ def _is_kept(scene: Scene) -> bool:
 def _compiled(scene: Scene) -> Kernel:
     from knee_contact_ros.compiled.kernel import compiled_kernel
 
-    return compiled_kernel(telling(cost_of(scene)))
+    return compiled_kernel(telling_of(scene))
+
+
+def telling_of(scene: Scene) -> Callable[[], AbstractContextManager[None]]:
+    """What tells a person that a kind of scene is compiled, as long as it is."""
+    return telling(cost_of(scene))
 
 
 @functools.cache

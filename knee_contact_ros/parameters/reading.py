@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,6 +91,26 @@ def load_parameters(
     return _validated(merged, "")
 
 
+def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Parameters]:
+    """What makes other parameters of these, given some values: as `load_parameters` does, in a tenth of its time."""
+    flat, nested, known = flat_parameters(parameters), parameters.model_dump(), known_parameters()
+    follows = {"load.compartment", *(name for name in known if name.startswith(LATERAL) or has_both(parameters))}
+
+    def varied(values: Mapping[str, Any]) -> Parameters:
+        if any(name not in known or name in follows for name in values):
+            return load_parameters(flat | dict(values))
+        changed = dict(nested)
+        for name, value in values.items():
+            section, _, inner = name.rpartition(".")
+            if section:
+                changed[section] = changed[section] | {inner: value}
+            else:
+                changed[inner] = value
+        return _checked(changed, "")
+
+    return varied
+
+
 def values_set_in(name: str | Path) -> dict[str, Any]:
     """What a parameter file sets, by dotted names; its own values are checked.
 
@@ -175,11 +195,25 @@ def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def check_value(name: str, value: Any) -> None:
+    """Refuse an unknown parameter, or a value that it may not have whatever the others are.
+
+    Raises:
+        UsageError: see above.
+    """
+    _made(_nested({name: value}, known_parameters(), ""), "")
+
+
 def _validated(values: Mapping[str, Any], where: str) -> Parameters:
     """Check dotted values against the declarations."""
     known = known_parameters()
+    return _checked(_nested(with_medial_values(values, known), known, where), where)
+
+
+def _nested(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Dotted values by section and name; those that every node has are left out."""
     nested: dict[str, Any] = {}
-    for name, value in with_medial_values(values, known).items():
+    for name, value in values.items():
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
@@ -191,10 +225,20 @@ def _validated(values: Mapping[str, Any], where: str) -> Parameters:
         for section in sections:
             place = place.setdefault(section, {})
         place[inner] = value
+    return nested
+
+
+def _made(nested: Mapping[str, Any], where: str) -> Parameters:
+    """Parameters from values by section and name, each checked alone."""
     try:
-        parameters = Parameters.model_validate(nested)
+        return Parameters.model_validate(nested)
     except ValidationError as error:
         raise UsageError(f"{where}parameter {first_error(error)}") from None
+
+
+def _checked(nested: Mapping[str, Any], where: str) -> Parameters:
+    """The same, checked with each other, too."""
+    parameters = _made(nested, where)
     _check_together(parameters, where)
     if has_both(parameters):
         if parameters.drive != "force":

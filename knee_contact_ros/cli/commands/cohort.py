@@ -1,0 +1,28 @@
+"""The command on many knees: sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.yaml")
+@click.option(
+    "--output", required=True, metavar="DIR",
+    help="Folder of the table, a Parquet dataset, here or as fsspec spells it. What is there is not computed again.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]")
+@click.option(
+    "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
+)
+def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None:
+    """Compute many knees.
+
+    Bags, parameter files and values of a study, all combined: a row of outcomes for each case. A study that was
+    stopped, or has grown, goes on where it is.
+    """
+    from knee_contact_ros.cohort.command import run_sweep
+
+    run_sweep(study, output, workers or 0, scheduler)

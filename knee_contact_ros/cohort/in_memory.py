@@ -1,0 +1,152 @@
+"""`knee_contact_ros.sweep`: many knees through one gait, from arrays to a table, on all processors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.cohort.computing import compute
+from knee_contact_ros.cohort.knees import Knees, Recording, checked_names, knees_in
+from knee_contact_ros.cohort.outcomes import OF_A_RUN
+from knee_contact_ros.core.types import ROW
+from knee_contact_ros.offline.in_memory import Name, in_python_words
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.reading import Source, check_value, dotted, load_parameters
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NANOSECOND = 1e-9
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """What `sweep` gives: k cases, in the order of the values."""
+
+    values: dict[str, NDArray[Any]]
+    """What was varied, by parameter, shape (k,)"""
+    outcomes: np.recarray[Any, Any]
+    """What each case comes to, shape (k,); not a number where it failed. Names as in docs/cohorts.md"""
+    lateral: np.recarray[Any, Any] | None
+    """The same of the lateral compartment, where both are modelled"""
+    failed: NDArray[Any]
+    """Why a case has no outcome; empty texts otherwise, shape (k,)"""
+    series: NDArray[Any] | None
+    """All answers, rows of `Contact`, shape (k, n), if they were asked for"""
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row for each case: values, outcomes, lateral outcomes and why it failed."""
+        import pandas as pd
+
+        columns: dict[str, Any] = dict(self.values)
+        for side, rows in (("", self.outcomes), ("lateral_", self.lateral)):
+            columns |= {side + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
+        return pd.DataFrame(columns | {"failed": self.failed})
+
+
+def sweep(
+    gait: Name | Mapping[str, ArrayLike],
+    values: Mapping[str, ArrayLike],
+    params: Source = DEFAULT_PARAMETERS,
+    *,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+    series: bool = False,
+    threads: int = 0,
+) -> Cohort:
+    """Compute many knees through one gait: the same bits as a run of each.
+
+    Args:
+        gait: A bag; or arrays of shape (n,): `time` [s], increasing, `flexion_angle` [rad], and `axial_load` [N], of
+            which the compartment takes its share as `load.*` says (or `frontal_moment` [N m], too). With the
+            displacement drive `femoral_height` [m] instead of the load.
+        values: Parameters by name: arrays of shape (k,), or one value for all cases.
+        params: The knee, as for `load_model`.
+        remap: Other names of the inputs in a bag.
+        namespace: Of the inputs in a bag.
+        series: Keep all answers, 330 B a tick.
+        threads: That work at once; 0: one for each processor. What is compiled needs no lock of Python's.
+
+    Raises:
+        UsageError: a parameter that is unknown or may not be varied, arrays that do not fit, a bag that cannot be used.
+            Values that are allowed alone but not together make a case fail, and no error.
+    """
+    with in_python_words():
+        cases = _cases(values)
+        parameters = load_parameters(params)
+        if isinstance(gait, Mapping):
+            knees = Knees(_recording(gait), parameters, curve_texts(parameters, {}))
+        else:
+            names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+            knees = knees_in(expanded(str(gait)), parameters, {}, names)
+    computed = compute(knees, cases, series=series, threads=threads)
+    sides = max((len(one.sides) for one in computed), default=1)
+    rows = [np.full(len(cases), np.nan, OF_A_RUN) for _ in range(max(sides, 1))]
+    for i, one in enumerate(computed):
+        for own, found in zip(rows, one.sides, strict=False):
+            own[i] = found
+    answers = None
+    if series:
+        answers = np.zeros((len(cases), len(knees.recording.steps)), ROW)
+        for i, one in enumerate(computed):
+            for whole in one.series[:1]:
+                answers[i] = whole
+    varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
+    lateral = rows[1].view(np.recarray) if len(rows) > 1 else None
+    failed = np.array([one.failed for one in computed])
+    return Cohort(varied, rows[0].view(np.recarray), lateral, failed, answers)
+
+
+def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
+    """Values of each case.
+
+    Raises:
+        UsageError: lengths differ, or a value may never be.
+    """
+    flat = {name: np.atleast_1d(np.asarray(column)) for name, column in dotted(values).items()}
+    checked_names(list(flat))
+    lengths = {len(column) for column in flat.values() if column.shape != (1,)} or {1}
+    if len(lengths) > 1 or any(column.ndim != 1 for column in flat.values()) or not flat:
+        shapes = ", ".join(f"{name} {column.shape}" for name, column in flat.items()) or "none"
+        raise UsageError(f"values: {shapes} is not allowed; arrays of one length, or single values")
+    (number,) = lengths
+    columns = {name: np.broadcast_to(column, number).tolist() for name, column in flat.items()}
+    for name, column in columns.items():
+        ends = [min(column), max(column)] if column and not isinstance(column[0], str) else sorted(set(column))
+        for value in ends:
+            check_value(name, value)
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
+    """A gait that is given in arrays.
+
+    Raises:
+        UsageError: one is missing, or they do not fit.
+    """
+    known = {"time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height"}
+    unknown = sorted(set(gait) - known)
+    if unknown or not {"time", "flexion_angle"} <= set(gait):
+        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; time, flexion_angle, axial_load")
+    columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
+    time = columns["time"]
+    if any(column.shape != time.shape or column.ndim != 1 for column in columns.values()) or not len(time):
+        raise UsageError("gait: the arrays must be one-dimensional and of equal length")
+    if not all(np.isfinite(column).all() for column in columns.values()):
+        raise UsageError("gait: the arrays must be finite")
+    stamps = np.rint(time / NANOSECOND).astype(np.int64)
+    if (np.diff(stamps) <= 0).any():
+        raise UsageError("gait: time must increase")
+    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+    zeros, unknown_heights = np.zeros(len(time)), np.full(len(time), np.nan)
+    return Recording(
+        stamps, steps, columns["flexion_angle"], columns.get("axial_load", zeros),
+        columns.get("frontal_moment", zeros), columns.get("femoral_height", unknown_heights),
+    )  # fmt: skip

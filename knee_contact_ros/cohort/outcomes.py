@@ -1,0 +1,98 @@
+"""What a whole run comes to: one row of numbers, from all of its ticks."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.core.contact_laws.base import ContactLaw
+from knee_contact_ros.core.readouts import ContactPatch
+from knee_contact_ros.core.types import ContactState, Rows, Status
+
+Floats = NDArray[np.float64]
+
+
+class Outcome(NamedTuple):
+    """A column of the table."""
+
+    name: str
+    unit: str
+    """SI; empty for a number of ticks or a share"""
+    meaning: str
+
+
+OUTCOMES = (
+    Outcome("peak_force", "N", "largest contact force"),
+    Outcome("peak_depth", "m", "largest penetration depth"),
+    Outcome("peak_pressure", "Pa", "largest pressure, that of the force at rest spread over the patch (readouts)"),
+    Outcome("peak_strain", "", "largest nominal strain of the cartilage"),
+    Outcome("peak_loading_rate", "N/s", "fastest rise of the contact force from tick to tick"),
+    Outcome("impulse", "N s", "contact force over time, by trapezoids"),
+    Outcome("contact_time", "s", "time in contact"),
+    Outcome("bone_time", "s", "time in contact with the second layer"),
+    Outcome("path_length", "m", "way of the contact point while in contact"),
+    Outcome("sliding_distance", "m", "way that the femoral surface slides over the tibial one while in contact"),
+    Outcome("error_bound", "m", "largest error estimate of the depth"),
+    Outcome("force_error_bound", "N", "largest error estimate of the contact force"),
+    Outcome("not_converged", "", "ticks that missed a tolerance"),
+    Outcome("implausible", "", "ticks whose depth makes no sense"),
+    Outcome("ticks", "", "answers in all"),
+    Outcome("evaluations", "", "contact law evaluations in all"),
+)
+"""In the order of the table"""
+OF_A_RUN = np.dtype([(outcome.name, np.float64) for outcome in OUTCOMES])
+"""Rows of outcomes"""
+
+
+def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list[ContactPatch | None]) -> NDArray[Any]:
+    """What the runs come to.
+
+    Args:
+        answers: Of k runs, shape (k, n).
+        steps: Time since the tick before [s], shape (n,); 0 where a run begins.
+        laws: Of each run.
+        patches: What the contacts spread over; None: no pressure is known.
+
+    Returns:
+        An array of `OF_A_RUN`, shape (k,).
+    """
+    found = np.zeros(len(answers), OF_A_RUN)
+    weights = 0.5 * (steps + np.append(steps[1:], 0.0))
+    force, depth = answers["contact_force"], answers["penetration_depth"]
+    touching = answers["contact_state"] != ContactState.SEPARATED
+    found["peak_force"], found["peak_depth"] = force.max(axis=1), depth.max(axis=1)
+    found["impulse"], found["contact_time"] = force @ weights, touching @ weights
+    found["bone_time"] = (answers["contact_state"] == ContactState.BONE) @ weights
+    goes_on = steps[1:] > 0.0
+    lasts = touching[:, 1:] & touching[:, :-1] & goes_on
+    point = answers["contact_point"]
+    way = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
+    found["path_length"] = np.sum(way, axis=1, where=lasts)
+    found["sliding_distance"] = (np.abs(answers["sliding_velocity"]) * touching) @ weights
+    if goes_on.any():
+        rates = np.diff(force, axis=1)[:, goes_on] / steps[1:][goes_on]
+        found["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
+    found["error_bound"] = answers["error_estimate"].max(axis=1)
+    found["force_error_bound"] = answers["force_error_estimate"].max(axis=1)
+    status = answers["status"]
+    for name, bit in (("not_converged", Status.NOT_CONVERGED), ("implausible", Status.IMPLAUSIBLE)):
+        found[name] = np.count_nonzero(status & np.uint8(bit), axis=1)
+    found["ticks"], found["evaluations"] = answers.shape[1], answers["evaluations"].sum(axis=1)
+    cartilage = answers["cartilage_depth"].max(axis=1)
+    for i, (law, patch) in enumerate(zip(laws, patches, strict=True)):
+        deepest = float(found["peak_depth"][i])
+        found["peak_pressure"][i] = np.nan if patch is None else peak_pressure(law, patch, deepest)
+        found["peak_strain"][i] = np.nan if patch is None else cartilage[i] / patch.thickness
+    return found
+
+
+def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:
+    """Largest pressure [Pa] of a run that comes as deep as `deepest` [m]; see `ContactPatch.readouts`.
+
+    The force over the depth is largest at an end of a layer's range, since within a layer the force is convex.
+    """
+    ends = [layer.begin for layer in law.layers if 0.0 < layer.begin < deepest]
+    over = max((law.static_force(depth) / depth for depth in (*ends, deepest) if depth > 0.0), default=0.0)
+    return patch.spread.peak * over / (np.pi * patch.spread.area * patch.radius)

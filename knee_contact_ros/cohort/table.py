@@ -1,0 +1,93 @@
+"""The table of a study: a row for each case, as Arrow has it; all parameters that a study may vary are columns.
+
+So tables of several studies fit together, and each says in full which knee a row is of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from knee_contact_ros.cohort.computing import Computed
+from knee_contact_ros.cohort.knees import Knees, Values, may_vary
+from knee_contact_ros.cohort.outcomes import OUTCOMES
+from knee_contact_ros.core.types import FLAT, TOLD
+from knee_contact_ros.parameters.lateral import has_both
+from knee_contact_ros.parameters.reading import all_values, known_parameters
+
+LATERAL = "lateral_"
+"""What outcomes of the lateral compartment begin with"""
+KINDS = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}
+BEFORE = (
+    ("case", pa.string(), "key of the case: a digest of bag, parameters and model"),
+    ("bag", pa.string(), "as the study names it"),
+    ("params", pa.string(), "parameter files, as the study names them"),
+)
+BEHIND = (
+    ("failed", pa.string(), "why there is no outcome; empty if there is one"),
+    ("seconds", pa.float64(), "[s] that the case took, one of many computed together"),
+)
+
+
+@lru_cache
+def schema() -> pa.Schema:
+    """Names, types, and meanings in the fields' metadata."""
+    fields = [_field(*told) for told in BEFORE]
+    for name, declared in known_parameters().items():
+        if may_vary(name):
+            fields.append(_field(name, KINDS[type(declared.default)], declared.description))
+    for side in ("", LATERAL):
+        for one in OUTCOMES:
+            unit = f"[{one.unit}] " if one.unit else ""
+            of_it = " of the lateral compartment" if side else ""
+            fields.append(_field(side + one.name, pa.float64(), f"{unit}{one.meaning}{of_it}"))
+    return pa.schema([*fields, *(_field(*told) for told in BEHIND)])
+
+
+def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"meaning": meaning})
+
+
+def table_of(
+    keys: Sequence[str], bag: str, params: Sequence[str], knees: Knees, cases: Sequence[Values],
+    computed: Sequence[Computed],
+) -> pa.Table:  # fmt: skip
+    """Cases of one recording and one knee, as they were computed."""
+    number = len(cases)
+    columns: dict[str, Any] = {"case": list(keys), "bag": [bag] * number, "params": [" + ".join(params)] * number}
+    common = all_values(knees.parameters)
+    if has_both(knees.parameters) or any("load.compartment" in values for values in cases):
+        full = [all_values(one.parameters) if one.parameters else common | dict(values)
+                for one, values in zip(computed, cases, strict=True)]  # fmt: skip
+        columns |= {name: [one[name] for one in full] for name in common if may_vary(name)}
+    else:
+        columns |= {name: [values.get(name, common[name]) for values in cases] for name in common if may_vary(name)}
+    for place, side in enumerate(("", LATERAL)):
+        for one in OUTCOMES:
+            columns[side + one.name] = np.array(
+                [found.sides[place][one.name] if place < len(found.sides) else np.nan for found in computed]
+            )
+    columns["failed"] = [found.failed for found in computed]
+    columns["seconds"] = [found.seconds for found in computed]
+    return pa.table({name: columns[name] for name in schema().names}, schema=schema())
+
+
+def series_of(keys: Sequence[str], computed: Sequence[Computed]) -> pa.Table:
+    """All answers of the cases: what the message tells, and stamps [ns]; with the key, and which compartment."""
+    parts = [
+        (key, side, rows)
+        for key, one in zip(keys, computed, strict=True)
+        for side, rows in zip(("medial", "lateral"), one.series, strict=False)
+    ]
+    names = ("stamp", *TOLD)
+    rows = np.concatenate([rows for *_, rows in parts]).view(FLAT) if parts else np.zeros(0, FLAT)
+    lengths = [len(rows) for *_, rows in parts]
+    columns: dict[str, Any] = {
+        "case": pa.array(np.repeat([key for key, *_ in parts], lengths).tolist(), pa.string()),
+        "compartment": pa.array(np.repeat([side for _, side, _ in parts], lengths).tolist(), pa.string()),
+    }
+    return pa.table(columns | {name: np.ascontiguousarray(rows[name]) for name in names})
