@@ -83,12 +83,16 @@ class Compartment:
         """Compute many ticks: the same bits. All arrays have shape (n,)."""
         rows = self.stream.advance_all(stamps, angles, loads, heights)
         rows["status"] |= status.astype(np.uint8)
-        if self._z:
-            rows["contact_point"]["z"] = self._z
-            force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
-            torque["x"] = -self._z * force["y"]
-            torque["y"] = self._z * force["x"]
+        put_aside(rows, self._z)
         return rows
+
+
+def put_aside(rows: Rows, z: float) -> None:
+    """Let answers be those of a compartment at z [m] in the tibia frame; where it is 0, they are."""
+    if z:
+        rows["contact_point"]["z"] = z
+        force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
+        torque["x"], torque["y"] = -z * force["y"], z * force["x"]
 
 
 def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[Compartment, ...]:
