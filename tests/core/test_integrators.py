@@ -17,7 +17,7 @@ from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators import esdirk4, fehlberg, free_flight
 from knee_contact_ros.core.integrators.base import FemurState, Motion, Stage, Step
 from knee_contact_ros.core.integrators.doubling import doubled_step
-from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, free_flight_step
+from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, Look, free_flight_step
 from knee_contact_ros.core.integrators.massless import massless_step
 from knee_contact_ros.core.integrators.tableaus import ESDIRK4, FEHLBERG
 from knee_contact_ros.core.mechanisms.hinge import Hinge
@@ -184,9 +184,10 @@ def test_a_flight_sees_a_turning_profile_brush_the_plateau(monkeypatch: pytest.M
     stages: dict[float, Stage] = {}
     look = free_flight.in_flight
 
-    def watched(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
-        stages[t / h] = look(motion, s, state, t)
-        return stages[t / h]
+    def watched(motion: Motion, s: float, state: FemurState, t: float) -> Look:
+        found = look(motion, s, state, t)
+        stages[t / h] = found.stage
+        return found
 
     monkeypatch.setattr(free_flight, "in_flight", watched)
     step = free_flight_step(flying(interval), 0.0, FemurState(height, 0.0), h)

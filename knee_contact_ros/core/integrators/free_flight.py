@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from knee_contact_ros.core.contact_modes import NOWHERE, has_deeper
 from knee_contact_ros.core.integrators.base import (
@@ -30,6 +31,16 @@ LAUNCH_ROUNDING = 2e-12
 """Part of the way flown that the rounding of the event before it may amount to."""
 
 
+class Look(NamedTuple):
+    """The contact at a place of a flight, with the slopes of the force that it would give."""
+
+    stage: Stage
+    stiffness: float
+    """[N/m]"""
+    damping: float
+    """[N s/m]"""
+
+
 @never_inlined
 def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
     """Fly for `h` [s]. While the surfaces overlap, the force that the contact would give is watched.
@@ -43,19 +54,19 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
     crossing, before, low, stages = INSIDE, begin, 0.0, 1
     for part in range(1, PARTS + 1):
         high = part / PARTS
-        stage = in_flight(motion, s, state, high * h)
-        turn = turning(motion, h, low, high, before.rate, stage.rate)
+        look = in_flight(motion, s, state, high * h)
+        turn = turning(motion, h, low, high, before.stage.rate, look.stage.rate)
         if low < turn < high:
             between = in_flight(motion, s, state, turn * h)
             crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before, between)
             before, low, stages = between, turn, stages + 1 + looks
-        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before, stage)
-        before, low, stages = stage, high, stages + 1 + looks
+        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before, look)
+        before, low, stages = look, high, stages + 1 + looks
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
     return Step(
-        state=end, error=error, begin=begin, end=before, crossing=crossing, stiffness=0.0, damping=0.0, cosine=1.0,
-        leapt=0.0, evaluations=stages if motion.mode.layer >= 0 else 0, solved=True,
+        state=end, error=error, begin=begin.stage, end=before.stage, crossing=crossing, stiffness=0.0, damping=0.0,
+        cosine=1.0, leapt=0.0, evaluations=stages if motion.mode.layer >= 0 else 0, solved=True,
     )  # fmt: skip
 
 
@@ -74,26 +85,24 @@ def turning(motion: Motion, h: float, low: float, high: float, before: float, af
 @in_kernel
 def looked_at(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
-    low: float, high: float, before: Stage, stage: Stage,
+    low: float, high: float, before: Look, look: Look,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """The first crossing so far, up to a stage at the part `high` of a flight; `before` is the one at `low`.
+    """The first crossing so far, up to a look at the part `high` of a flight; `before` is the one at `low`.
 
     Surfaces that overlap may part and meet again in between, which begins another contact, or press for a moment. The
     second number is that of stages in between.
     """
-    looks, overlaps = 0, motion.mode.layer >= 0
-    deepest = before.rate > 0.0 > stage.rate and has_deeper(motion.modes, motion.mode)
-    if (overlaps and before.rate < 0.0 < stage.rate) or deepest:
-        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, before.rate, stage.rate, math.nan)
+    looks, overlaps, rate, rising = 0, motion.mode.layer >= 0, look.stage.rate, before.stage.rate
+    deepest = rising > 0.0 > rate and has_deeper(motion.modes, motion.mode)
+    if (overlaps and rising < 0.0 < rate) or deepest:
+        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, rising, rate, math.nan)
     if overlaps and low < high and crossing.boundary == NOWHERE:
-        middle = (stage.rate - before.rate) / ((high - low) * h)
-        at_once = middle - 0.5 * (low + high) * h * bend(motion)
-        rising = change(motion, before, low * h, at_once)
-        falling = change(motion, stage, high * h, at_once)
+        at_once = (rate - rising) / ((high - low) * h) - 0.5 * (low + high) * h * bend(motion)
+        rising, falling = change(motion, before, low * h, at_once), change(motion, look, high * h, at_once)
         if rising > 0.0 > falling:
             crossing, more = towards_extreme(crossing, motion, s, state, h, low, high, rising, falling, at_once)
             looks += more
-    return earlier(crossing, motion, stage, s + high * h, high), looks
+    return earlier(crossing, motion, look.stage, s + high * h, high), looks
 
 
 @in_kernel
@@ -103,27 +112,27 @@ def bend(motion: Motion) -> float:
 
 
 @in_kernel
-def change(motion: Motion, stage: Stage, t: float, at_once: float) -> float:
-    """The force's rate [N/s] at a stage at t [s] of a flight that begins with the acceleration `at_once` [m/s²].
+def change(motion: Motion, look: Look, t: float, at_once: float) -> float:
+    """The force's rate [N/s] at t [s] of a flight that begins with the acceleration `at_once` [m/s²] of the depth.
 
     The depth's rate [m/s] where that is not a number.
     """
     if math.isnan(at_once):
-        return stage.rate
-    _, stiffness, damping = force_on(motion, max(stage.depth, 0.0), stage.rate)
-    return stiffness * stage.rate + damping * (at_once + bend(motion) * t)
+        return look.stage.rate
+    return look.stiffness * look.stage.rate + look.damping * (at_once + bend(motion) * t)
 
 
 @never_inlined
-def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Stage:
+def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Look:
     """The contact after flying for `t` [s] from s [s] on."""
     there = flight(motion.interval, motion.mass, s, state, t)
     depth, surface_rate, cosine = touch_at(motion.interval, s + t).touch(there.height)
     rate = surface_rate - cosine * there.velocity
-    force = 0.0
+    force, stiffness, damping = 0.0, 0.0, 0.0
     if motion.mode.layer >= 0:
-        force, _, _ = force_on(motion, depth, rate)
-    return Stage(depth=depth, rate=rate, force=force, stiffness=0.0, surface_rate=surface_rate)
+        force, stiffness, damping = force_on(motion, depth, rate)
+    stage = Stage(depth=depth, rate=rate, force=force, stiffness=0.0, surface_rate=surface_rate)
+    return Look(stage, stiffness, damping)
 
 
 @in_kernel
@@ -157,10 +166,10 @@ def towards_extreme(
         middle = low + (high - low) * rising / (rising - falling)
         if not low < middle < high:
             break
-        stage = in_flight(motion, s, state, middle * h)
+        look = in_flight(motion, s, state, middle * h)
         looks += 1
-        crossing = earlier(crossing, motion, stage, s + middle * h, middle)
-        value = change(motion, stage, middle * h, at_once)
+        crossing = earlier(crossing, motion, look.stage, s + middle * h, middle)
+        value = change(motion, look, middle * h, at_once)
         if abs(value) <= PEAK_RATE or (crossing.fraction == middle and not math.isnan(at_once)):
             break
         again = value * last > 0.0  # the other end has been kept twice: count it half
