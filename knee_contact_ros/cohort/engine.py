@@ -7,7 +7,7 @@ rest. Two clients may share a folder.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -164,7 +164,7 @@ def _client(workers: int, scheduler: str) -> Iterator[Client]:
 def _finished(client: Client, study: Study, output: str, blocks: Sequence[_Block]) -> Iterator[tuple[int, int]]:
     """How many cases each block has, and how many of them failed, as they come."""
     rest = iter(blocks)
-    told = client.scatter(dict(study.content), broadcast=True, hash=False)
+    told = client.scatter(study, broadcast=True, hash=False)
     threads = sum(client.nthreads().values()) or 1
 
     def submit(block: _Block) -> Any:
@@ -185,9 +185,9 @@ def _finished(client: Client, study: Study, output: str, blocks: Sequence[_Block
             break
 
 
-def compute_block(content: Mapping[str, Any], block: _Block, output: str, in_all: int) -> tuple[int, int]:
+def compute_block(study: Study, block: _Block, output: str, in_all: int) -> tuple[int, int]:
     """What a worker does: compute a block and write it; how many cases there were, and how many of them failed."""
-    study, shards, name = _study(repr(dict(content))), Shards(output), shard_name(list(block.keys))
+    shards, name = Shards(output), shard_name(list(block.keys))
     if shards.holds(name):  # another client's work
         return len(block.keys), 0
     knees = _knees(block.bag, block.params, repr(dict(study.values)))
@@ -196,11 +196,6 @@ def compute_block(content: Mapping[str, Any], block: _Block, output: str, in_all
     table = table_of(block.keys, block.bag, block.params, knees, cases, computed)
     shards.write(name, table, series_of(block.keys, computed) if study.series else None)
     return len(computed), sum(bool(one.failed) for one in computed)
-
-
-@lru_cache(4)
-def _study(content: str) -> Study:
-    return Study(ast.literal_eval(content))
 
 
 @lru_cache(8)
