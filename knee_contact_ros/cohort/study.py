@@ -58,8 +58,10 @@ class Spaced(_Part):
     def at(self, part: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values at parts of the way, 0 to 1."""
         if self.scale == "linear":
-            return self.start + (self.stop - self.start) * part
-        return np.asarray(np.exp(math.log(self.start) + math.log(self.stop / self.start) * part))
+            found = self.start + (self.stop - self.start) * part
+        else:
+            found = np.exp(math.log(self.start) + math.log(self.stop / self.start) * part)
+        return np.asarray(np.clip(found, self.start, self.stop))  # rounding must not leave what is allowed
 
     @property
     def values(self) -> list[float]:
