@@ -23,7 +23,7 @@ from knee_contact_ros.cohort.computing import compute
 from knee_contact_ros.cohort.keys import case_key, common_digest, shard_name
 from knee_contact_ros.cohort.knees import Knees, knees_in
 from knee_contact_ros.cohort.shards import Shards
-from knee_contact_ros.cohort.study import Study
+from knee_contact_ros.cohort.study import Case, Study
 from knee_contact_ros.cohort.table import series_of, table_of
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import load_parameters, variations_of
@@ -46,6 +46,18 @@ class Done(NamedTuple):
     computed: int
     failed: int
     """Of those computed now"""
+
+
+class Keyed(NamedTuple):
+    """Cases of one recording and one knee, their numbers following each other."""
+
+    case: Case
+    """The first of them"""
+    number: int
+    """Its number"""
+    path: Path
+    """Where the recording lies here"""
+    keys: list[str]
 
 
 class _Block(NamedTuple):
@@ -88,30 +100,43 @@ def run_study(
     return Done(kept, computed, failed)
 
 
-def _missing(study: Study, there: set[str]) -> tuple[list[_Block], int]:
-    """The cases that are not there, in blocks; and how many are."""
-    blocks, kept = [], 0
+def keyed(study: Study) -> Iterator[Keyed]:
+    """The keys of all cases, in the order of their numbers.
+
+    Raises:
+        UsageError: bag or parameters cannot be used.
+    """
     for number in range(0, study.number, study.variants):
-        case, own = study.case(number), range(number, number + study.variants)
+        case = study.case(number)
         path = local_path(case.bag)
         parameters = load_parameters([*case.params, study.values])
         common, varied = common_digest(bag_digest(path), curve_texts(parameters, {})), variations_of(parameters)
-        missing = []
-        for one in own:
+        keys = []
+        for one in range(number, number + study.variants):
             values = study.case(one).values
             try:
                 made = varied(values)
             except UsageError:
                 made = None
-            key = case_key(common, made, values)
-            if key in there:
+            keys.append(case_key(common, made, values))
+        yield Keyed(case, number, path, keys)
+
+
+def _missing(study: Study, there: set[str]) -> tuple[list[_Block], int]:
+    """The cases that are not there, each once, in blocks; and how many need not be computed."""
+    blocks, kept, known = [], 0, set(there)
+    for own in keyed(study):
+        missing = []
+        for number, key in enumerate(own.keys, own.number):
+            if key in known:
                 kept += 1
             else:
-                missing.append((one, key))
-        size = max(1, min(MOST_A_BLOCK, TICKS_A_BLOCK // _ticks_in(path)))
+                known.add(key)
+                missing.append((number, key))
+        size = max(1, min(MOST_A_BLOCK, TICKS_A_BLOCK // _ticks_in(own.path)))
         for begin in range(0, len(missing), size):
             numbers, keys = zip(*missing[begin : begin + size], strict=True)
-            blocks.append(_Block(case.bag, case.params, numbers, keys))
+            blocks.append(_Block(own.case.bag, own.case.params, numbers, keys))
     return blocks, kept
 
 
