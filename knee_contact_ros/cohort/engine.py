@@ -178,8 +178,8 @@ def _client(workers: int, scheduler: str) -> Iterator[Client]:
     with (
         config.set(quiet),
         LocalCluster(
-            n_workers=workers or None, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-            silence_logs=50,
+            n_workers=workers or None, threads_per_worker=1, processes=True, host="127.0.0.1",
+            dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}, silence_logs=50,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):  # fmt: skip

@@ -85,7 +85,7 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     """
     grouped = values.reshape(design.n, design.group)
     there = np.isfinite(values)
-    whole = there.reshape(grouped.shape).all(axis=1)
+    whole = np.asarray(there.reshape(grouped.shape).all(axis=1))
     spoilt, own = int((~whole).sum()), values[there]
     mean, deviation = (float(own.mean()), float(own.std())) if own.size else (np.nan, np.nan)
     found = Analysed(outcome, (), design.n, spoilt, int((~there).sum()), mean, deviation, "")

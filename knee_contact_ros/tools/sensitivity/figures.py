@@ -25,6 +25,8 @@ WIDTH, HEIGHT, BAR, EDGES = 3.6, 2.7, 0.34, 1.0
 """[in] of a panel; of a parameter's bars, and of what is above and below them"""
 LINE, WIDE, LETTERS = 0.2, 24, 0.075
 """[in] of a legend's line and of a letter of a parameter's name; letters that two columns of a legend have room for"""
+EDGE = 0.03
+"""Of an axis, beyond what is drawn"""
 WRAP = 40
 """Letters in a panel's title's line"""
 DPI = 200
@@ -166,25 +168,25 @@ def _bars(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str],
         axis.errorbar(values, up, xerr=ends, fmt="none", ecolor="0.15", elinewidth=1.2, capsize=2.5)
         lowest = min([lowest, *(value - low for value, low in zip(values, ends[0], strict=True))])
         highest = max([highest, *(value + high for value, high in zip(values, ends[1], strict=True))])
-    edge = 0.02 * (highest - lowest)
-    axis.set_xlim(lowest - (edge if lowest < 0.0 else 0.0), highest + edge)
+    edge = EDGE * (highest - lowest)
+    axis.set_xlim(lowest - edge if lowest < -edge else 0.0, highest + edge)
     axis.set_yticks(places, names if left else [""] * len(names))
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
     axis.set_xlabel(f"µ* of {own.label}" if morris else f"share of the variance of {own.title}")
 
 
-def _limits(design: SalibDesign, panels: Sequence[Panel]) -> tuple[float, float | None]:
-    """From below 0 to above all values of shares, in all panels; effects have a scale in each."""
+def _limits(design: SalibDesign, panels: Sequence[Panel]) -> tuple[float, float] | None:
+    """From below 0 to above all values of shares, in all panels; effects have a scale in each: None."""
     if design.method == "morris":
-        return 0.0, None
+        return None
     values = [index.value for panel in panels for index in panel.found.indices if index.kind == "ST"]
     return -0.05, 1.05 * max(1.0, *values)
 
 
 def _course(
     axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str], design: SalibDesign,
-    limits: tuple[float, float | None],
+    limits: tuple[float, float] | None,
 ) -> None:  # fmt: skip
     kind = LEADING[design.method]
     factor = own.factor if design.method == "morris" else 1.0
@@ -200,7 +202,7 @@ def _course(
     axis.set_xlim(0.8 * numbers[0], numbers[-1] * 1.35)
     axis.set_xticks(numbers, [str(number) for number in numbers])
     axis.minorticks_off()
-    axis.set_ylim(*limits)
+    axis.set_ylim(*(limits or (-EDGE * axis.get_ylim()[1], None)))
     if design.method == "sobol":
         first = panel.found.final(kind)[0]
         axis.plot([1.25 * numbers[-1]] * 2, [first.value - WIDEST / 2, first.value + WIDEST / 2], color="0.5", lw=4,
@@ -220,12 +222,12 @@ def _plane(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str]
         )  # fmt: skip
     axis.set_xlim(left=0.0)
     axis.set_ylim(bottom=0.0)
-    most, high = axis.get_xlim()[1], axis.get_ylim()[1]
+    most, high = axis.get_xlim()[1], axis.get_ylim()[1]  # below, room for marks at 0
     for slope, dashes in ((1.0, "--"), (0.1, ":")):
         end = min(most, high / slope)
         axis.plot([0.0, end], [0.0, slope * end], color="0.55", lw=1.0, ls=dashes, zorder=1)
-    axis.set_xlim(0.0, most)
-    axis.set_ylim(0.0, high)
+    axis.set_xlim(-EDGE * most, most)
+    axis.set_ylim(-EDGE * high, high)
     axis.set_xlabel(f"µ* of {own.label}")
     if left:
         axis.set_ylabel(f"σ of {own.label}")
