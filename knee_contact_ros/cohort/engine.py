@@ -110,7 +110,11 @@ def keyed(study: Study) -> Iterator[Keyed]:
         case = study.case(number)
         path = local_path(case.bag)
         parameters = load_parameters([*case.params, study.values])
-        common, varied = common_digest(bag_digest(path), curve_texts(parameters, {})), variations_of(parameters)
+        try:
+            bag = bag_digest(path)
+        except OSError as error:
+            raise UsageError(f"cannot read bag {path}: {error.strerror or error}") from None
+        common, varied = common_digest(bag, curve_texts(parameters, {})), variations_of(parameters)
         keys = []
         for one in range(number, number + study.variants):
             values = study.case(one).values
@@ -155,7 +159,10 @@ def local_path(bag: str) -> Path:
         UsageError: it is not there, or its address means nothing.
     """
     if "://" not in bag:
-        return Path(bag).expanduser()
+        path = Path(bag).expanduser()
+        if not path.exists():
+            raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
+        return path
     try:
         (copy,) = fsspec.open_local([f"simplecache::{bag}"])
     except (ValueError, ImportError, OSError) as error:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from knee_contact_ros.cohort.knees import checked_names
-from knee_contact_ros.parameters.reading import check_value, dotted, first_error, load_parameters
+from knee_contact_ros.parameters.reading import check_value, dotted, first_error, known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 
@@ -219,6 +219,10 @@ class Study:
         if twice:
             raise UsageError(f"{twice[0]} is given twice")
         checked_names(self.names)
+        known = known_parameters()
+        for name in self.design.names if self.design else ():
+            if name in known and not isinstance(known[name].default, float):
+                raise UsageError(f"{name}: a range is not allowed; it is no real number")
         ends = dict(zip(self.design.names, map(list, self.design.ends), strict=True)) if self.design else {}
         for name, allowed in {**self.grid, **ends, **{name: [value] for name, value in self.values.items()}}.items():
             for value in allowed:
