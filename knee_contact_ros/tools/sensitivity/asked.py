@@ -62,7 +62,7 @@ def asked_of(content: Mapping[str, Any], where: str = "study") -> Asked:
         design = SalibDesign.model_validate(dict(told))
         outcomes = checked_outcomes(content.get("outcomes", USUAL))
     except ValidationError as error:
-        raise UsageError(f"{where}: sensitivity.{_told(error)}") from None
+        raise UsageError(f"{where}: sensitivity.{first_of(error)}") from None
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None
     study = Study({name: value for name, value in content.items() if name not in OWN}, where, design)
@@ -70,7 +70,7 @@ def asked_of(content: Mapping[str, Any], where: str = "study") -> Asked:
     return Asked(study, design, outcomes)
 
 
-def _told(error: ValidationError) -> str:
+def first_of(error: ValidationError) -> str:
     """The first of what is wrong; what is wrong with several together names itself."""
     first = error.errors()[0]
     return first["msg"].removeprefix("Value error, ") if not first["loc"] else first_error(error)

@@ -57,7 +57,7 @@ def gather(asked: Asked, shards: Shards, advance: Callable[[int, int], None]) ->
         rows = {name: part[name].to_numpy() for name in columns}
         analysed = []
         for i, name in enumerate(asked.outcomes):
-            analysed.append(analyse(design, name, rows[name], _bound(name, rows)))
+            analysed.append(analyse(design, name, rows[name], bound_of(name, rows)))
             advance(place * len(asked.outcomes) + i + 1, len(firsts) * len(asked.outcomes))
         failures = tuple(sorted({text for text in rows["failed"] if text}))
         grid = {name: case.values[name] for name in study.grid}
@@ -94,7 +94,7 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _bound(outcome: str, rows: Mapping[str, NDArray[Any]]) -> float:
+def bound_of(outcome: str, rows: Mapping[str, NDArray[Any]]) -> float:
     """The numerical error bound that half of the cases keep, where a table tells one; else 0."""
     own = rows[BOUNDS[outcome]] if outcome in BOUNDS else np.zeros(1)
     return float(np.nanmedian(own)) if np.isfinite(own).any() else 0.0
@@ -104,7 +104,7 @@ def _doubts(analysed: list[Analysed], rows: Mapping[str, NDArray[Any]]) -> list[
     """What numerical errors and implausible answers make of it."""
     found = []
     for one in analysed:
-        bound = _bound(one.outcome, rows)
+        bound = bound_of(one.outcome, rows)
         if one.indices and bound > NOISY * one.deviation:
             found.append(
                 f"{one.outcome} varies by {one.deviation:.2g} (one standard deviation), and its numerical error bound "
