@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.cohort.outcomes import OUTCOMES
+from knee_contact_ros.cohort.table import LATERAL
 from knee_contact_ros.tools.sensitivity.design import FEWEST, LEVELS, SalibDesign
 
 Floats = NDArray[np.float64]
@@ -97,24 +99,30 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
             f"more than {MOST_SPOILT:.0%}, so what is left is no sample of the ranges"
         )
         return found._replace(reason=reason)
+    unit = f" {unit_of(outcome)}".rstrip()
     if _same(own):
-        return found._replace(reason=f"it is the same in all cases, {mean:g}")
+        return found._replace(reason=f"it is the same in all cases, {mean:g}{unit}")
     if deviation <= bound:
         reason = (
-            f"it varies by {deviation:.2g} (one standard deviation) around {mean:.6g}, and its numerical error bound "
-            f"is {bound:.2g}; what matters there a smaller fidelity.tolerance would show"
+            f"it varies by {deviation:.2g}{unit} (one standard deviation) around {mean:.6g}{unit}, and its numerical "
+            f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
         )
         return found._replace(reason=reason)
-    unit = design.unit().reshape(design.n, design.group, -1)
+    cube = design.unit().reshape(design.n, design.group, -1)
     indices: list[Index] = []
     for part in BEGINNINGS:
         kept = whole[: design.n // part]
-        outcomes, points = grouped[: len(kept)][kept], unit[: len(kept)][kept]
+        outcomes, points = grouped[: len(kept)][kept], cube[: len(kept)][kept]
         if len(outcomes) >= FEWEST and not _same(outcomes):
             indices += (
                 _of_morris(design, points, outcomes) if design.method == "morris" else _of_sobol(design, outcomes)
             )
     return found._replace(indices=tuple(indices), reason="" if indices else f"fewer than {FEWEST} whole groups")
+
+
+def unit_of(outcome: str) -> str:
+    """The SI unit of an outcome, empty for a number."""
+    return next(one.unit for one in OUTCOMES if one.name == outcome.removeprefix(LATERAL))
 
 
 def _same(values: Floats) -> bool:

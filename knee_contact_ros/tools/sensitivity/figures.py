@@ -101,7 +101,7 @@ def _of_part(design: SalibDesign, panels: Sequence[Panel]) -> Iterator[Figure]:
         caption = f"{kind} and its {percent} interval for the beginnings of the design: n/8, n/4, n/2, n."
         if design.method == "sobol":
             caption += f" Grey bar at the right: {WIDEST:g}, as wide as the largest one's interval may be."
-        caption += " Wide intervals leave the picture."
+            caption += " Wide intervals leave the picture."
         course = partial(_course, own=own, names=names, design=design, limits=_limits(design, panels))
         name, title = f"convergence_{outcome}", f"Convergence for {own.title}"
         yield Figure(name, title, caption, _draw(panels, HEIGHT, course, names))

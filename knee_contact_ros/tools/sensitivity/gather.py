@@ -110,8 +110,12 @@ def _doubts(analysed: list[Analysed], rows: Mapping[str, NDArray[Any]]) -> list[
                 f"{one.outcome} varies by {one.deviation:.2g} (one standard deviation), and its numerical error bound "
                 f"is {bound:.2g}: small indices may be those of the error; a smaller fidelity.tolerance helps"
             )
-    for name, meaning in zip(NOTED, ("missed their tolerance", "are implausible"), strict=True):
-        number = int(np.count_nonzero(rows[name] > 0))
-        if number:
-            found.append(f"{number} of {len(rows[name])} cases have ticks that {meaning}")
+    for name, meaning in zip(NOTED, ("missed a tolerance", "are implausible"), strict=True):
+        own = rows[name] > 0
+        if own.any():
+            worst = float(np.nanmax(rows["error_bound"][own]))
+            found.append(
+                f"{np.count_nonzero(own)} of {len(own)} cases have ticks that {meaning}; the error bound of their "
+                f"depths is {1e6 * worst:.2g} µm at most"
+            )
     return found

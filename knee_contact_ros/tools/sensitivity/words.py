@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from knee_contact_ros.cohort.outcomes import OUTCOMES
-from knee_contact_ros.cohort.table import LATERAL
 from knee_contact_ros.parameters.reading import known_parameters
-from knee_contact_ros.tools.sensitivity.analysis import LEADING, Analysed, Index
+from knee_contact_ros.tools.sensitivity.analysis import LEADING, Analysed, Index, unit_of
 from knee_contact_ros.tools.sensitivity.design import MOST, SalibDesign
 from knee_contact_ros.tools.sensitivity.gather import Combination
 
@@ -47,8 +45,7 @@ class Shown(NamedTuple):
 
 def shown(outcome: str) -> Shown:
     """Title, unit and factor of an outcome."""
-    own = outcome.removeprefix(LATERAL)
-    unit = next(one.unit for one in OUTCOMES if one.name == own)
+    unit = unit_of(outcome)
     factor, name = UNITS.get(unit, (1.0, unit))
     return Shown(outcome.replace("_", " "), name, factor)
 
@@ -79,7 +76,7 @@ def what_matters(design: SalibDesign, combinations: Sequence[Combination]) -> Ta
             ]
             rows.append(
                 (own.title, each.label, found.reason or "; ".join(first),
-                 f"{own.factor * found.mean:.3g} ± {own.factor * found.deviation:.2g} {own.unit}".strip())
+                 f"{own.factor * found.mean:.4g} ± {own.factor * found.deviation:.2g} {own.unit}".strip())
             )  # fmt: skip
     return Table(("Outcome", "Where", "What matters, the most first", "Mean ± standard deviation"), rows)
 

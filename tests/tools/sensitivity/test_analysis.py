@@ -122,7 +122,7 @@ def test_an_outcome_that_does_not_vary_or_only_by_its_error_has_no_indices() -> 
     design = SalibDesign(n=16, ranges=RANGES)
     assert "the same in all cases" in analyse(design, "bone_time", np.zeros(design.number)).reason
     noise = 3.0 + 1e-9 * np.random.default_rng(0).standard_normal(design.number)
-    assert "its numerical error bound is 1e-06" in analyse(design, "peak_depth", noise, 1e-6).reason
+    assert "its numerical error bound is 1e-06 m" in analyse(design, "peak_depth", noise, 1e-6).reason
 
 
 def test_what_has_not_converged_is_told() -> None:
