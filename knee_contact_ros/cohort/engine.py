@@ -25,8 +25,9 @@ from knee_contact_ros.cohort.knees import Knees, knees_in
 from knee_contact_ros.cohort.shards import Shards
 from knee_contact_ros.cohort.study import Case, Study
 from knee_contact_ros.cohort.table import series_of, table_of
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.reading import load_parameters, variations_of
+from knee_contact_ros.parameters.curves import curve_files, curve_texts
+from knee_contact_ros.parameters.reading import known_parameters, load_parameters, variations_of
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 TICKS_A_BLOCK = 2_000_000
@@ -114,7 +115,7 @@ def keyed(study: Study) -> Iterator[Keyed]:
             bag = bag_digest(path)
         except OSError as error:
             raise UsageError(f"cannot read bag {path}: {error.strerror or error}") from None
-        common, varied = common_digest(bag, curve_texts(parameters, {})), variations_of(parameters)
+        common, varied = _common(bag, study), variations_of(parameters)
         keys = []
         for one in range(number, number + study.variants):
             values = study.case(one).values
@@ -122,8 +123,28 @@ def keyed(study: Study) -> Iterator[Keyed]:
                 made = varied(values)
             except UsageError:
                 made = None
-            keys.append(case_key(common, made, values))
+            keys.append(case_key(common(made or parameters), made, values))
         yield Keyed(case, number, path, keys)
+
+
+def _common(bag: str, study: Study) -> Callable[[Parameters], bytes]:
+    """What goes into a case's key beside its parameters: those may name other files than the study's own."""
+    known: dict[Any, bytes] = {}
+    differ = any(isinstance(known_parameters()[name].default, str) for name in study.names)
+
+    def common(parameters: Parameters) -> bytes:
+        names = tuple(curve_files(parameters).items()) if differ or not known else next(iter(known))
+        if names not in known:
+            try:
+                texts = curve_texts(parameters, {})
+            except UsageError:
+                if not differ:
+                    raise
+                texts = {}  # the case will fail
+            known[names] = common_digest(bag, texts)
+        return known[names]
+
+    return common
 
 
 def _missing(study: Study, there: set[str]) -> tuple[list[_Block], int]:

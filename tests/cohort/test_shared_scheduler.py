@@ -1,4 +1,4 @@
-"""Two studies on one scheduler, and cases that a study has twice."""
+"""Two studies on one scheduler, cases that a study has twice, and what a case's key is made of."""
 
 from __future__ import annotations
 
@@ -55,3 +55,17 @@ def test_a_case_that_a_study_has_twice_is_computed_once(tmp_path: Path, bag: Pat
     assert shards.rows(keys, ["contact.stiffness"])["contact.stiffness"].to_pylist() == [5e7, 6e7, 5e7]
     with pytest.raises(IncompleteError, match="1 of 4 cases are not there"):
         shards.rows([*keys, "another"], ["peak_depth"])
+
+
+def test_a_file_that_a_value_names_is_part_of_the_key(tmp_path: Path, bag: Path, config: Path) -> None:
+    curve = tmp_path / "femur.csv"
+    text = (config / "femur_medial.csv").read_text()
+    asked = Study({"bags": [str(bag)], "values": {"femur.profile": str(curve)},
+                   "grid": {"femur.geometry": ["circle", "profile"]}})  # fmt: skip
+    curve.write_text(text)
+    ((circle, profile),) = (own.keys for own in keyed(asked))
+    curve.write_text(text + "\n# measured again")
+    assert [own.keys[0] for own in keyed(asked)] == [circle]
+    assert [own.keys[1] for own in keyed(asked)] != [profile]
+    curve.unlink()
+    assert len(next(keyed(asked)).keys) == 2  # the case will fail, and say why
