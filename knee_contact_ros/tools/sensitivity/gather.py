@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.cohort.engine import keyed
 from knee_contact_ros.cohort.shards import Shards
 from knee_contact_ros.cohort.study import Case, Study
-from knee_contact_ros.tools.sensitivity.analysis import Analysed, analyse
+from knee_contact_ros.tools.sensitivity.analysis import Analysed, analyse, unit_of
 from knee_contact_ros.tools.sensitivity.asked import Asked
 
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
@@ -106,9 +106,11 @@ def _doubts(analysed: list[Analysed], rows: Mapping[str, NDArray[Any]]) -> list[
     for one in analysed:
         bound = bound_of(one.outcome, rows)
         if one.indices and bound > NOISY * one.deviation:
+            unit = unit_of(one.outcome)
             found.append(
-                f"{one.outcome} varies by {one.deviation:.2g} (one standard deviation), and its numerical error bound "
-                f"is {bound:.2g}: small indices may be those of the error; a smaller fidelity.tolerance helps"
+                f"{one.outcome} varies by {one.deviation:.2g} {unit} (one standard deviation), and its numerical error "
+                f"bound is {bound:.2g} {unit}: small indices may be those of the error; a smaller fidelity.tolerance "
+                "helps"
             )
     for name, meaning in zip(NOTED, ("missed a tolerance", "are implausible"), strict=True):
         own = rows[name] > 0
@@ -116,6 +118,6 @@ def _doubts(analysed: list[Analysed], rows: Mapping[str, NDArray[Any]]) -> list[
             worst = float(np.nanmax(rows["error_bound"][own]))
             found.append(
                 f"{np.count_nonzero(own)} of {len(own)} cases have ticks that {meaning}; the error bound of their "
-                f"depths is {1e6 * worst:.2g} µm at most"
+                f"depths is {1e3 * worst:.2g} mm at most"
             )
     return found

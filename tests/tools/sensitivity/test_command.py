@@ -14,6 +14,8 @@ from distributed import LocalCluster
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cohort import engine
+from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.tools.sensitivity.asked import read_asked
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 
@@ -143,6 +145,25 @@ def test_morris_has_a_plane_and_takes_away_pictures_of_an_earlier_run(
     pictures = {path.name for path in (tmp_path / "out").glob("*.png")}
     assert pictures == {"bars_peak_depth.png", "plane_peak_depth.png"}  # of n/2 there are too few for a course
     assert {row["index"] for row in rows(tmp_path)} == {"mu_star", "mu", "sigma"}
+
+
+def test_cases_that_fail_are_told_and_too_many_leave_no_index(
+    tmp_path: Path, short_bag: Path, scheduler: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ranges = {"contact.femoral_radius": [0.03, 0.06], "contact.tibial_radius": [0.05, 0.09]}
+    content = study(short_bag, ranges=ranges) | {"values": QUICK | {"contact.stiffness_from": "material"}}
+    assert run(tmp_path, content, scheduler) == 0
+    told = capsys.readouterr()
+    assert " failed" in told.out
+    assert "cases have no value and spoil" in told.out
+    assert "cases failed: parameter contact.tibial_radius" in told.err
+    assert rows(tmp_path) == []
+    assert "so what is left is no sample of the ranges" in (tmp_path / "out" / "sensitivity.html").read_text()
+
+
+def test_the_example_can_be_read() -> None:
+    found = read_asked(share_folder() / "examples" / "sensitivity.yaml")
+    assert found.study.number == 4 * found.design.n * 8
 
 
 @pytest.mark.parametrize(
