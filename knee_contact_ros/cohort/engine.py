@@ -7,7 +7,7 @@ rest. Two clients may share a folder.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -23,10 +23,11 @@ from knee_contact_ros.cohort.computing import compute
 from knee_contact_ros.cohort.keys import case_key, common_digest, shard_name
 from knee_contact_ros.cohort.knees import Knees, knees_in
 from knee_contact_ros.cohort.shards import Shards
-from knee_contact_ros.cohort.study import Study
+from knee_contact_ros.cohort.study import Case, Study
 from knee_contact_ros.cohort.table import series_of, table_of
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.reading import load_parameters, variations_of
+from knee_contact_ros.parameters.curves import curve_files, curve_texts
+from knee_contact_ros.parameters.reading import known_parameters, load_parameters, variations_of
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 TICKS_A_BLOCK = 2_000_000
@@ -46,6 +47,18 @@ class Done(NamedTuple):
     computed: int
     failed: int
     """Of those computed now"""
+
+
+class Keyed(NamedTuple):
+    """Cases of one recording and one knee, their numbers following each other."""
+
+    case: Case
+    """The first of them"""
+    number: int
+    """Its number"""
+    path: Path
+    """Where the recording lies here"""
+    keys: list[str]
 
 
 class _Block(NamedTuple):
@@ -88,30 +101,67 @@ def run_study(
     return Done(kept, computed, failed)
 
 
-def _missing(study: Study, there: set[str]) -> tuple[list[_Block], int]:
-    """The cases that are not there, in blocks; and how many are."""
-    blocks, kept = [], 0
+def keyed(study: Study) -> Iterator[Keyed]:
+    """The keys of all cases, in the order of their numbers.
+
+    Raises:
+        UsageError: bag or parameters cannot be used.
+    """
     for number in range(0, study.number, study.variants):
-        case, own = study.case(number), range(number, number + study.variants)
+        case = study.case(number)
         path = local_path(case.bag)
         parameters = load_parameters([*case.params, study.values])
-        common, varied = common_digest(bag_digest(path), curve_texts(parameters, {})), variations_of(parameters)
-        missing = []
-        for one in own:
+        try:
+            bag = bag_digest(path)
+        except OSError as error:
+            raise UsageError(f"cannot read bag {path}: {error.strerror or error}") from None
+        common, varied = _common(bag, study), variations_of(parameters)
+        keys = []
+        for one in range(number, number + study.variants):
             values = study.case(one).values
             try:
                 made = varied(values)
             except UsageError:
                 made = None
-            key = case_key(common, made, values)
-            if key in there:
+            keys.append(case_key(common(made or parameters), made, values))
+        yield Keyed(case, number, path, keys)
+
+
+def _common(bag: str, study: Study) -> Callable[[Parameters], bytes]:
+    """What goes into a case's key beside its parameters: those may name other files than the study's own."""
+    known: dict[Any, bytes] = {}
+    differ = any(isinstance(known_parameters()[name].default, str) for name in study.names)
+
+    def common(parameters: Parameters) -> bytes:
+        names = tuple(curve_files(parameters).items()) if differ or not known else next(iter(known))
+        if names not in known:
+            try:
+                texts = curve_texts(parameters, {})
+            except UsageError:
+                if not differ:
+                    raise
+                texts = {}  # the case will fail
+            known[names] = common_digest(bag, texts)
+        return known[names]
+
+    return common
+
+
+def _missing(study: Study, there: set[str]) -> tuple[list[_Block], int]:
+    """The cases that are not there, each once, in blocks; and how many need not be computed."""
+    blocks, kept, known = [], 0, set(there)
+    for own in keyed(study):
+        missing = []
+        for number, key in enumerate(own.keys, own.number):
+            if key in known:
                 kept += 1
             else:
-                missing.append((one, key))
-        size = max(1, min(MOST_A_BLOCK, TICKS_A_BLOCK // _ticks_in(path)))
+                known.add(key)
+                missing.append((number, key))
+        size = max(1, min(MOST_A_BLOCK, TICKS_A_BLOCK // _ticks_in(own.path)))
         for begin in range(0, len(missing), size):
             numbers, keys = zip(*missing[begin : begin + size], strict=True)
-            blocks.append(_Block(case.bag, case.params, numbers, keys))
+            blocks.append(_Block(own.case.bag, own.case.params, numbers, keys))
     return blocks, kept
 
 
@@ -130,7 +180,10 @@ def local_path(bag: str) -> Path:
         UsageError: it is not there, or its address means nothing.
     """
     if "://" not in bag:
-        return Path(bag).expanduser()
+        path = Path(bag).expanduser()
+        if not path.exists():
+            raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
+        return path
     try:
         (copy,) = fsspec.open_local([f"simplecache::{bag}"])
     except (ValueError, ImportError, OSError) as error:
@@ -153,8 +206,8 @@ def _client(workers: int, scheduler: str) -> Iterator[Client]:
     with (
         config.set(quiet),
         LocalCluster(
-            n_workers=workers or None, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-            silence_logs=50,
+            n_workers=workers or None, threads_per_worker=1, processes=True, host="127.0.0.1",
+            dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}, silence_logs=50,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):  # fmt: skip
@@ -164,7 +217,7 @@ def _client(workers: int, scheduler: str) -> Iterator[Client]:
 def _finished(client: Client, study: Study, output: str, blocks: Sequence[_Block]) -> Iterator[tuple[int, int]]:
     """How many cases each block has, and how many of them failed, as they come."""
     rest = iter(blocks)
-    told = client.scatter(dict(study.content), broadcast=True, hash=False)
+    told = client.scatter(study, broadcast=True, hash=False)
     threads = sum(client.nthreads().values()) or 1
 
     def submit(block: _Block) -> Any:
@@ -185,9 +238,9 @@ def _finished(client: Client, study: Study, output: str, blocks: Sequence[_Block
             break
 
 
-def compute_block(content: Mapping[str, Any], block: _Block, output: str, in_all: int) -> tuple[int, int]:
+def compute_block(study: Study, block: _Block, output: str, in_all: int) -> tuple[int, int]:
     """What a worker does: compute a block and write it; how many cases there were, and how many of them failed."""
-    study, shards, name = _study(repr(dict(content))), Shards(output), shard_name(list(block.keys))
+    shards, name = Shards(output), shard_name(list(block.keys))
     if shards.holds(name):  # another client's work
         return len(block.keys), 0
     knees = _knees(block.bag, block.params, repr(dict(study.values)))
@@ -196,11 +249,6 @@ def compute_block(content: Mapping[str, Any], block: _Block, output: str, in_all
     table = table_of(block.keys, block.bag, block.params, knees, cases, computed)
     shards.write(name, table, series_of(block.keys, computed) if study.series else None)
     return len(computed), sum(bool(one.failed) for one in computed)
-
-
-@lru_cache(4)
-def _study(content: str) -> Study:
-    return Study(ast.literal_eval(content))
 
 
 @lru_cache(8)

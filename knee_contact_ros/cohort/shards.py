@@ -9,17 +9,18 @@ from __future__ import annotations
 import json
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import PurePosixPath
 from typing import Any
 
 import fsspec
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 SERIES = "_series"
 UNFINISHED = "_unfinished-"
@@ -49,13 +50,32 @@ class Shards:
         Raises:
             UsageError: the folder holds something else.
         """
+        found = self._table(["case"])
+        return set(found["case"].to_pylist()) if found else set()
+
+    def rows(self, keys: Sequence[str], columns: Sequence[str]) -> pa.Table:
+        """Columns of the cases with these keys, in their order.
+
+        Raises:
+            UsageError: the folder holds something else.
+            IncompleteError: a case is not there.
+        """
+        found = self._table(["case", *columns])
+        if found is None:
+            raise IncompleteError(f"output {self.url}: no case is there")
+        places = pc.index_in(pa.array(keys, pa.string()), found["case"].combine_chunks())
+        if places.null_count:
+            raise IncompleteError(f"output {self.url}: {places.null_count} of {len(keys)} cases are not there")
+        return found.take(places)
+
+    def _table(self, columns: Sequence[str]) -> pa.Table | None:
+        """Columns of all cases that are there, if there are any."""
         self._files.invalidate_cache()
         names = [name for name in self._names() if name.endswith(".parquet")]
         try:
-            found = ds.dataset(names, filesystem=self._files, format="parquet").to_table(["case"]) if names else None
+            return ds.dataset(names, filesystem=self._files, format="parquet").to_table(columns) if names else None
         except (pa.ArrowException, OSError, KeyError) as error:
             raise UsageError(f"output {self.url}: not the results of a study: {_reason(error)}") from None
-        return set(found["case"].to_pylist()) if found else set()
 
     def _names(self) -> list[str]:
         return sorted(

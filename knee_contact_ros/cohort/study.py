@@ -16,17 +16,17 @@ of which `bags`, and `grid` or `sample` or several knees, are needed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from knee_contact_ros.cohort.knees import checked_names
-from knee_contact_ros.parameters.reading import check_value, dotted, first_error, load_parameters
+from knee_contact_ros.parameters.reading import check_value, dotted, first_error, known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 
@@ -58,14 +58,35 @@ class Spaced(_Part):
     def at(self, part: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values at parts of the way, 0 to 1."""
         if self.scale == "linear":
-            return self.start + (self.stop - self.start) * part
-        return np.asarray(np.exp(math.log(self.start) + math.log(self.stop / self.start) * part))
+            found = self.start + (self.stop - self.start) * part
+        else:
+            found = np.exp(math.log(self.start) + math.log(self.stop / self.start) * part)
+        return np.asarray(np.clip(found, self.start, self.stop))  # rounding must not leave what is allowed
 
     @property
     def values(self) -> list[float]:
         """All of them, both ends included."""
         found: list[float] = self.at(np.linspace(0.0, 1.0, self.number)).tolist()
         return [self.start, *found[1:-1], self.stop]
+
+
+class Design(Protocol):
+    """Values that are varied together: a file's `sample`, or points that somebody else has chosen."""
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters."""
+
+    @property
+    def ends(self) -> list[tuple[float, float]]:
+        """The least and the largest value of each."""
+
+    @property
+    def number(self) -> int:
+        """Of the points."""
+
+    def points(self) -> NDArray[np.float64]:
+        """Shape (number, names), the same whenever it is asked."""
 
 
 class Sample(_Part):
@@ -93,7 +114,31 @@ class Sample(_Part):
     @property
     def axes(self) -> list[Spaced]:
         """The ranges, in their order."""
-        return [_spaced(name, _pair(each)) for name, each in self.ranges.items()]
+        return axes_of(self.ranges)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters."""
+        return list(self.ranges)
+
+    @property
+    def ends(self) -> list[tuple[float, float]]:
+        """The least and the largest value of each."""
+        return [(axis.start, axis.stop) for axis in self.axes]
+
+    @property
+    def number(self) -> int:
+        """Of the points."""
+        return self.n
+
+
+def axes_of(ranges: Mapping[str, Any]) -> list[Spaced]:
+    """What a study file says of ranges, by parameter.
+
+    Raises:
+        UsageError: one is none.
+    """
+    return [_spaced(name, _pair(each)) for name, each in ranges.items()]
 
 
 def _pair(told: Any) -> Any:
@@ -148,8 +193,8 @@ class Case(NamedTuple):
 class Study:
     """Numbered cases: bags, then knees, then values, of which the last name changes soonest."""
 
-    def __init__(self, content: Mapping[str, Any], where: str = "study") -> None:
-        """What a study file says.
+    def __init__(self, content: Mapping[str, Any], where: str = "study", design: Design | None = None) -> None:
+        """What a study file says, and the points of a `design` instead of its sample.
 
         Raises:
             UsageError: an unknown name, an empty grid, a value that its parameter may not have, or nothing to vary.
@@ -157,24 +202,28 @@ class Study:
         try:
             told = _File.model_validate(dict(content))
             self.content = dict(content)
-            self.bags, self.series, self.sample = tuple(told.bags), told.series, told.sample
+            self.bags, self.series = tuple(told.bags), told.series
+            self.design: Design | None = design or told.sample
             self.params = tuple((one,) if isinstance(one, str) else tuple(one) for one in told.params)
             self.values = dotted(told.values)
             self.grid = {name: _listed(name, own) for name, own in told.grid.items()}
-            self.names = [*self.grid, *(told.sample.ranges if told.sample else ())]
-            self._check(told.sample.axes if told.sample else [])
+            self.names = [*self.grid, *(self.design.names if self.design else ())]
+            self._check()
         except ValidationError as error:
             raise UsageError(f"{where}: {first_error(error)}") from None
         except UsageError as error:
             raise UsageError(f"{where}: {error}") from None
 
-    def _check(self, axes: Sequence[Spaced]) -> None:
+    def _check(self) -> None:
         twice = [name for name in self.names if self.names.count(name) > 1 or name in self.values]
         if twice:
             raise UsageError(f"{twice[0]} is given twice")
         checked_names(self.names)
-        ranges = self.sample.ranges if self.sample else {}
-        ends = {name: [axis.start, axis.stop] for name, axis in zip(ranges, axes, strict=True)}
+        known = known_parameters()
+        for name in self.design.names if self.design else ():
+            if name in known and not isinstance(known[name].default, float):
+                raise UsageError(f"{name}: a range is not allowed; it is no real number")
+        ends = dict(zip(self.design.names, map(list, self.design.ends), strict=True)) if self.design else {}
         for name, allowed in {**self.grid, **ends, **{name: [value] for name, value in self.values.items()}}.items():
             for value in allowed:
                 check_value(name, value)
@@ -191,11 +240,11 @@ class Study:
     @property
     def variants(self) -> int:
         """Cases of one bag and one knee; their numbers follow each other."""
-        return math.prod(map(len, self.grid.values())) * (self.sample.n if self.sample else 1)
+        return math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:
-        return self.sample.points() if self.sample else np.zeros((1, 0))
+        return self.design.points() if self.design else np.zeros((1, 0))
 
     def case(self, number: int) -> Case:
         """A case by its number."""
@@ -207,8 +256,8 @@ class Study:
             combination, place = divmod(combination, len(allowed))
             values[name] = allowed[place]
         values = dict(reversed(values.items()))
-        if self.sample:
-            values |= zip(self.sample.ranges, self._points[point].tolist(), strict=True)
+        if self.design:
+            values |= zip(self.design.names, self._points[point].tolist(), strict=True)
         return Case(self.bags[bag], self.params[params], values)
 
 

@@ -1,4 +1,4 @@
-"""The command on many knees: sweep."""
+"""The commands on many knees: sweep, sensitivity."""
 
 from __future__ import annotations
 
@@ -26,3 +26,24 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     from knee_contact_ros.cohort.command import run_sweep
 
     run_sweep(study, output, workers or 0, scheduler)
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.yaml")
+@click.option(
+    "--output", required=True, metavar="DIR",
+    help="Folder of page, pictures, indices.csv and cases. Cases that are there are not computed again.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]")
+@click.option(
+    "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
+)
+def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
+    """Find out which parameters matter.
+
+    Indices of Sobol or Morris, with intervals, of depth, pressure, bone contact and force: in a page with figures. A
+    study is as for sweep, with `sensitivity` (method, n, ranges) in the place of `sample`.
+    """
+    from knee_contact_ros.tools.sensitivity.run import run_sensitivity
+
+    run_sensitivity(study, output, workers or 0, scheduler)

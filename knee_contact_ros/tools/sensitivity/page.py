@@ -1,0 +1,65 @@
+"""The page: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+
+from knee_contact_ros import __version__
+from knee_contact_ros.tools.sensitivity import words
+from knee_contact_ros.tools.sensitivity.asked import Asked
+from knee_contact_ros.tools.sensitivity.figures import Figure
+from knee_contact_ros.tools.sensitivity.gather import Combination
+
+TEMPLATE = "sensitivity.html.jinja"
+METHODS = {"sobol": "Sobol indices", "morris": "Morris screening"}
+
+
+def page(asked: Asked, combinations: Sequence[Combination], figures: Sequence[Sequence[Figure]]) -> str:
+    """The page as text; figures of each outcome."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader(__package__ or "", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
+    design = asked.design
+    return environment.get_template(TEMPLATE).render(
+        title=f"What matters for the knee: {METHODS[design.method]}",
+        lead=lead(asked, combinations),
+        version=__version__,
+        design=design,
+        remarks=words.remarks(design, combinations),
+        matters=words.what_matters(design, combinations),
+        ranges=words.ranges_table(design),
+        fixed=[f"{name} = {value}" for name, value in asked.study.values.items()],
+        outcomes=[
+            {
+                "title": words.shown(name).title,
+                "figures": own,
+                "places": [
+                    {
+                        "label": each.label,
+                        "reason": each.analysed[place].reason,
+                        "indices": words.all_indices(design, each.analysed[place]),
+                        "together": words.together(each.analysed[place]),
+                    }
+                    for each in combinations
+                ],
+            }
+            for place, (name, own) in enumerate(zip(asked.outcomes, figures, strict=True))
+        ],
+        combinations=combinations,
+    )
+
+
+def lead(asked: Asked, combinations: Sequence[Combination]) -> str:
+    """The page in a sentence."""
+    design, many = asked.design, len(combinations)
+    groups = "trajectories" if design.method == "morris" else "base samples"
+    return (
+        f"{len(design.names)} parameters varied together at {design.number} points ({design.n} {groups}, seed "
+        f"{design.seed}), in {many} combination{'s' * (many != 1)} of gait, knee and grid: "
+        f"{asked.study.number} knees computed."
+    )
