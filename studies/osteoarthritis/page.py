@@ -1,4 +1,4 @@
-"""docs/osteoarthritis-study.md: `page.md` with its numbers, which are named there as here."""
+"""docs/osteoarthritis-study.md: `page.txt` with its numbers, which are named there as here."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from studies.osteoarthritis.knees import Knees, along
 from studies.osteoarthritis.maps import MM
 from studies.osteoarthritis.theory import equal_second, needed_depth, turning
 
-PAGE = Path(__file__).with_name("page.md")
+PAGE = Path(__file__).with_name("page.txt")
 PAPER_DEPTH = 0.521e-3
 """[m]"""
 SHIPPED_KNEE = {LAYER: np.array([SHIPPED.layer_depth]), SECOND: np.array([SHIPPED.stiffness_2])}
