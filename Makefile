@@ -13,7 +13,7 @@ help:
 	@echo "make test-package  build source distribution and wheel, install them in a new environment and use them (a minute)"
 	@echo "make lint   formatter, linters and type checker"
 	@echo "make docs   all pages and the interface as a site, in site/index.html; a broken link ends it"
-	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, and the reproduction of the paper (over an hour)"
+	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, the reproduction of the paper, and 10 000 arthritic knees (over an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
 demo: $(VENV)/.installed
@@ -55,6 +55,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.stability
 	$(BIN)/python -m studies.choosing --turns 3
 	$(BIN)/python -m studies.reproduction
+	$(BIN)/python -m studies.osteoarthritis
 	$(BIN)/python -m studies.validation
 
 clean:

@@ -55,7 +55,10 @@ CONTENTS = {
         "docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/sensors", "docs/fit-profile",
         "docs/fit-share", "docs/uncertainty", "docs/sensitivity", "bags/README",
     ],
-    "Model": ["docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/validation", "docs/studies/README"],
+    "Model": [
+        "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
+        "docs/studies/README",
+    ],
     "API": ["docs/api/README", "docs/api/python", "docs/api/message", "docs/api/parameters", "docs/api/commands"],
     "Project": ["CONTRIBUTING", "docs/from-source", "QUALITY_DECLARATION", "docs/decisions/README", "CHANGELOG"],
 }  # fmt: skip

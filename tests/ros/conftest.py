@@ -197,6 +197,7 @@ def start_node() -> Iterator[Callable[..., NodeProcess]]:
     yield start
     for node in started:
         if node.process.poll() is None:  # a test has failed: neither the node nor what it has started is left
-            for process in [*psutil.Process(node.process.pid).children(recursive=True), node.process]:
-                process.kill()
+            for child in psutil.Process(node.process.pid).children(recursive=True):
+                child.kill()
+            node.process.kill()
         node.process.communicate()

@@ -107,7 +107,8 @@ def parameter_storm(peer: Peer, _stamp: int) -> None:
     change = Parameter("fidelity.budget", value=0).to_parameter_msg()
     for _ in range(40):  # in parts, for a service forgets what is asked by more than ten at once
         calls = [client.call_async(SetParameters.Request(parameters=[change])) for _ in range(5)]
-        peer.wait_until(lambda calls=calls: all(call.done() for call in calls))
+        for each in calls:
+            peer.wait_until(each.done)
         assert all(call.result().results[0].successful for call in calls)
     peer.node.destroy_client(client)
 
