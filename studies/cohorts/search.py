@@ -1,0 +1,60 @@
+"""The loosest setting of a method with which every depth is within the limit."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from studies.cohorts.method import Method
+from studies.cohorts.problem import Cohort, Floats
+
+LIMIT = 1e-8
+"""[m] that no depth may be off by more than"""
+FEW = 16
+"""Knees that a setting is first tried on"""
+MOST_TIME = 4.0
+"""[s] for a run, beyond which a method is given up"""
+TRIES = 3
+
+
+class Setting(NamedTuple):
+    """What was found for a method."""
+
+    key: str
+    value: float
+    """Not a number if there is none"""
+    error: float
+    """[m], the largest of those knees"""
+    per_tick: float
+    """[s] per knee and tick on one core; not a number if there is none"""
+
+
+def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
+    """From coarse to fine with a few knees, and from there on with all of them."""
+    settings, least = list(method.settings), np.inf
+    for cases in (FEW, min(knees.cases, method.most)):
+        while settings:
+            error, seconds = _tried(method, knees.first(cases), settings[0], truth[:cases])
+            least = min(least, error)
+            if error <= LIMIT:
+                break
+            settings.pop(0)
+            if seconds > MOST_TIME:
+                return Setting(method.key, np.nan, least, np.nan)
+    if not settings:
+        return Setting(method.key, np.nan, least, np.nan)
+    return Setting(method.key, settings[0], error, seconds / (cases * knees.ticks))
+
+
+def _tried(method: Method, knees: Cohort, setting: float, truth: Floats) -> tuple[float, float]:
+    """Error [m], infinite where it failed, and the shortest time [s] of some runs."""
+    run = method.prepare(knees, setting, 1)
+    error = np.nan_to_num(np.abs(run() - truth).max(), nan=np.inf)
+    times = []
+    for _ in range(TRIES if error <= LIMIT else 1):
+        begin = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begin)
+    return float(error), min(times)

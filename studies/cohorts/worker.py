@@ -1,0 +1,116 @@
+"""A process that runs the methods of one tool on its share of a cohort when it is told to."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+import traceback
+import warnings
+from importlib import import_module
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from studies.cohorts.method import Run
+from studies.cohorts.problem import Cohort, Floats
+from studies.cohorts.search import Setting, search
+
+
+class Share(NamedTuple):
+    """The knees of a cohort that a process runs, and with how many threads."""
+
+    begin: int
+    end: int
+    threads: int
+
+
+class WorkerError(RuntimeError):
+    """What the process raised."""
+
+
+class Worker:
+    """The process, seen from outside. `ask` and `answer` are two so that several can be at work at once."""
+
+    def __init__(self, driver: str) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._end, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(driver, theirs), daemon=True)
+        self._process.start()
+
+    def ask(self, what: str, *arguments: Any) -> None:
+        """Name a method of `_Served`."""
+        self._end.send((what, arguments))
+
+    def answer(self) -> Any:
+        """Wait for what it says.
+
+        Raises:
+            WorkerError: it failed.
+        """
+        answer, error = self._end.recv()
+        if error:
+            raise WorkerError(error)
+        return answer
+
+    def call(self, what: str, *arguments: Any) -> Any:
+        """Both."""
+        self.ask(what, *arguments)
+        return self.answer()
+
+    def close(self) -> None:
+        """End it."""
+        self._end.close()
+        self._process.join(5.0)
+        if self._process.is_alive():
+            self._process.terminate()
+
+
+class _Served:
+    """What a process can be asked."""
+
+    def __init__(self, driver: str) -> None:
+        self._methods = {method.key: method for method in import_module(driver).methods()}
+        self._runs: dict[Any, Run] = {}
+        self._depths: dict[Any, Floats] = {}
+
+    def search(self, key: str, knees: Cohort, truth: Floats) -> Setting:
+        """See `search.search`."""
+        return search(self._methods[key], knees, truth)
+
+    def prepare(self, slot: Any, key: str, knees: Cohort, share: Share, setting: float) -> tuple[float, float]:
+        """Set up a run under a name: time [s] of set-up, and of the first run, in which some tools compile."""
+        ranged = {name: getattr(knees, name)[share.begin : share.end] for name in ("stiffness", "damping", "mass")}
+        begin = time.perf_counter()
+        self._runs[slot] = self._methods[key].prepare(knees._replace(**ranged), setting, share.threads)
+        middle = time.perf_counter()
+        self.run(slot)
+        return middle - begin, time.perf_counter() - middle
+
+    def run(self, slot: Any) -> tuple[float, float]:
+        """Begin and end [s] by the machine's monotonic clock, which processes share."""
+        begin = time.monotonic()
+        depths = self._runs[slot]()
+        end = time.monotonic()
+        self._depths[slot] = depths
+        return begin, end
+
+    def depths(self, slot: Any) -> Floats:
+        """What the last run found [m]."""
+        return np.asarray(self._depths[slot])
+
+
+def _serve(driver: str, end: Connection) -> None:
+    """Until the other end is closed."""
+    warnings.simplefilter("ignore")  # SciPy and Numba on tolerances that are meant to be loose, and on contiguity
+    served: _Served | None = None
+    while True:
+        try:
+            what, arguments = end.recv()
+        except EOFError:
+            return
+        try:
+            served = served or _Served(driver)
+            end.send((getattr(served, what)(*arguments), ""))
+        except Exception:
+            end.send((None, traceback.format_exc()))
