@@ -65,17 +65,19 @@ def finalists(found: Sequence[Finalist]) -> list[Finalist]:
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/cohorts.md"), show_default=True)
 def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Path) -> None:
     """Measure and write the page."""
+    machine = measured_on()
     peers = [OURS, *(peer for peer in PEERS if peer.installed and (not names or peer.name in names))]
     knees = cohort(max(cases))
     depths = truth(knees)
     found = searched(peers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
+    given = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
+    command = " ".join(["python -m studies.cohorts", *given])
+    settings = [one.setting for one in found]
     measured: list[list[Timed]] = []
     for count in sorted(cases):
         measured.append(timed(finalists(found), knees.first(count), depths[:count], rounds))
         click.echo(f"{count} knees timed", err=True)
-    command = "python -m studies.cohorts"
-    settings = [one.setting for one in found]
-    save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), measured_on())
+        save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
 
 
 if __name__ == "__main__":

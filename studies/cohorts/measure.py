@@ -36,6 +36,8 @@ class Timed(NamedTuple):
     """[m], the largest of all of those"""
     times: Mapping[int, Floats]
     """By cores: [s] per knee, of each round"""
+    processor: Floats
+    """Processor time [s] per knee on one core, of each round"""
     set_up: float
     """[s], not timed otherwise: of the set-up on one core"""
     first: float
@@ -73,13 +75,14 @@ class _Entry:
                 break
         return value, error, set_up, first_ever or np.nan
 
-    def run(self, cores: int) -> float:
-        """Time [s] per knee, from the first process's begin to the last one's end."""
+    def run(self, cores: int) -> tuple[float, float]:
+        """Time [s] per knee, from the first process's begin to the last one's end, and processor time."""
         at_work = self._workers[: len(self._shares(cores))]
         for worker in at_work:
             worker.ask("run", self._slot(cores))
         spans = [worker.answer() for worker in at_work]
-        return float(max(end for _, end in spans) - min(begin for begin, _ in spans)) / self.cases
+        whole = max(span.end for span in spans) - min(span.begin for span in spans)
+        return whole / self.cases, sum(span.processor for span in spans) / self.cases
 
 
 def timed(finalists: Sequence[Finalist], knees: Cohort, truth: Floats, rounds: int) -> list[Timed]:
@@ -96,7 +99,9 @@ def timed(finalists: Sequence[Finalist], knees: Cohort, truth: Floats, rounds: i
             for worker in each:
                 worker.close()
     return [
-        Timed(entry.finalist, entry.cases, entry.value, entry.error,
-              {cores: times[:, i, j] for j, cores in enumerate(CORES)}, entry.set_up, entry.first)
+        Timed(
+            entry.finalist, entry.cases, entry.value, entry.error,
+            {cores: times[:, i, j, 0] for j, cores in enumerate(CORES)}, times[:, i, 0, 1], entry.set_up, entry.first,
+        )
         for i, entry in enumerate(entries)
     ]  # fmt: skip

@@ -36,6 +36,8 @@ class Method(NamedTuple):
     """Whether it uses several cores itself; else every core gets a process and a share of the cohort"""
     most: int = sys.maxsize
     """Cases that it is given: fewer than asked for where every case takes the same time and that is long"""
+    few: int = 16
+    """Cases that a setting is first tried on"""
 
     @property
     def key(self) -> str:

@@ -12,11 +12,9 @@ from studies.cohorts.problem import Cohort, Floats
 
 LIMIT = 1e-8
 """[m] that no depth may be off by more than"""
-FEW = 16
-"""Knees that a setting is first tried on"""
 MOST_TIME = 4.0
-"""[s] for a run, beyond which a method is given up"""
-TRIES = 3
+"""Processor time [s] of a run with a setting that does not hold, beyond which the method is given up"""
+TRIES = 2
 
 
 class Setting(NamedTuple):
@@ -28,13 +26,13 @@ class Setting(NamedTuple):
     error: float
     """[m], the largest of those knees"""
     per_tick: float
-    """[s] per knee and tick on one core; not a number if there is none"""
+    """Processor time [s] per knee and tick on one core; not a number if there is none"""
 
 
 def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
     """From coarse to fine with a few knees, and from there on with all of them."""
     settings, least = list(method.settings), np.inf
-    for cases in (FEW, min(knees.cases, method.most)):
+    for cases in (min(method.few, knees.cases), min(knees.cases, method.most)):
         while settings:
             error, seconds = _tried(method, knees.first(cases), settings[0], truth[:cases])
             least = min(least, error)
@@ -49,12 +47,12 @@ def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
 
 
 def _tried(method: Method, knees: Cohort, setting: float, truth: Floats) -> tuple[float, float]:
-    """Error [m], infinite where it failed, and the shortest time [s] of some runs."""
+    """Error [m], infinite where it failed, and the shortest processor time [s] of some runs."""
     run = method.prepare(knees, setting, 1)
     error = np.nan_to_num(np.abs(run() - truth).max(), nan=np.inf)
     times = []
     for _ in range(TRIES if error <= LIMIT else 1):
-        begin = time.perf_counter()
+        begin = time.process_time()
         run()
-        times.append(time.perf_counter() - begin)
+        times.append(time.process_time() - begin)
     return float(error), min(times)

@@ -25,6 +25,15 @@ class Share(NamedTuple):
     threads: int
 
 
+class Span(NamedTuple):
+    """When a run began and ended [s] by the machine's monotonic clock, which processes share."""
+
+    begin: float
+    end: float
+    processor: float
+    """Processor time [s] of all its threads"""
+
+
 class WorkerError(RuntimeError):
     """What the process raised."""
 
@@ -87,13 +96,13 @@ class _Served:
         self.run(slot)
         return middle - begin, time.perf_counter() - middle
 
-    def run(self, slot: Any) -> tuple[float, float]:
-        """Begin and end [s] by the machine's monotonic clock, which processes share."""
-        begin = time.monotonic()
-        depths = self._runs[slot]()
-        end = time.monotonic()
+    def run(self, slot: Any) -> Span:
+        """Run what was prepared."""
+        run, processor, begin = self._runs[slot], time.process_time(), time.monotonic()
+        depths = run()
+        span = Span(begin, time.monotonic(), time.process_time() - processor)
         self._depths[slot] = depths
-        return begin, end
+        return span
 
     def depths(self, slot: Any) -> Floats:
         """What the last run found [m]."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from importlib.util import find_spec
 from typing import NamedTuple
 
+from knee_contact_ros.system.machine import installed_version
 from studies.cohorts.method import Method
 
 
@@ -28,7 +28,7 @@ class Peer(NamedTuple):
     @property
     def version(self) -> str:
         """Of the tool, or that there is none."""
-        return version(self.distribution) if self.installed else "not installed"
+        return installed_version(self.distribution) or ("as it is here" if self.installed else "not installed")
 
     def methods(self) -> list[Method]:
         """Its ways to run a cohort."""

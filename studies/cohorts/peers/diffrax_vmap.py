@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 from functools import partial
 from typing import Any
 
@@ -27,14 +28,15 @@ def methods() -> list[Method]:
         Method(TOOL, f"{solver}, equal steps", STEPS, partial(_equal_steps, solver=solver), COUNTS)
         for solver in ("Tsit5", "Dopri5", "Dopri8")
     ]
-    for solver in ("Tsit5", "Dopri8"):
-        found += [
-            Method(TOOL, f"{solver}, tick by tick", TOLERANCE, partial(_anew, solver=solver), TOLERANCES),
-            Method(TOOL, f"{solver}, whole series", TOLERANCE, partial(_whole, solver=solver, jumps=False), TOLERANCES),
-            Method(TOOL, f"{solver}, jumps told", TOLERANCE, partial(_whole, solver=solver, jumps=True), TOLERANCES),
-        ]
-    kvaerno = Method(TOOL, "Kvaerno5, tick by tick", TOLERANCE, partial(_anew, solver="Kvaerno5"), TOLERANCES)
-    return [*found, kvaerno]
+    found += [
+        Method(TOOL, f"{solver}, tick by tick", TOLERANCE, partial(_anew, solver=solver), TOLERANCES)
+        for solver in ("Tsit5", "Dopri8", "Kvaerno5")
+    ]
+    found += [
+        Method(TOOL, f"Tsit5, {how}", TOLERANCE, partial(_whole, solver="Tsit5", jumps=jumps), TOLERANCES)
+        for how, jumps in (("whole series", False), ("jumps told", True))
+    ]
+    return [method._replace(few=sys.maxsize) for method in found]  # every other number is compiled anew
 
 
 def _rates(state: Any, load: Any, constants: Any) -> Any:
