@@ -19,7 +19,7 @@ from studies.cohorts.page import TITLE, measured_on, sections
 from studies.cohorts.peers import OURS, PEERS, Peer
 from studies.cohorts.problem import Cohort, Floats, cohort, truth
 from studies.cohorts.search import Setting
-from studies.cohorts.worker import Worker, WorkerError
+from studies.cohorts.worker import WorkerError, Workers
 from studies.report import save
 
 SEARCH_CASES = 256
@@ -27,20 +27,18 @@ BEST = 2
 """Methods that are timed, of a tool with error control and of one without"""
 
 
-def searched(peers: Sequence[Peer], knees: Cohort, depths: Floats) -> list[Finalist]:
+def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Floats) -> list[Finalist]:
     """Every method of every tool with its setting; one process per tool, one after the other."""
     found = []
     for peer in peers:
-        worker = Worker(peer.driver)
         for method in peer.methods():
             try:
-                setting = worker.call("search", method.key, knees, depths)
+                setting = workers.of(peer.driver)[0].call("search", method.key, knees, depths)
             except WorkerError as error:
                 click.echo(f"{method.key}: {error}", err=True)
-                setting = Setting(method.key, float("nan"), float("inf"), float("nan"))
+                setting = Setting(method.key, math.nan, math.inf, math.nan, math.nan)
             click.echo(f"{method.key}: {setting.value:.2g}, {setting.error:.1e} m, {setting.per_tick * 1e6:.3g} us")
             found.append(Finalist(peer, method, setting))
-        worker.close()
     return found
 
 
@@ -69,15 +67,19 @@ def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Pa
     peers = [OURS, *(peer for peer in PEERS if peer.installed and (not names or peer.name in names))]
     knees = cohort(max(cases))
     depths = truth(knees)
-    found = searched(peers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
     given = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
     command = " ".join(["python -m studies.cohorts", *given])
-    settings = [one.setting for one in found]
     measured: list[list[Timed]] = []
-    for count in sorted(cases):
-        measured.append(timed(finalists(found), knees.first(count), depths[:count], rounds))
-        click.echo(f"{count} knees timed", err=True)
-        save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
+    workers = Workers()
+    try:
+        found = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
+        for count in sorted(cases):
+            measured.append(timed(finalists(found), workers, knees.first(count), depths[:count], rounds))
+            click.echo(f"{count} knees timed", err=True)
+            settings = [one.setting for one in found]
+            save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
+    finally:
+        workers.close()
 
 
 if __name__ == "__main__":

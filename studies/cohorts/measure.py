@@ -11,7 +11,7 @@ from studies.cohorts.method import Method
 from studies.cohorts.peers import Peer
 from studies.cohorts.problem import Cohort, Floats
 from studies.cohorts.search import LIMIT, Setting
-from studies.cohorts.worker import Share, Worker
+from studies.cohorts.worker import Share, Worker, Workers
 
 CORES = (1, 2)
 
@@ -40,8 +40,6 @@ class Timed(NamedTuple):
     """Processor time [s] per knee on one core, of each round"""
     set_up: float
     """[s], not timed otherwise: of the set-up on one core"""
-    first: float
-    """[s], not timed otherwise: of the first run in its process on one core"""
 
 
 class _Entry:
@@ -50,7 +48,7 @@ class _Entry:
     def __init__(self, finalist: Finalist, workers: Sequence[Worker], knees: Cohort, truth: Floats) -> None:
         self.finalist, self._workers = finalist, workers
         self.cases = min(knees.cases, finalist.method.most)
-        self.value, self.error, self.set_up, self.first = self._settle(knees, truth)
+        self.value, self.error, self.set_up = self._settle(knees, truth)
         for worker, share in zip(workers, self._shares(2), strict=False):
             worker.call("prepare", self._slot(2), finalist.method.key, knees, share, self.value)
 
@@ -63,17 +61,15 @@ class _Entry:
         half = self.cases // 2
         return [Share(0, half, 1), Share(half, self.cases, 1)]
 
-    def _settle(self, knees: Cohort, truth: Floats) -> tuple[float, float, float, float]:
+    def _settle(self, knees: Cohort, truth: Floats) -> tuple[float, float, float]:
         """The setting found, or the next finer one that holds for all knees."""
         method, worker, slot = self.finalist.method, self._workers[0], self._slot(1)
-        first_ever = None
         for value in method.settings[method.settings.index(self.finalist.setting.value) :]:
-            set_up, first = worker.call("prepare", slot, method.key, knees, self._shares(1)[0], value)
-            first_ever = first_ever or first
+            set_up = worker.call("prepare", slot, method.key, knees, self._shares(1)[0], value)
             error = float(np.abs(worker.call("depths", slot) - truth[: self.cases]).max())
             if error <= LIMIT:
                 break
-        return value, error, set_up, first_ever or np.nan
+        return value, error, set_up
 
     def run(self, cores: int) -> tuple[float, float]:
         """Time [s] per knee, from the first process's begin to the last one's end, and processor time."""
@@ -85,23 +81,16 @@ class _Entry:
         return whole / self.cases, sum(span.processor for span in spans) / self.cases
 
 
-def timed(finalists: Sequence[Finalist], knees: Cohort, truth: Floats, rounds: int) -> list[Timed]:
+def timed(
+    finalists: Sequence[Finalist], workers: Workers, knees: Cohort, truth: Floats, rounds: int
+) -> list[Timed]:  # fmt: skip
     """Every finalist once a round on one core and on two, in turns."""
-    workers: dict[str, list[Worker]] = {}
-    try:
-        for finalist in finalists:
-            if finalist.peer.name not in workers:
-                workers[finalist.peer.name] = [Worker(finalist.peer.driver) for _ in CORES]
-        entries = [_Entry(finalist, workers[finalist.peer.name], knees, truth) for finalist in finalists]
-        times = np.array([[[entry.run(cores) for cores in CORES] for entry in entries] for _ in range(rounds)])
-    finally:
-        for each in workers.values():
-            for worker in each:
-                worker.close()
+    entries = [_Entry(finalist, workers.of(finalist.peer.driver), knees, truth) for finalist in finalists]
+    times = np.array([[[entry.run(cores) for cores in CORES] for entry in entries] for _ in range(rounds)])
     return [
         Timed(
             entry.finalist, entry.cases, entry.value, entry.error,
-            {cores: times[:, i, j, 0] for j, cores in enumerate(CORES)}, times[:, i, 0, 1], entry.set_up, entry.first,
+            {cores: times[:, i, j, 0] for j, cores in enumerate(CORES)}, times[:, i, 0, 1], entry.set_up,
         )
         for i, entry in enumerate(entries)
     ]  # fmt: skip

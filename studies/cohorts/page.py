@@ -56,10 +56,11 @@ def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], tick
     """All of the page."""
     few = min(one.cases for one in measured[-1])
     tables = [_table(each, ticks) for each in measured]
-    first = [
-        (one.finalist.peer.name, one.finalist.method.name, f"{one.set_up:.2f}", f"{one.first:.2f}")
-        for one in measured[-1]
-    ]
+    first = []
+    for tool in dict.fromkeys(one.finalist.method.tool for one in measured[-1]):
+        set_up = max(one.set_up for one in measured[-1] if one.finalist.method.tool == tool)
+        compiling = max(one.first for one in found if one.key.startswith(f"{tool}: "))
+        first.append((tool, f"{set_up:.2f}", f"{compiling:.2f}"))
     return [
         Section("", TEXT.strip().format(rounds=rounds, few=few), (), ()),
         *tables,
@@ -72,9 +73,10 @@ def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], tick
         ),
         Section(
             "Before the first run",
-            f"For the largest cohort, on one core [s]: set-up, and the first run, which compiles where it says so many "
-            f"seconds (Numba and XLA; {OURS.name} loads what the machine has compiled before).",
-            ("tool", "method", "set-up", "first run"),
+            "The longest of a tool's methods [s]: set-up for the largest cohort (for us the building of the models), "
+            "and processor time of the very first run with a few knees, in which Numba and XLA compile (ours is loaded "
+            "from what this machine has compiled before).",
+            ("tool", "set-up", "first run"),
             first,
         ),
         Section(

@@ -27,23 +27,27 @@ class Setting(NamedTuple):
     """[m], the largest of those knees"""
     per_tick: float
     """Processor time [s] per knee and tick on one core; not a number if there is none"""
+    first: float
+    """Processor time [s] of the very first set-up and run with a few knees, for which is compiled"""
 
 
 def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
     """From coarse to fine with a few knees, and from there on with all of them."""
-    settings, least = list(method.settings), np.inf
-    for cases in (min(method.few, knees.cases), min(knees.cases, method.most)):
+    settings, least, seconds = list(method.settings), np.inf, np.nan
+    few, all_ = min(method.few, knees.cases), min(knees.cases, method.most)
+    begin = time.process_time()
+    method.prepare(knees.first(few), settings[0], 1)()
+    first = time.process_time() - begin
+    for cases in (few, all_):
         while settings:
             error, seconds = _tried(method, knees.first(cases), settings[0], truth[:cases])
             least = min(least, error)
             if error <= LIMIT:
                 break
-            settings.pop(0)
-            if seconds > MOST_TIME:
-                return Setting(method.key, np.nan, least, np.nan)
+            settings = settings[1:] if seconds <= MOST_TIME else []
     if not settings:
-        return Setting(method.key, np.nan, least, np.nan)
-    return Setting(method.key, settings[0], error, seconds / (cases * knees.ticks))
+        return Setting(method.key, np.nan, least, np.nan, first)
+    return Setting(method.key, settings[0], error, seconds / (all_ * knees.ticks), first)
 
 
 def _tried(method: Method, knees: Cohort, setting: float, truth: Floats) -> tuple[float, float]:

@@ -75,6 +75,25 @@ class Worker:
             self._process.terminate()
 
 
+class Workers:
+    """The processes of all tools: two each, so that each compiles once whatever is asked of it."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, list[Worker]] = {}
+
+    def of(self, driver: str) -> list[Worker]:
+        """A tool's."""
+        if driver not in self._of:
+            self._of[driver] = [Worker(driver) for _ in range(2)]
+        return self._of[driver]
+
+    def close(self) -> None:
+        """End all of them."""
+        for each in self._of.values():
+            for worker in each:
+                worker.close()
+
+
 class _Served:
     """What a process can be asked."""
 
@@ -87,14 +106,14 @@ class _Served:
         """See `search.search`."""
         return search(self._methods[key], knees, truth)
 
-    def prepare(self, slot: Any, key: str, knees: Cohort, share: Share, setting: float) -> tuple[float, float]:
-        """Set up a run under a name: time [s] of set-up, and of the first run, in which some tools compile."""
+    def prepare(self, slot: Any, key: str, knees: Cohort, share: Share, setting: float) -> float:
+        """Set up a run under a name and do it once, in which some tools compile: time [s] of the set-up alone."""
         ranged = {name: getattr(knees, name)[share.begin : share.end] for name in ("stiffness", "damping", "mass")}
         begin = time.perf_counter()
         self._runs[slot] = self._methods[key].prepare(knees._replace(**ranged), setting, share.threads)
-        middle = time.perf_counter()
+        set_up = time.perf_counter() - begin
         self.run(slot)
-        return middle - begin, time.perf_counter() - middle
+        return set_up
 
     def run(self, slot: Any) -> Span:
         """Run what was prepared."""
