@@ -51,5 +51,5 @@ PEERS = (
     Peer("numbalsoda", "numbalsoda", "numbalsoda", f"{__name__}.lsoda_and_dop853",
          "`lsoda`, `dop853` or `solve_ivp` for every knee in a compiled loop, `prange`"),
     Peer("diffrax", "diffrax", "diffrax", f"{__name__}.diffrax_vmap",
-         "`diffeqsolve` under `vmap` and `jit`, 64 bits; XLA uses one core for it, so two cores are two processes"),
+         "`diffeqsolve` under `vmap` and `jit`, 64 bits, on the threads that XLA takes; two cores are two processes"),
 )  # fmt: skip
