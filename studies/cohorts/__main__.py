@@ -1,0 +1,86 @@
+"""Time per knee of whole cohorts, beside what a user would take instead at the same error.
+
+python -m studies.cohorts [--cases N ...] [--peer NAME ...] [--rounds N] [--output FILE]
+
+The peers come with the extra `peers`; those that are not installed are named as such on the page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+import click
+
+from studies.cohorts.measure import Finalist, Timed, timed
+from studies.cohorts.page import TITLE, measured_on, sections
+from studies.cohorts.peers import OURS, PEERS, Peer
+from studies.cohorts.problem import Cohort, Floats, cohort, truth
+from studies.cohorts.search import Setting
+from studies.cohorts.worker import WorkerError, Workers
+from studies.report import save
+
+SEARCH_CASES = 256
+BEST = 2
+"""Methods that are timed, of a tool with error control and of one without"""
+
+
+def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Floats) -> list[Finalist]:
+    """Every method of every tool with its setting; one process per tool, one after the other."""
+    found = []
+    for peer in peers:
+        for method in peer.methods():
+            try:
+                setting = workers.of(peer.driver)[0].call("search", method.key, knees, depths)
+            except WorkerError as error:
+                click.echo(f"{method.key}: {error}", err=True)
+                setting = Setting(method.key, math.nan, math.inf, math.nan, math.nan)
+            click.echo(f"{method.key}: {setting.value:.2g}, {setting.error:.1e} m, {setting.per_tick * 1e6:.3g} us")
+            found.append(Finalist(peer, method, setting))
+    return found
+
+
+def finalists(found: Sequence[Finalist]) -> list[Finalist]:
+    """The quickest of every tool, with and without error control."""
+
+    def kind(one: Finalist) -> tuple[str, str]:
+        return one.method.tool, one.method.control
+
+    able = [one for one in found if not math.isnan(one.setting.per_tick)]
+    best = []
+    order = list(dict.fromkeys(map(kind, able)))
+    for _, group in groupby(sorted(able, key=lambda one: order.index(kind(one))), kind):
+        best += sorted(group, key=lambda one: one.setting.per_tick)[:BEST]
+    return best
+
+
+@click.command()
+@click.option("--cases", multiple=True, type=click.IntRange(32), default=(256, 2048), show_default=True)
+@click.option("--peer", "names", multiple=True, type=click.Choice([peer.name for peer in PEERS]), help="[default: all]")
+@click.option("--rounds", type=click.IntRange(1), default=7, show_default=True)
+@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/cohorts.md"), show_default=True)
+def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Path) -> None:
+    """Measure and write the page."""
+    machine = measured_on()
+    peers = [OURS, *(peer for peer in PEERS if peer.installed and (not names or peer.name in names))]
+    knees = cohort(max(cases))
+    depths = truth(knees)
+    given = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
+    command = " ".join(["python -m studies.cohorts", *given])
+    measured: list[list[Timed]] = []
+    workers = Workers()
+    try:
+        found = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
+        for count in sorted(cases):
+            measured.append(timed(finalists(found), workers, knees.first(count), depths[:count], rounds))
+            click.echo(f"{count} knees timed", err=True)
+            settings = [one.setting for one in found]
+            save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
+    finally:
+        workers.close()
+
+
+if __name__ == "__main__":
+    main()
