@@ -1,4 +1,4 @@
-"""This project's own run of a cohort: the batch kernel of `knee_contact_ros.sweep`, all answers with their error bounds."""
+"""This project's own run of a cohort: the batch kernel of `sweep`, which gives all answers with their error bounds."""
 
 from __future__ import annotations
 
