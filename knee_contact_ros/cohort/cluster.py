@@ -28,7 +28,11 @@ LEAST_WAITING = 32
 LOOK = 2.0
 """[s] after which the workers are counted again"""
 REST = "what is finished stays, and the rest is computed by the same command"
-QUIET = {"logging": {"distributed": "critical", "tornado": "critical", "asyncio": "critical"}}
+LOGS = ("distributed", "tornado", "asyncio")
+QUIET = {f"logging.{name}": "critical" for name in LOGS} | {
+    f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
+}
+"""Settings of our own cluster: it says nothing, and shows nobody a page"""
 
 
 @contextmanager
@@ -41,7 +45,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
     """
     with ExitStack() as opened:
         opened.enter_context(config.set(QUIET))
-        for name in QUIET["logging"]:
+        for name in LOGS:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         if scheduler:
             yield opened.enter_context(_reached(scheduler))
@@ -51,6 +55,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
                 LocalCluster(
                     n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",
                     dashboard_address=None, silence_logs=logging.CRITICAL,
+                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
                 )
             )  # fmt: skip
             client = opened.enter_context(Client(cluster, set_as_default=False))

@@ -15,6 +15,7 @@ from knee_contact_ros.compiled.choice import telling_of, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.types import ROW, Rows, Status
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.compartment import aside, put_aside
 from knee_contact_ros.system.errors import UsageError
 
 TOGETHER = 16_384
@@ -117,6 +118,9 @@ def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Compu
         ]
         for i, case in enumerate(part):
             kept = tuple(of_side[i].copy() for of_side in answers) if how.series else ()
+            z = aside(case.parameters)
+            for rows_of_side, place in zip(kept, (-z, z), strict=False):
+                put_aside(rows_of_side, place)
             found.append(Computed(case.parameters, tuple(row[i] for row in rows), kept, "", 0.0))
     return found
 

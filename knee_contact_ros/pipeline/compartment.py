@@ -83,12 +83,18 @@ class Compartment:
         """Compute many ticks: the same bits. All arrays have shape (n,)."""
         rows = self.stream.advance_all(stamps, angles, loads, heights)
         rows["status"] |= status.astype(np.uint8)
-        if self._z:
-            rows["contact_point"]["z"] = self._z
-            force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
-            torque["x"] = -self._z * force["y"]
-            torque["y"] = self._z * force["x"]
+        put_aside(rows, self._z)
         return rows
+
+
+def put_aside(rows: Rows, z: float) -> None:
+    """Let answers be those of a compartment that lies beside the middle of the tibia, so far [m]."""
+    if not z:
+        return
+    rows["contact_point"]["z"] = z
+    force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
+    torque["x"] = -z * force["y"]
+    torque["y"] = z * force["x"]
 
 
 def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[Compartment, ...]:
