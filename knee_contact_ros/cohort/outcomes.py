@@ -63,14 +63,14 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
     force, depth = answers["contact_force"], answers["penetration_depth"]
     touching = answers["contact_state"] != ContactState.SEPARATED
     found["peak_force"], found["peak_depth"] = force.max(axis=1), depth.max(axis=1)
-    found["impulse"], found["contact_time"] = force @ weights, touching @ weights
-    found["bone_time"] = (answers["contact_state"] == ContactState.BONE) @ weights
+    found["impulse"], found["contact_time"] = _over_time(force, weights), _over_time(touching, weights)
+    found["bone_time"] = _over_time(answers["contact_state"] == ContactState.BONE, weights)
     goes_on = steps[1:] > 0.0
     lasts = touching[:, 1:] & touching[:, :-1] & goes_on
     point = answers["contact_point"]
     way = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
-    found["path_length"] = np.sum(way, axis=1, where=lasts)
-    found["sliding_distance"] = (np.abs(answers["sliding_velocity"]) * touching) @ weights
+    found["path_length"] = [np.sum(own, where=touched) for own, touched in zip(way, lasts, strict=True)]
+    found["sliding_distance"] = _over_time(np.abs(answers["sliding_velocity"]) * touching, weights)
     if goes_on.any():
         rates = np.diff(force, axis=1)[:, goes_on] / steps[1:][goes_on]
         found["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
@@ -86,6 +86,11 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
         found["peak_pressure"][i] = np.nan if patch is None else peak_pressure(law, patch, deepest)
         found["peak_strain"][i] = np.nan if patch is None else cartilage[i] / patch.thickness
     return found
+
+
+def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
+    """Integrals of each run, shape (k,): with the same bits however many are beside it, as `@` has not."""
+    return np.array([np.sum(own * weights) for own in values])
 
 
 def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:

@@ -176,19 +176,18 @@ class Shards:
             whole = set(self.names(SERIES))
             for name in sorted(self.names(), key=lambda name: (name not in whole, name)) if may else []:
                 keys = self._keys(name)
-                own = [key for key in keys if key not in places]
-                if len(own) < len(keys):
-                    self._keep(name, own, series=name in whole)
-                places |= dict.fromkeys(own, name)
+                own = [key for key in keys if places.get(key, name) == name]
+                kept = name if len(own) == len(keys) else self._keep(name, own, series=name in whole)
+                places |= dict.fromkeys(own, kept)
 
-    def _keep(self, name: str, keys: list[str], *, series: bool) -> None:
-        """Keep some cases of a shard, and no others."""
+    def _keep(self, name: str, keys: list[str], *, series: bool) -> str:
+        """Keep some cases of a shard, and no others; the name of the file that they are in."""
         table, of_ticks = self._only("", name, keys), self._only(f"{SERIES}/", name, keys) if series else None
-        if keys:
-            self.write(table, of_ticks)
+        kept = self.write(table, of_ticks) if keys else ""
         self._files.rm(f"{self._folder}/{name}")
         if series:
             self._files.rm(f"{self._folder}/{SERIES}/{name}")
+        return kept
 
     def _only(self, folder: str, name: str, keys: list[str]) -> pa.Table:
         with self._files.open(f"{self._folder}/{folder}{name}", "rb") as file:
