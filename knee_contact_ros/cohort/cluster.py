@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import signal
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from typing import Any
 
 from dask import config
@@ -51,17 +53,28 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
             yield opened.enter_context(_reached(scheduler))
             return
         try:
-            cluster = opened.enter_context(
-                LocalCluster(
+            with _deaf():
+                cluster = LocalCluster(
                     n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",
                     dashboard_address=None, silence_logs=logging.CRITICAL,
                     scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                )
-            )  # fmt: skip
+                )  # fmt: skip
+                opened.enter_context(cluster)
             client = opened.enter_context(Client(cluster, set_as_default=False))
         except (OSError, RuntimeError) as error:
             raise IncompleteError(f"no workers can be started: {reason(error)}") from None
         yield client
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes and threads that begin meanwhile do not hear of Ctrl-C: the client does, and ends them."""
+    resource_tracker.ensure_running()  # it lets the signal through again in the thread that it is started by
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _reached(scheduler: str) -> Client:

@@ -31,6 +31,8 @@ SERIES = "_series"
 UNFINISHED = "_unfinished-"
 STUDY = "_study-"
 LOCK = "_lock"
+RUN = b"knee_contact_run"
+"""In the metadata of a file: which run has written it"""
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What is no fault of the user's"""
 
@@ -138,6 +140,13 @@ class Shards:
         """Whether a file of `make` is there."""
         return bool(self._files.exists(f"{self._folder}/{note}"))
 
+    def by_whom(self, name: str) -> tuple[bool, int]:
+        """Whether this run has written a file, and how many of its cases failed."""
+        with self._files.open(f"{self._folder}/{name}", "rb") as file:
+            table = pq.read_table(file, columns=["failed"])
+        ours = (table.schema.metadata or {}).get(RUN) == self._run.encode()
+        return ours, sum(bool(reason) for reason in table["failed"].to_pylist())
+
     def write(self, table: pa.Table, series: pa.Table | None) -> str:
         """Write a file of the table, and before it one of the series, if there are any; their name.
 
@@ -149,6 +158,7 @@ class Shards:
             self._files.makedirs(f"{self._folder}/{SERIES}", exist_ok=True)
             with self._appearing(f"{SERIES}/", name) as file:
                 pq.write_table(series, file, compression="zstd")
+        table = table.replace_schema_metadata({RUN: self._run})
         with self._appearing("", name) as file:
             pq.write_table(table, file, compression="zstd")
         return name

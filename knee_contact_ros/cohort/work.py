@@ -72,7 +72,9 @@ class Told(NamedTuple):
 
 
 def compute_block(block: Block) -> Told:
-    """Compute a block and write it; nothing is computed of one that another client has written.
+    """Compute a block and write it; nothing is computed of one that has been written meanwhile.
+
+    By another client, or for this one, by a worker that died before it could tell.
 
     Raises:
         UsageError: bag or folder cannot be used, or this is another version of the model.
@@ -85,7 +87,8 @@ def compute_block(block: Block) -> Told:
     if not shards.knows(aim.note):
         raise UsageError(f"output {aim.output}: worker {_own_address()} does not see this folder; one that all share")
     if shards.holds(block.name, series=aim.series):
-        return Told(0, 0, ())
+        ours, failed = shards.by_whom(block.name)
+        return Told(len(block.keys), failed, ()) if ours else Told(0, 0, ())
     knees = _knees(block.source)
     cases = [dict(zip(block.names, row, strict=True)) for row in block.rows]
     computed = compute(knees, cases, series=aim.series, in_all=aim.cases)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -238,17 +240,17 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
 
 
 def test_what_was_left_unfinished_long_ago_is_removed(right_bag: Path, address: str, tmp_path: Path) -> None:
-    import os
-
     (tmp_path / "out").mkdir()
     for name, age in (("_unfinished-a-b", 7200), ("_unfinished-c-d", 60)):
         (tmp_path / "out" / name).touch()
-        os.utime(tmp_path / "out" / name, (1e9, __import__("time").time() - age))
+        os.utime(tmp_path / "out" / name, (1e9, time.time() - age))
     computed(study(right_bag, grid=GRID), tmp_path / "out", scheduler=address)
     assert left_over(tmp_path / "out") == ["_unfinished-c-d"]
 
 
-def test_cases_that_stand_twice_are_united_and_those_with_series_stay(right_bag: Path, tmp_path: Path, address: str) -> None:
+def test_cases_that_stand_twice_are_united_and_those_with_series_stay(
+    right_bag: Path, tmp_path: Path, address: str
+) -> None:
     for values, series in ((DAMPINGS[:3], False), (DAMPINGS[1:], True), (DAMPINGS, False)):
         folder = tmp_path / f"{len(values)} {series}"
         computed(study(right_bag, grid={"contact.damping": values}, series=series), folder, scheduler=address)

@@ -54,7 +54,9 @@ def expected(series: Any, begins: list[int]) -> dict[str, float]:
         found["peak_loading_rate"] = max(found["peak_loading_rate"], rate)
         way = [float(row["contact_point"][axis] - before["contact_point"][axis]) for axis in "xy"]
         found["path_length"] += float(np.hypot(*way)) if all(states) else 0.0
-        slid = [abs(float(one["sliding_velocity"])) * touching for one, touching in zip((before, row), states)]
+        slid = [
+            abs(float(one["sliding_velocity"])) * touching for one, touching in zip((before, row), states, strict=True)
+        ]
         found["sliding_distance"] += step * 0.5 * sum(slid)
     return found
 
@@ -65,7 +67,9 @@ def assert_close(row: Any, formulas: Mapping[str, float]) -> None:
         assert row[name] == pytest.approx(value, rel=1e-12, abs=1e-15), name
 
 
-@pytest.mark.parametrize("values", [{}, TWO_LAYERS, {"contact.stiffness": 1e7, "translation.mechanism": "ball_and_socket"}])
+@pytest.mark.parametrize(
+    "values", [{}, TWO_LAYERS, {"contact.stiffness": 1e7, "translation.mechanism": "ball_and_socket"}]
+)
 def test_outcomes_are_those_of_the_formulas(values: dict[str, Any]) -> None:
     knee = knee_contact_ros.load_model(["healthy", {"fidelity.budget": 300, "load.compartment": "total"} | values])
     series = knee.run(TIME, ANGLE, LOAD)
