@@ -7,7 +7,7 @@ from pathlib import Path
 
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.system.terminal import progress, say, warn
 
 NEEDED = ("pyarrow", "distributed", "fsspec")
 
@@ -27,5 +27,6 @@ def run_sweep(study: Path, output: str, workers: int, scheduler: str) -> None:
     asked = read_study(study)
     with progress("Computing") as advance:
         done = run_study(asked, output, workers=workers, scheduler=scheduler, advance=advance)
+    warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)
     say(f"{asked.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
     say(f"table: {output} (pandas.read_parquet)")

@@ -118,8 +118,9 @@ def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Compu
         ]
         for i, case in enumerate(part):
             kept = tuple(of_side[i].copy() for of_side in answers) if how.series else ()
-            for series, z in zip(kept, (-aside(case.parameters), aside(case.parameters)), strict=False):
-                put_aside(series, z)
+            z = aside(case.parameters)
+            for rows_of_side, place in zip(kept, (-z, z), strict=False):
+                put_aside(rows_of_side, place)
             found.append(Computed(case.parameters, tuple(row[i] for row in rows), kept, "", 0.0))
     return found
 

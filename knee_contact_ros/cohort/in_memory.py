@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.cohort.computing import compute
-from knee_contact_ros.cohort.knees import Knees, Recording, checked_names, knees_in
+from knee_contact_ros.cohort.knees import Files, Knees, Recording, checked_names, knees_in
 from knee_contact_ros.cohort.outcomes import OF_A_RUN
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.offline.in_memory import Name, in_python_words
-from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import Source, check_value, dotted, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
@@ -82,10 +81,10 @@ def sweep(
         cases = _cases(values)
         parameters = load_parameters(params)
         if isinstance(gait, Mapping):
-            knees = Knees(_recording(gait), parameters, curve_texts(parameters, {}))
+            knees = Knees(_recording(gait), parameters, Files())
         else:
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
-            knees = knees_in(expanded(str(gait)), parameters, {}, names)
+            knees = knees_in(expanded(str(gait)), parameters, Files(), names)
     computed = compute(knees, cases, series=series, threads=threads)
     sides = max((len(one.sides) for one in computed), default=1)
     rows = [np.full(len(cases), np.nan, OF_A_RUN) for _ in range(max(sides, 1))]

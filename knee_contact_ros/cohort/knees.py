@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms.base import Mechanism
+from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.readouts import ContactPatch
 from knee_contact_ros.core.scene import PRESCRIBED_HEIGHT, Scene
@@ -29,9 +31,9 @@ from knee_contact_ros.parameters.build import (
     untried_law,
 )
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
-from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
-from knee_contact_ros.parameters.reading import Source, known_parameters, load_parameters, variations_of
+from knee_contact_ros.parameters.reading import known_parameters, variations_of
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
@@ -84,18 +86,48 @@ class Recording(NamedTuple):
     heights: Floats
     """[m]; not a number unless they are prescribed"""
 
+    damage: tuple[str, ...] = ()
+    """What of it cannot be read, as sentences"""
+
     @property
     def begins(self) -> list[int]:
         """Where runs begin, and the number of ticks."""
         return [*np.flatnonzero(self.steps == 0.0).tolist(), len(self.steps)]
 
 
+class Files:
+    """Contents of the files that parameters name; each is read once."""
+
+    def __init__(self, known: Mapping[str, str] = MappingProxyType({})) -> None:
+        """With those that are known, by the files' names."""
+        self.known = dict(known)
+
+    def texts(self, parameters: Parameters) -> dict[str, str]:
+        """Contents of the files that answers with some parameters need, by parameter.
+
+        Raises:
+            UsageError: one cannot be read.
+        """
+        texts = {}
+        for parameter, name in curve_files(parameters).items():
+            if name not in self.known:
+                self.known[name] = read_curve(parameter, name)
+            texts[parameter] = self.known[name]
+        return texts
+
+
 class Knees:
     """Makes the knees of one recording and one set of parameters, others being varied."""
 
-    def __init__(self, recording: Recording, parameters: Parameters, texts: Mapping[str, str]) -> None:
-        """What is common to all of them; `texts` has the contents of files by parameter."""
-        self.recording, self.parameters, self.texts = recording, parameters, dict(texts)
+    def __init__(self, recording: Recording, parameters: Parameters, files: Files) -> None:
+        """What is common to all of them.
+
+        Raises:
+            UsageError: an angle or a height is none of a knee.
+        """
+        self.recording, self.parameters, self.files = recording, parameters, files
+        _refuse_beyond("flexion angle", recording.angles, LARGEST_ANGLE, "rad")
+        _refuse_beyond("femoral height", recording.heights, LARGEST_HEIGHT, "m")
         self.varied = variations_of(parameters)
         self._surfaces = lru_cache(KEPT_SURFACES)(self._made_surfaces)
         self._medial = lru_cache(KEPT_SURFACES)(self._made_medial)
@@ -104,13 +136,14 @@ class Knees:
         """The only compartment, or medial and lateral; whether the laws are `tried` against their contract.
 
         Raises:
-            UsageError: a surface cannot be made, or a law breaks its contract.
+            UsageError: a surface cannot be made, a law breaks its contract, or a load is none of a knee.
         """
+        texts = self.files.texts(parameters)
         medial = self._medial(parameters.load, parameters.body_weight)
-        first = self._side(parameters, self._texts(parameters), medial, tried=tried)
+        first = self._side(parameters, texts, medial, tried=tried)
         if not has_both(parameters):
             return (first,)
-        own, texts = lateral_knee(parameters), lateral_texts(self._texts(parameters))
+        own, texts = lateral_knee(parameters), lateral_texts(texts)
         return first, self._side(own, texts, self.recording.axial - medial, tried=tried)
 
     def _side(self, parameters: Parameters, texts: Mapping[str, str], loads: Floats, *, tried: bool) -> Side:
@@ -127,13 +160,6 @@ class Knees:
         )  # fmt: skip
         return Side(scene, contact_patch(contact, modes), loads)
 
-    def _texts(self, parameters: Parameters) -> Mapping[str, str]:
-        """Contents of the files that they name; those of the study's own parameters are not read again."""
-        named = parameters.femur.profile, parameters.tibia.profile, parameters.translation.table
-        own = self.parameters.femur.profile, self.parameters.tibia.profile, self.parameters.translation.table
-        known = self.texts if named == own and not has_both(parameters) else {}
-        return curve_texts(parameters, known)
-
     @staticmethod
     def _made_surfaces(femur: Any, tibia: Any, translation: Any, texts: tuple[tuple[str, str], ...]) -> Surfaces:
         own = dict(texts)
@@ -142,10 +168,23 @@ class Knees:
 
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
-        texts = curve_texts(parameters, self.texts if load.share_file == self.parameters.load.share_file else {})
         given = self.recording
-        loads = COMPARTMENTS[load.rule](parameters, texts)(given.axial, given.moment, given.angles)
-        return np.ascontiguousarray(loads, dtype=float)
+        rule = COMPARTMENTS[load.rule](parameters, self.files.texts(parameters))
+        loads = np.ascontiguousarray(rule(given.axial, given.moment, given.angles), dtype=float)
+        _refuse_beyond("load", loads, LARGEST_LOAD, "N")
+        _refuse_beyond("load", given.axial - loads, LARGEST_LOAD, "N")
+        return loads
+
+
+def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
+    """Refuse what the model is given as `KneeModel.run` does.
+
+    Raises:
+        UsageError: a value is too large.
+    """
+    beyond = values[np.abs(values) > most]
+    if beyond.size:
+        raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
 
 
 def may_vary(name: str) -> bool:
@@ -153,15 +192,15 @@ def may_vary(name: str) -> bool:
     return name.startswith(SECTIONS)
 
 
-def knees_in(bag: Path, params: Source, values: Values, names: Names = OWN_NAMES) -> Knees:
-    """The knees over a bag's gait; of params and values, the later one wins.
+def knees_in(bag: Path, parameters: Parameters, files: Files, names: Names = OWN_NAMES) -> Knees:
+    """The knees over a bag's gait.
 
     Raises:
         UsageError: bag or parameters cannot be used.
     """
-    parameters = load_parameters([*(params if isinstance(params, list) else [params]), dict(values)])
-    given = given_in(bag, parameters, lambda _done, _total: None, names, replays=0, compiled=None)
-    return Knees(_recording(given), parameters, given.texts)
+    texts = files.texts(parameters)
+    given = given_in(bag, parameters, lambda _done, _total: None, names, replays=0, compiled=None, curves=texts)
+    return Knees(_recording(given), parameters, files)
 
 
 def _recording(given: Given) -> Recording:
@@ -172,7 +211,7 @@ def _recording(given: Given) -> Recording:
     displaced = given.parameters.drive == "displacement"
     heights = rows["femoral_height"].copy() if displaced else np.full(len(rows), np.nan)
     angles, axial, moment = (np.ascontiguousarray(column, dtype=float) for column in given[3:6])
-    return Recording(stamps, steps, angles, axial, moment, heights)
+    return Recording(stamps, steps, angles, axial, moment, heights, given.damage)
 
 
 def checked_names(names: list[str]) -> None:

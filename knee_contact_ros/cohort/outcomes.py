@@ -69,7 +69,7 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
     lasts = touching[:, 1:] & touching[:, :-1] & goes_on
     point = answers["contact_point"]
     way = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
-    found["path_length"] = np.sum(way, axis=1, where=lasts)
+    found["path_length"] = [np.sum(own, where=touched) for own, touched in zip(way, lasts, strict=True)]
     found["sliding_distance"] = _over_time(np.abs(answers["sliding_velocity"]) * touching, weights)
     if goes_on.any():
         rates = np.diff(force, axis=1)[:, goes_on] / steps[1:][goes_on]
@@ -89,8 +89,8 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
 
 
 def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
-    """Sums over the ticks, shape (k,): to the bit those of each run alone, which a matrix product's are not."""
-    return np.asarray(np.sum(values * weights, axis=1))
+    """Integrals of each run, shape (k,): with the same bits however many are beside it, as `@` has not."""
+    return np.array([np.sum(own * weights) for own in values])
 
 
 def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:

@@ -6,52 +6,97 @@ complete, and so is the folder of whole series. The folder may be any that fsspe
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import hashlib
 import json
+import os
 import time
 import uuid
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from pathlib import PurePosixPath
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import fsspec
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
+from fsspec.implementations.local import LocalFileSystem
 
-from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.cohort.keys import shard_name
+from knee_contact_ros.cohort.places import reason
+from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 
 SERIES = "_series"
 UNFINISHED = "_unfinished-"
-STUDY = "_study.json"
-"""What the study asked, the last time"""
+STUDY = "_study-"
+LOCK = "_lock"
+RUN = b"knee_contact_run"
+"""In the metadata of a file: which run has written it"""
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""What is no fault of the user's"""
+
+
+def note_of(content: Mapping[str, Any]) -> tuple[str, str]:
+    """Name and text of the file that says what a study asks."""
+    text = json.dumps(content, indent=1, default=str)
+    return f"{STUDY}{hashlib.sha256(text.encode()).hexdigest()[:16]}.json", text
+
+
+NOTHING = pa.table({"case": pa.array([], pa.string())})
 
 
 class Shards:
     """Files of a study in a folder."""
 
-    def __init__(self, url: str) -> None:
-        """A folder; made if it is not there.
+    def __init__(self, url: str, run: str = "") -> None:
+        """A folder, which need not be there; `run` is in the names of what this run has not finished.
 
         Raises:
-            UsageError: it cannot be, or its address means nothing.
+            UsageError: its address means nothing.
         """
         try:
-            self._files, self._folder = fsspec.core.url_to_fs(url)
-            self._files.makedirs(self._folder, exist_ok=True)
-        except (ValueError, ImportError, OSError) as error:
-            raise UsageError(f"output {url}: {_reason(error)}") from None
-        self.url = url
+            self._files, self._folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
+        except Exception as error:  # a boundary: each kind of store has errors of its own
+            raise UsageError(f"output {url}: {reason(error)}") from None
+        self.url, self._run = url, run
 
-    def finished(self) -> set[str]:
-        """Keys of the cases that are there.
+    def make(self, note: str, text: str) -> None:
+        """Make the folder, if it is not there, and write down what the study asks.
 
         Raises:
-            UsageError: the folder holds something else.
+            UsageError: it cannot be made or written.
+            IncompleteError: the disk is full.
         """
-        found = self._table(["case"])
-        return set(found["case"].to_pylist()) if found else set()
+        new = not self._files.exists(self._folder)
+        try:
+            self._files.makedirs(self._folder, exist_ok=True)
+            with self._appearing("", note) as file:
+                file.write(text.encode())
+        except Exception as error:  # a boundary, likewise
+            with suppress(Exception):
+                if new:
+                    self._files.rmdir(self._folder)
+            raise self.told(error) from None
+
+    def told(self, error: BaseException) -> ToldError:
+        """What is to be said of an error of the folder's."""
+        full = isinstance(error, OSError) and error.errno in FULL
+        return (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}")
+
+    def finished(self, *, series: bool) -> dict[str, str]:
+        """The file of each case that is there, with its `series` if these are wanted.
+
+        Raises:
+            UsageError: the folder holds something else, or a file is damaged.
+        """
+        try:
+            names = self.names()
+            whole = self.names(SERIES) if series else names
+        except OSError as error:
+            raise self.told(error) from None
+        return {key: name for name in names if name in whole for key in self._keys(name)}
 
     def rows(self, keys: Sequence[str], columns: Sequence[str]) -> pa.Table:
         """Columns of the cases with these keys, in their order.
@@ -60,80 +105,150 @@ class Shards:
             UsageError: the folder holds something else.
             IncompleteError: a case is not there.
         """
-        found = self._table(["case", *columns])
-        if found is None:
-            raise IncompleteError(f"output {self.url}: no case is there")
+        parts = [self._read(name, ["case", *columns]) for name in self.names()]
+        found = (
+            pa.concat_tables([part for part in parts if part]) if any(parts) else pa.table({"case": pa.array([], "")})
+        )
         places = pc.index_in(pa.array(keys, pa.string()), found["case"].combine_chunks())
         if places.null_count:
             raise IncompleteError(f"output {self.url}: {places.null_count} of {len(keys)} cases are not there")
         return found.take(places)
 
-    def _table(self, columns: Sequence[str]) -> pa.Table | None:
-        """Columns of all cases that are there, if there are any."""
-        self._files.invalidate_cache()
-        names = [name for name in self._names() if name.endswith(".parquet")]
-        try:
-            return ds.dataset(names, filesystem=self._files, format="parquet").to_table(columns) if names else None
-        except (pa.ArrowException, OSError, KeyError) as error:
-            raise UsageError(f"output {self.url}: not the results of a study: {_reason(error)}") from None
-
-    def _names(self) -> list[str]:
-        return sorted(
-            name
-            for name in self._files.ls(self._folder, detail=False)
-            if not PurePosixPath(name).name.startswith(("_", "."))
-        )
-
-    def refuse_others(self) -> None:
-        """Refuse a folder with files of others.
+    def names(self, folder: str = "") -> list[str]:
+        """Of its shards; or of those of series.
 
         Raises:
-            UsageError: there are some.
+            UsageError: there is something else.
         """
-        others = [name for name in self._names() if not PurePosixPath(name).name.startswith("cases-")]
-        if others:
+        place = f"{self._folder}/{folder}".rstrip("/")
+        if not self._files.exists(place):
+            return []
+        if not self._files.isdir(place):
+            raise UsageError(f"output {self.url}: it is no folder")
+        found = (PurePosixPath(name.rstrip("/")).name for name in self._files.ls(place, detail=False))
+        names = sorted(name for name in found if not name.startswith(("_", ".")))
+        for name in names:
+            if not (name.startswith("cases-") and name.endswith(".parquet")):
+                raise UsageError(f"output {self.url}: holds {name}, which is none of a study's results")
+        return names
+
+    def _keys(self, name: str) -> list[str]:
+        """Of the cases in a shard."""
+        table = self._read(name, ["case"])
+        keys: list[str] = table["case"].to_pylist() if table else []
+        return keys
+
+    def _read(self, name: str, columns: Sequence[str]) -> pa.Table | None:
+        """Columns of a shard; None if another client has just put it in order.
+
+        Raises:
+            UsageError: it is none.
+        """
+        try:
+            with self._files.open(f"{self._folder}/{name}", "rb") as file:
+                return pq.read_table(file, columns=list(columns))
+        except FileNotFoundError:
+            return None
+        except Exception as error:  # a boundary: damaged files raise what they like
+            said = reason(error).splitlines()[0]
             raise UsageError(
-                f"output {self.url}: holds {PurePosixPath(others[0]).name}, which is none of a study's results"
-            )
+                f"output {self.url}: {name} is damaged, or none of a study's results ({said}): move it away, and its "
+                "cases are computed again"
+            ) from None
 
-    def holds(self, name: str) -> bool:
-        """Whether a file is there."""
-        return bool(self._files.exists(f"{self._folder}/{name}"))
+    def holds(self, name: str, *, series: bool) -> bool:
+        """Whether a file is there, or, with `series`, both."""
+        folders = ("", f"{SERIES}/") if series else ("",)
+        return all(self._files.exists(f"{self._folder}/{folder}{name}") for folder in folders)
 
-    def write(self, name: str, table: pa.Table, series: pa.Table | None) -> None:
-        """Write a file of the table, and before it one of the series, if there are any."""
+    def knows(self, note: str) -> bool:
+        """Whether a file of `make` is there."""
+        return bool(self._files.exists(f"{self._folder}/{note}"))
+
+    def by_whom(self, name: str) -> tuple[bool, int]:
+        """Whether this run has written a file, and how many of its cases failed."""
+        with self._files.open(f"{self._folder}/{name}", "rb") as file:
+            table = pq.read_table(file, columns=["failed"])
+        ours = (table.schema.metadata or {}).get(RUN) == self._run.encode()
+        return ours, sum(bool(reason) for reason in table["failed"].to_pylist())
+
+    def write(self, table: pa.Table, series: pa.Table | None) -> str:
+        """Write a file of the table, and before it one of the series, if there are any; their name.
+
+        Raises:
+            OSError: it cannot be written; nothing of it is there then.
+        """
+        name = shard_name(table["case"].to_pylist())
         if series is not None:
             self._files.makedirs(f"{self._folder}/{SERIES}", exist_ok=True)
-            self._put(f"{SERIES}/", name, series)
-        self._put("", name, table)
+            with self._appearing(f"{SERIES}/", name) as file:
+                pq.write_table(series, file, compression="zstd")
+        table = table.replace_schema_metadata({RUN: self._run})
+        with self._appearing("", name) as file:
+            pq.write_table(table, file, compression="zstd")
+        return name
 
-    def _put(self, folder: str, name: str, table: pa.Table) -> None:
-        unfinished = f"{self._folder}/{folder}{UNFINISHED}{uuid.uuid4().hex}"
+    @contextmanager
+    def _appearing(self, folder: str, name: str) -> Iterator[Any]:
+        """A file that gets its name when it is complete, and on the disk."""
+        unfinished = f"{self._folder}/{folder}{UNFINISHED}{self._run}-{uuid.uuid4().hex}"
         try:
             with self._files.open(unfinished, "wb") as file:
-                pq.write_table(table, file, compression="zstd")
+                yield file
+                if isinstance(self._files, LocalFileSystem):
+                    file.flush()
+                    os.fsync(file.fileno())
             self._files.mv(unfinished, f"{self._folder}/{folder}{name}")
         except BaseException:
-            with suppress(OSError):
+            with suppress(Exception):
                 self._files.rm(unfinished)
             raise
 
-    def note(self, content: Mapping[str, Any]) -> None:
-        """Write down what the study asks."""
-        with self._files.open(f"{self._folder}/{STUDY}", "w") as file:
-            json.dump(content, file, indent=1, default=str)
+    def unite(self) -> None:
+        """Let each case stand in one file alone: those who shared the folder may have computed some twice."""
+        with self._alone() as may:
+            places: dict[str, str] = {}
+            whole = set(self.names(SERIES))
+            for name in sorted(self.names(), key=lambda name: (name not in whole, name)) if may else []:
+                keys = self._keys(name)
+                own = [key for key in keys if places.get(key, name) == name]
+                kept = name if len(own) == len(keys) else self._keep(name, own, series=name in whole)
+                places |= dict.fromkeys(own, kept)
+
+    def _keep(self, name: str, keys: list[str], *, series: bool) -> str:
+        """Keep some cases of a shard, and no others; the name of the file that they are in."""
+        table, of_ticks = self._only("", name, keys), self._only(f"{SERIES}/", name, keys) if series else None
+        kept = self.write(table, of_ticks) if keys else ""
+        self._files.rm(f"{self._folder}/{name}")
+        if series:
+            self._files.rm(f"{self._folder}/{SERIES}/{name}")
+        return kept
+
+    def _only(self, folder: str, name: str, keys: list[str]) -> pa.Table:
+        with self._files.open(f"{self._folder}/{folder}{name}", "rb") as file:
+            table = pq.read_table(file)
+        return table.filter(pc.is_in(table["case"], value_set=pa.array(keys, pa.string())))
+
+    @contextmanager
+    def _alone(self) -> Iterator[bool]:
+        """As long as this lasts, no other client puts the folder in order; False: there is no telling."""
+        if not isinstance(self._files, LocalFileSystem):
+            yield False
+            return
+        with Path(self._folder, LOCK).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX)
+            except OSError:  # a file system without locks
+                yield False
+                return
+            yield True
 
     def sweep_up(self, age: float) -> None:
-        """Remove what killed workers have left unfinished, older than an `age` [s]."""
+        """Remove what this run has left unfinished, and what others have, older than an `age` [s]."""
         for folder in (self._folder, f"{self._folder}/{SERIES}"):
-            if not self._files.exists(folder):
-                continue
-            for told in self._files.ls(folder, detail=True):
-                left = PurePosixPath(told["name"]).name.startswith(UNFINISHED)
-                if left and time.time() - float(told.get("mtime") or time.time()) > age:
-                    with suppress(OSError):
+            with suppress(Exception):
+                for told in self._files.ls(folder, detail=True) if self._files.exists(folder) else []:
+                    name = PurePosixPath(told["name"]).name
+                    old = time.time() - float(told.get("mtime") or time.time()) > age
+                    if name.startswith(f"{UNFINISHED}{self._run}-") or (name.startswith(UNFINISHED) and old):
                         self._files.rm(told["name"])
-
-
-def _reason(error: BaseException) -> str:
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -15,8 +15,9 @@ of which `bags`, and `grid` or `sample` or several knees, are needed.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
@@ -190,6 +191,14 @@ class Case(NamedTuple):
     values: Mapping[str, Any]
 
 
+class Group(NamedTuple):
+    """Cases of one recording and one set of parameter files; their numbers follow each other."""
+
+    bag: str
+    params: tuple[str, ...]
+    numbers: range
+
+
 class Study:
     """Numbered cases: bags, then knees, then values, of which the last name changes soonest."""
 
@@ -215,9 +224,16 @@ class Study:
             raise UsageError(f"{where}: {error}") from None
 
     def _check(self) -> None:
+        again = next((name for name, own in self.grid.items() if len(set(map(repr, own))) < len(own)), "")
+        if again:
+            raise UsageError(f"{again}: {self.grid[again]!r} is not allowed; a value stands there twice")
+        if self.number > LARGEST:
+            raise UsageError(f"{self.number} cases are not allowed; {LARGEST} at most")
         twice = [name for name in self.names if self.names.count(name) > 1 or name in self.values]
         if twice:
             raise UsageError(f"{twice[0]} is given twice")
+        _refuse_again("bags", self.bags)
+        _refuse_again("params", self.params)
         checked_names(self.names)
         known = known_parameters()
         for name in self.design.names if self.design else ():
@@ -229,18 +245,22 @@ class Study:
                 check_value(name, value)
         for params in self.params:
             load_parameters([*params, self.values])
-        if self.number > LARGEST:
-            raise UsageError(f"{self.number} cases are not allowed; {LARGEST} at most")
 
     @property
     def number(self) -> int:
         """Of the cases."""
         return len(self.bags) * len(self.params) * self.variants
 
-    @property
+    @cached_property
     def variants(self) -> int:
         """Cases of one bag and one knee; their numbers follow each other."""
         return math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
+
+    def groups(self) -> list[Group]:
+        """All cases, by recording and parameter files."""
+        pairs = itertools.product(self.bags, self.params)
+        size = self.variants
+        return [Group(bag, params, range(i * size, (i + 1) * size)) for i, (bag, params) in enumerate(pairs)]
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:
@@ -248,17 +268,23 @@ class Study:
 
     def case(self, number: int) -> Case:
         """A case by its number."""
-        block, variant = divmod(number, self.variants)
-        bag, params = divmod(block, len(self.params))
-        values: dict[str, Any] = {}
-        combination, point = divmod(variant, len(self._points))
-        for name, allowed in reversed(self.grid.items()):
+        bag, params = divmod(number // self.variants, len(self.params))
+        return Case(self.bags[bag], self.params[params], dict(zip(self.names, self.row(number), strict=True)))
+
+    def row(self, number: int) -> tuple[Any, ...]:
+        """The values of a case, in the order of the names."""
+        combination, point = divmod(number % self.variants, len(self._points))
+        values = []
+        for allowed in reversed(self.grid.values()):
             combination, place = divmod(combination, len(allowed))
-            values[name] = allowed[place]
-        values = dict(reversed(values.items()))
-        if self.design:
-            values |= zip(self.design.names, self._points[point].tolist(), strict=True)
-        return Case(self.bags[bag], self.params[params], values)
+            values.append(allowed[place])
+        return (*reversed(values), *self._points[point].tolist())
+
+
+def _refuse_again(what: str, given: Sequence[Any]) -> None:
+    again = next((one for number, one in enumerate(given) if one in given[:number]), None)
+    if again is not None:
+        raise UsageError(f"{what}: {again if isinstance(again, str) else list(again)} is given twice")
 
 
 def read_study(path: Path) -> Study:

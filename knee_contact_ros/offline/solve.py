@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
@@ -51,6 +51,7 @@ def solve(
     compiled: bool | None = None,
     keep: Callable[[Sequence[Rows]], object] = len,
     prepare: Callable[[Pipeline], object] = id,
+    curves: Mapping[str, str] | None = None,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
@@ -59,13 +60,13 @@ def solve(
     once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
     computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
     given all answers, by and by: an array for each compartment; `prepare` is given the pipeline before its first
-    message.
+    message. `curves` has the contents of files that parameters name, by parameter, and none is opened then.
 
     Raises:
         UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
     """
     parameters = how.parameters if isinstance(how, Provenance) else how
-    curves = how.texts() if isinstance(how, Provenance) else curve_texts(parameters, {})
+    curves = texts_of(how) if curves is None else curves
     changes = Changes(how.changes if isinstance(how, Provenance) else ())
     with ExitStack() as opened:
         source = JOINT_STATES if isinstance(how, Provenance) else parameters.knee.source  # recorded are JointStates
@@ -111,6 +112,15 @@ def solve(
             told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
             raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){told}")
     return summary
+
+
+def texts_of(how: Parameters | Provenance) -> Mapping[str, str]:
+    """Contents of the files that parameters name, by parameter.
+
+    Raises:
+        UsageError: one cannot be read, or a recording does not hold it.
+    """
+    return how.texts() if isinstance(how, Provenance) else curve_texts(how, {})
 
 
 def _order(pipeline: Pipeline) -> list[str]:

@@ -88,11 +88,13 @@ class Compartment:
 
 
 def put_aside(rows: Rows, z: float) -> None:
-    """Let answers be those of a compartment at z [m] in the tibia frame; where it is 0, they are."""
-    if z:
-        rows["contact_point"]["z"] = z
-        force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
-        torque["x"], torque["y"] = -z * force["y"], z * force["x"]
+    """Let answers be those of a compartment that lies beside the middle of the tibia, so far [m]."""
+    if not z:
+        return
+    rows["contact_point"]["z"] = z
+    force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
+    torque["x"] = -z * force["y"]
+    torque["y"] = z * force["x"]
 
 
 def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[Compartment, ...]:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from knee_contact_ros.cohort.knees import Knees, Recording
+from knee_contact_ros.cohort.knees import Files, Knees, Recording
 from knee_contact_ros.compiled.batch import run_batch
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.parameters.reading import load_parameters
@@ -40,7 +40,7 @@ def prepared(knees: Cohort, tolerance: float, threads: int, *, level: str) -> Ru
     stamps = np.rint(knees.time * 1e9).astype(np.int64)
     steps, none = np.diff(stamps, prepend=stamps[:1]) * 1e-9, np.full(knees.ticks, np.nan)
     recording = Recording(stamps, steps, knees.angle, knees.load, np.zeros(knees.ticks), none)
-    maker = Knees(recording, parameters, {})
+    maker = Knees(recording, parameters, Files())
     scenes = []
     for i in range(knees.cases):
         values = {"contact.stiffness": float(knees.stiffness[i]), "contact.damping": float(knees.damping[i]),

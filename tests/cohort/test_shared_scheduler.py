@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 import pytest
 from distributed import LocalCluster
 
-from knee_contact_ros.cohort.engine import keyed, run_study
+from knee_contact_ros.cohort.blocks import keys_of
+from knee_contact_ros.cohort.engine import run_study
 from knee_contact_ros.cohort.shards import Shards
 from knee_contact_ros.cohort.study import Study
 from knee_contact_ros.system.errors import IncompleteError
@@ -47,11 +50,30 @@ def test_a_second_client_of_a_scheduler_computes_its_own_study(tmp_path: Path, b
     assert sorted(pd.read_parquet(tmp_path / "second")["contact.stiffness"]) == [6e7, 7e7]
 
 
+class Points(NamedTuple):
+    """Some values of one parameter."""
+
+    values: tuple[float, ...]
+    names: tuple[str, ...] = ("contact.stiffness",)
+
+    @property
+    def ends(self) -> list[tuple[float, float]]:
+        return [(min(self.values), max(self.values))]
+
+    @property
+    def number(self) -> int:
+        return len(self.values)
+
+    def points(self) -> np.ndarray:
+        return np.array(self.values)[:, np.newaxis]
+
+
 def test_a_case_that_a_study_has_twice_is_computed_once(tmp_path: Path, bag: Path, scheduler: str) -> None:
-    twice = study(bag, 5e7, 6e7, 5e7)
+    content = {"bags": [str(bag)], "values": {"fidelity.level": "quasi_static"}}
+    twice = Study(content, design=Points((5e7, 6e7, 5e7)))
     done = run_study(twice, str(tmp_path / "out"), scheduler=scheduler, advance=lambda _done, _all: None)
-    assert done == (1, 2, 0)
-    shards, keys = Shards(str(tmp_path / "out")), [key for own in keyed(twice) for key in own.keys]
+    assert (done.there, done.computed, done.failed) == (1, 2, 0)
+    shards, keys = Shards(str(tmp_path / "out")), keys_of(twice)
     assert shards.rows(keys, ["contact.stiffness"])["contact.stiffness"].to_pylist() == [5e7, 6e7, 5e7]
     with pytest.raises(IncompleteError, match="1 of 4 cases are not there"):
         shards.rows([*keys, "another"], ["peak_depth"])
@@ -63,9 +85,9 @@ def test_a_file_that_a_value_names_is_part_of_the_key(tmp_path: Path, bag: Path,
     asked = Study({"bags": [str(bag)], "values": {"femur.profile": str(curve)},
                    "grid": {"femur.geometry": ["circle", "profile"]}})  # fmt: skip
     curve.write_text(text)
-    ((circle, profile),) = (own.keys for own in keyed(asked))
+    circle, profile = keys_of(asked)
     curve.write_text(text + "\n# measured again")
-    assert [own.keys[0] for own in keyed(asked)] == [circle]
-    assert [own.keys[1] for own in keyed(asked)] != [profile]
+    assert keys_of(asked)[0] == circle
+    assert keys_of(asked)[1] != profile
     curve.unlink()
-    assert len(next(keyed(asked)).keys) == 2  # the case will fail, and say why
+    assert len(keys_of(asked)) == 2  # the case will fail, and say why

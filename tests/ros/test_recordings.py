@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
-import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import psutil
-import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from tests.helpers.disks import remount
 from tests.helpers.sinks import readable, wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
 from tests.ros.test_outputs import STEP, stamps, walk
@@ -23,30 +21,9 @@ from tests.ros.test_outputs import STEP, stamps, walk
 Start = Callable[..., NodeProcess]
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 1 MB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount, umount = shutil.which("mount"), shutil.which("umount")
-    if os.geteuid() or not (mount and umount):
-        pytest.skip("only root may mount a file system")
-    command = [mount, "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip(f"no file system can be mounted here: {done.stderr.strip()}")
-    yield folder
-    subprocess.run([umount, "--lazy", str(folder)], check=True)
-
-
 def problem(peer: Peer) -> str:
     """What `/diagnostics` says of the recorder."""
     return peer.problems.get("knee_contact: recorder", "")
-
-
-def remount(folder: Path, how: str) -> None:
-    """Change how a file system may be used."""
-    subprocess.run([shutil.which("mount") or "", "-o", f"remount,{how}", str(folder)], check=True)
 
 
 def ask(peer: Peer, what: str, path: Path, node: str = "/knee_contact") -> tuple[bool, str]:

@@ -13,7 +13,7 @@ from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.solve import solve, texts_of
 from knee_contact_ros.offline.uncertainty.deviations import (
     AXIAL_LOAD,
     FEMORAL_HEIGHT,
@@ -23,7 +23,6 @@ from knee_contact_ros.offline.uncertainty.deviations import (
     Deviation,
 )
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
-from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import LATERAL, lateral_knee
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -55,6 +54,8 @@ class Given(NamedTuple):
     asked: bool | None
     """Whether with the compiled kernel; None: if that answers sooner"""
     compiled: bool
+    damage: tuple[str, ...]
+    """What of the recording cannot be read, as sentences"""
 
     def ready_for(self, replays: int) -> Given:
         """The same, to be answered so many times more: for many it is compiled."""
@@ -129,7 +130,7 @@ class Given(NamedTuple):
 
 def given_in(
     bag: Path, how: Parameters | Provenance, advance: Callable[[int, int], None], names: Names = OWN_NAMES,
-    *, replays: int, compiled: bool | None = None,
+    *, replays: int, compiled: bool | None = None, curves: Mapping[str, str] | None = None,
 ) -> Given:  # fmt: skip
     """What the model is given in a bag, to be answered `replays` times more. The arguments are those of `solve`.
 
@@ -143,7 +144,7 @@ def given_in(
             f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
         )
     parameters = how.parameters if isinstance(how, Provenance) else how
-    texts = how.texts() if isinstance(how, Provenance) else curve_texts(parameters, {})
+    texts = texts_of(how) if curves is None else curves
     taken: list[tuple[Any, Any, Any]] = []
     blocks: list[Sequence[Rows]] = []
 
@@ -156,13 +157,17 @@ def given_in(
 
         pipeline.rule = told
 
-    solve(bag, how, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen)
+    summary = solve(
+        bag, how, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
+    )
     axial, moment, angles = (
         np.concatenate([np.atleast_1d(one) for one in column]) for column in zip(*taken, strict=True)
     )
     rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
     ours = compartments_of(parameters, texts)
-    return Given(parameters, texts, rows, angles, axial, moment, ours, compiled, compiled=False).ready_for(replays)
+    damage = tuple(summary.damage)
+    given = Given(parameters, texts, rows, angles, axial, moment, ours, compiled, compiled=False, damage=damage)
+    return given.ready_for(replays)
 
 
 def _run(compartment: Compartment, *columns: Any) -> Rows:

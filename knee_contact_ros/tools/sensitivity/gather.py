@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.cohort.engine import keyed
+from knee_contact_ros.cohort.blocks import keys_of
 from knee_contact_ros.cohort.shards import Shards
 from knee_contact_ros.cohort.study import Case, Study
 from knee_contact_ros.tools.sensitivity.analysis import Analysed, analyse, unit_of
@@ -47,7 +47,7 @@ def gather(asked: Asked, shards: Shards, advance: Callable[[int, int], None]) ->
         IncompleteError: a case is not there.
     """
     study, design = asked.study, asked.design
-    keys = [key for own in keyed(study) for key in own.keys]
+    keys = keys_of(study)
     columns = list(dict.fromkeys([*asked.outcomes, *BOUNDS.values(), *NOTED, "failed"]))
     table = shards.rows(keys, columns)
     firsts = [study.case(number) for number in range(0, study.number, design.number)]

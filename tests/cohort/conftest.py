@@ -1,0 +1,27 @@
+"""A real scheduler with two workers, for all tests of cohorts that do no harm to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.cohort.studies import Cluster
+
+pytest.importorskip("distributed", reason="the extra sweep is not installed")
+
+
+@pytest.fixture(scope="session")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """The workers run in another folder than the client: names relative to one mean nothing in the other."""
+    cluster, elsewhere = Cluster(tmp_path_factory.mktemp("cluster")), tmp_path_factory.mktemp("elsewhere")
+    cluster.add_worker(elsewhere)
+    cluster.add_worker(elsewhere)
+    yield cluster
+    cluster.close()
+
+
+@pytest.fixture
+def address(cluster: Cluster) -> str:
+    """Of the scheduler."""
+    return cluster.address
