@@ -27,6 +27,8 @@ REACH = 4.0
 """By which factor other starts differ from the first one, at most; e-fold or `scale` steps are its logarithm"""
 TURNS, STEADY = 30, 1e-3
 """Of finding fit and noise, at most; and the part by which a noise may change in the last one"""
+STEPS_STEADY = 0.5
+"""The same of the steps of difference quotients, as a logarithm"""
 LEAST_NOISE = 1e-9
 """Part of the largest value of a column"""
 INSIDE = 1e-9
@@ -106,9 +108,12 @@ def settled(minimum: Minimum) -> Minimum:
             found = max(noise_of(loss, misfits[name], part_free), least, np.finfo(float).tiny)
             steady &= abs(found / noise[name] - 1.0) < STEADY
             noise[name] = found
+        finer = problem.with_steps_for(place, noise)
+        steady &= bool((np.abs(np.log(finer.steps / problem.steps)) < STEPS_STEADY).all())
+        problem = finer
         if steady:
             break
-    return replace(minimum, place=place, noise=noise)
+    return replace(minimum, problem=problem, place=place, noise=noise)
 
 
 def searched(

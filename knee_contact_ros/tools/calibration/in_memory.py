@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
+from knee_contact_ros.offline.in_memory import in_python_words
 from knee_contact_ros.parameters.reading import Source, load_parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
@@ -31,8 +32,12 @@ Floats = NDArray[np.float64]
 LEVEL = 0.95
 """Of an interval, unless another one is asked for"""
 STARTS = 4
-ROUNDS = 5
-"""Of intervals: each time a better fit is found on the way, they are begun anew"""
+ROUNDS = 6
+"""Of intervals, at most: each time a better fit is found on the way, they are begun anew"""
+ROUGH = (
+    "around the fit the misfit has many dents (a touch falls before a sample or after it): a better fit may lie near, "
+    "and the intervals are rough"
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ class Calibration:
     """Of the estimates (of logarithms, where a parameter cannot be 0), shape (p, p)"""
     noise: dict[str, float]
     """Standard deviation of each measured column, given or found, in its unit"""
+    given: frozenset[str]
+    """Columns whose noise was given"""
     rms: dict[str, float]
     """Of what is left of each measured column, in its unit"""
     residuals: dict[str, Floats]
@@ -114,6 +121,19 @@ def calibrate(
     Raises:
         UsageError: a file, column, parameter or option cannot be used, or a parameter changes nothing that was measured.
     """
+    with in_python_words():
+        return calibrated(
+            table, params, free, values, sigma=sigma or {}, loss=loss, level=level, with_intervals=with_intervals,
+            starts=starts, compiled=compiled,
+        )  # fmt: skip
+
+
+def calibrated(
+    table: str | PathLike[str] | Mapping[str, Any] | Any, params: Source, free: Free, values: Mapping[str, Any] | None,
+    *, sigma: Mapping[str, float], loss: str, level: float, with_intervals: bool, starts: int,
+    compiled: bool | None = None,
+) -> Calibration:  # fmt: skip
+    """The same for the command line: errors name its options."""
     _check_options(loss, level, starts)
     parameters = load_parameters([*_parts(params), *([dict(values)] if values else [])])
     measured = (
@@ -121,35 +141,35 @@ def calibrate(
         if isinstance(table, str | PathLike)
         else measured_from(table, parameters.drive)
     )
-    noise = _noise(sigma or {}, measured)
+    noise = _noise(sigma, measured)
     unknowns = unknowns_of(free, parameters, measured)
     problem = problem_of(parameters, measured, unknowns, compiled)
     with progress("Fitting") as advance:
         minimum = fitted(problem, loss, noise, starts, advance)
-    found: list[Interval] | None = None
+    found, rough = None, list[str]()
     if with_intervals:
-        minimum, found = _with_intervals(minimum, level)
+        minimum, found, rough = _with_intervals(minimum, level)
     checked(parameters, problem.values(minimum.place))
-    return _result(minimum, found, level)
+    return _result(minimum, found, level, rough)
 
 
-def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Interval] | None]:
+def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Interval], list[str]]:
     """The fit with its intervals; a better one that is found on the way takes its place."""
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
+        last = number == ROUNDS - 1
         try:
             with progress("Intervals") as advance:
-                return minimum, intervals(minimum, level, advance)
+                return minimum, intervals(minimum, level, advance, go_on=last), [ROUGH] if last else []
         except BetterError as better:
             minimum = settled(_moved(minimum, better.place))
-    raise UsageError("calibrate: no fit is the best one: on the way to the intervals better ones come up again and "
-                     "again; free fewer parameters, or give narrower ranges")  # fmt: skip
+    raise AssertionError("the last round goes on")
 
 
 def _moved(minimum: Minimum, place: Floats) -> Minimum:
     return Minimum(minimum.problem, minimum.loss, place, minimum.noise, minimum.given, minimum.ends)
 
 
-def _result(minimum: Minimum, found: list[Interval] | None, level: float) -> Calibration:
+def _result(minimum: Minimum, found: list[Interval] | None, level: float, rough: list[str]) -> Calibration:
     problem, measured = minimum.problem, minimum.problem.measured
     answers = problem.answers(minimum.place)
     residuals = {name: answers[name] - column for name, column in measured.answers.items()}
@@ -158,8 +178,8 @@ def _result(minimum: Minimum, found: list[Interval] | None, level: float) -> Cal
     names = [unknown.name for unknown in problem.unknowns]
     return Calibration(
         problem.unknowns, measured, problem.values(minimum.place), dict(zip(names, found or (), strict=False)), level,
-        correlation(minimum), dict(minimum.noise), rms, residuals, answers,
-        tuple([*trades(minimum, found), *doubts(minimum, found, level, deviations)]), minimum.loss,
+        correlation(minimum), dict(minimum.noise), minimum.given, rms, residuals, answers,
+        tuple([*rough, *trades(minimum, found), *doubts(minimum, found, level, deviations)]), minimum.loss,
     )  # fmt: skip
 
 

@@ -26,9 +26,9 @@ Noise = Mapping[str, float]
 """Standard deviation of each measured column, in its unit"""
 FINE = 1e-9
 """Wanted error of the depth [m] while fitting: what the model errs by must be far below what was measured"""
-STEP = 1e-3
-"""Of a difference quotient, in coordinates: a part in a thousand. It errs by 1e-6 of itself, and by 1e-3 where the
-depth errs by `FINE` and moves by a millimetre."""
+STEP, LEAST_STEP, PART = 1e-3, 1e-7, 0.5
+"""Of a difference quotient, in coordinates: a part in a thousand at first, and later so much of what the data resolve
+where that is less: an impact may meet a sample or not within a thousandth"""
 FAR = 1e8
 """Residual where parameters make no model"""
 RUNS = 300
@@ -45,6 +45,8 @@ class Problem:
     model: KneeModel
     texts: Mapping[str, str]
     """Contents of files by parameter"""
+    steps: Floats
+    """Of difference quotients, in coordinates, shape (p,)"""
 
     @property
     def start(self) -> Floats:
@@ -104,9 +106,8 @@ class Problem:
         low, high = self.bounds
         columns = []
         for index in range(len(place)) if which is None else which:
-            index = int(index)
-            sides = []
-            for end in (max(place[index] - STEP, low[index]), min(place[index] + STEP, high[index])):
+            index, step, sides = int(index), float(self.steps[index]), []
+            for end in (max(place[index] - step, low[index]), min(place[index] + step, high[index])):
                 moved = place.copy()
                 moved[index] = end
                 sides.append((end, self.residuals(moved, noise)))
@@ -115,6 +116,11 @@ class Problem:
             ]
             columns.append((above - below) / (behind - before) if behind > before else np.zeros_like(above))
         return np.stack(columns, axis=1)
+
+    def with_steps_for(self, place: Floats, noise: Noise) -> Problem:
+        """The same with steps that fit what the data resolve around a place."""
+        sizes = np.linalg.norm(self.jacobian(place, noise), axis=0)
+        return replace(self, steps=np.clip(PART / np.maximum(sizes, 1.0), LEAST_STEP, STEP))
 
     def _model(self, parameters: Parameters, values: Mapping[str, float]) -> KneeModel:
         """The model with other numbers, with surfaces made anew if one of them is free."""
@@ -150,7 +156,7 @@ def problem_of(
         model = forced(model)
     else:
         model = replace(model, kernel=PLAIN)
-    problem = Problem(exact, measured, unknowns, model, texts)
+    problem = Problem(exact, measured, unknowns, model, texts, np.full(len(unknowns), STEP))
     problem.answers(problem.start)  # what is wrong with inputs or start is said
     return problem
 

@@ -61,11 +61,13 @@ def covariance(minimum: Minimum) -> Floats:
     return np.linalg.pinv(slopes.T @ slopes / minimum.calibration(), hermitian=True)
 
 
-def intervals(minimum: Minimum, level: float, advance: Callable[[int, int], None]) -> list[Interval]:
+def intervals(
+    minimum: Minimum, level: float, advance: Callable[[int, int], None], *, go_on: bool = False
+) -> list[Interval]:
     """Of each parameter; `advance` is told the ends that are found.
 
     Raises:
-        BetterError: a better fit was found on the way.
+        BetterError: a better fit was found on the way, unless it is to `go_on`.
     """
     limit, spread = quantile(minimum, level), covariance(minimum)
     found = []
@@ -73,7 +75,7 @@ def intervals(minimum: Minimum, level: float, advance: Callable[[int, int], None
     for index, unknown in enumerate(minimum.problem.unknowns):
         sides = []
         for side in (-1.0, 1.0):
-            sides.append(_Side(minimum, index, side, limit, spread).end())
+            sides.append(_Side(minimum, index, side, limit, spread, go_on).end())
             advance(len(sides) + 2 * index, 2 * number)
         (low, low_open), (high, high_open) = sides
         found.append(Interval(unknown.value(low), unknown.value(high), low_open, high_open))
@@ -83,7 +85,10 @@ def intervals(minimum: Minimum, level: float, advance: Callable[[int, int], None
 class _Side:
     """The search for one end of an interval."""
 
-    def __init__(self, minimum: Minimum, index: int, side: float, limit: float, spread: Floats) -> None:
+    def __init__(
+        self, minimum: Minimum, index: int, side: float, limit: float, spread: Floats, go_on: bool
+    ) -> None:
+        self._go_on = go_on
         self._minimum, self._index, self._side = minimum, index, side
         self._limit = math.sqrt(limit)
         variance = float(spread[index, index])
@@ -122,7 +127,7 @@ class _Side:
             start[self._index] = best[self._index] + self._side * reach
             place = searched(problem, self._minimum.loss, self._minimum.noise, start, held=[self._index])
             ratio = self._factor * (self._minimum.cost(place) - self._cost)
-            if ratio < -BETTER:
+            if ratio < -BETTER and not self._go_on:
                 raise BetterError(place)
             self._solved[reach] = place
             self._known[reach] = math.sqrt(max(ratio, 0.0)) - self._limit

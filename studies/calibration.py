@@ -1,0 +1,169 @@
+"""How often a calibration's 95 % intervals hold the true values: made data, by a solver that is not the model.
+
+python -m studies.calibration [--repetitions N] [--output FILE]
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time as clock
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from knee_contact_ros import calibrate
+from knee_contact_ros.tools.calibration.in_memory import Calibration
+from studies.calibration_cases import CASES, DOUBTFUL, Case
+from studies.reference import LAWS, Knee, Solution, solve
+from studies.report import Section, machine, save
+
+Floats = NDArray[np.float64]
+LEVEL = 0.95
+HEADER = ("case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
+          "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
+          "trade-off told", "time of a fit [s]")  # fmt: skip
+TEXT = """\
+Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known parameters,
+and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts from values that are
+drawn up to a third off (an exponent up to 0.2), and does not know the noise unless the case says so. The range is where the
+true share lies with 95 % (Clopper-Pearson), for so many repetitions."""
+DOUBTFUL_TEXT = """\
+The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what counts
+is whether it is told. The last column is how many fits came with a warning of this kind."""
+
+
+class Outcome(NamedTuple):
+    """Of all repetitions of a case, shape (repetitions, p) each."""
+
+    inside: NDArray[np.bool_]
+    estimates: Floats
+    widths: Floats
+    """Of the intervals, in parts of the true value"""
+    warnings: Counter[str]
+    seconds: float
+    """Of a fit"""
+
+
+@functools.cache
+def truth(name: str) -> Solution:
+    """The reference's solution of a case.
+
+    Raises:
+        ValueError: it is not exact enough to be a truth.
+    """
+    case = CASES[name] if name in CASES else DOUBTFUL[name]
+    exact = solve(Knee(LAWS[case.law](**case.arguments), case.mass), *case.series)
+    if not np.nanmax(exact.depth_bound) < 1e-12 or np.isnan(exact.depth).any():
+        raise ValueError(f"{name}: the reference errs by {np.nanmax(exact.depth_bound):.1g} m")
+    return exact
+
+
+def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats]:
+    """A table of measurements with new noise."""
+    exact, (time, angle, load) = truth(name), case.series
+    table = {"time": time, "flexion_angle": angle}
+    if case.share is None:
+        table["load"] = load
+    else:
+        table["axial_load"] = load / case.share
+    if case.displacement:
+        table["femoral_height"] = exact.height
+    whole = {"penetration_depth": np.where(exact.depth > 0.0, exact.depth, math.nan),
+             "gap": np.where(exact.depth < 0.0, -exact.depth, math.nan), "contact_force": exact.force}  # fmt: skip
+    for column, size in case.noise.items():
+        noise = random.standard_normal(len(time))
+        for place in range(1, len(time) if case.correlation else 0):  # of unit variance still
+            noise[place] = case.correlation * noise[place - 1] + math.sqrt(1 - case.correlation**2) * noise[place]
+        far = random.random(len(time)) < case.outliers
+        table[column] = whole[column] + size * np.where(far, 20.0 * random.standard_normal(len(time)), noise)
+    return table
+
+
+def fit(name: str, case: Case, repetition: int) -> Calibration:
+    """A fit to data of their own."""
+    random = np.random.default_rng((2026, sum(name.encode()), repetition))
+    table = made(name, case, random)
+    start = {each: _start(each, value, random) for each, value in case.free.items()}
+    return calibrate(
+        table, [case.parameters, start], list(case.free), sigma={column: case.told * size for column, size in case.noise.items()} if case.told else None, loss=case.loss,
+        level=LEVEL, starts=1, compiled=True,
+    )  # fmt: skip
+
+
+def _start(name: str, true: float, random: np.random.Generator) -> float:
+    off = random.uniform(-1.0, 1.0)
+    if name == "femur.radius":  # of a height that is prescribed: else nothing touches
+        return true + 2e-4 * off
+    return true + 0.2 * off if name.endswith("exponent") else true * math.exp(0.3 * off)
+
+
+def outcome(name: str, case: Case, repetitions: int) -> Outcome:
+    """All repetitions of a case."""
+    inside, estimates, widths, warnings = [], [], [], Counter[str]()
+    began = clock.perf_counter()
+    for repetition in range(repetitions):
+        found = fit(name, case, repetition)
+        inside.append([found.intervals[each].low <= true <= found.intervals[each].high
+                       for each, true in case.free.items()])  # fmt: skip
+        estimates.append([found.values[each] for each in case.free])
+        widths.append([0.5 * (found.intervals[each].high - found.intervals[each].low) / true
+                       for each, true in case.free.items()])  # fmt: skip
+        warnings.update({kind for kind in KINDS if any(KINDS[kind] in warning for warning in found.warnings)})
+    seconds = (clock.perf_counter() - began) / repetitions
+    return Outcome(np.array(inside), np.array(estimates), np.array(widths), warnings, seconds)
+
+
+KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "alike from sample to sample",
+         "given": "times the noise given", "rough": "many dents", "open": "not bounded"}  # fmt: skip
+"""Of warnings, by what they say"""
+
+
+def rows(name: str, case: Case, found: Outcome) -> list[list[str]]:
+    """A row for each parameter."""
+    table = []
+    number = len(found.inside)
+    for place, (parameter, true) in enumerate(case.free.items()):
+        held = int(found.inside[:, place].sum())
+        low, high = beta.ppf(0.025, held, number - held + 1), beta.ppf(0.975, held + 1, number - held)
+        spread = found.estimates[:, place].std(ddof=1)
+        bias = (found.estimates[:, place].mean() - true) / spread
+        high = 1.0 if math.isnan(high) else high
+        first = place == 0
+        table.append([
+            name if first else "", case.measured if first else "", parameter, f"{true:.6g}",
+            f"{100.0 * np.median(found.widths[:, place]):.2g} %", f"{bias:+.2f}",
+            f"{100.0 * held / number:.1f} % ({held} of {number})", f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+            f"{found.warnings[case.expects or 'trade']} of {number}" if first else "",
+            f"{found.seconds:.2f}" if first else "",
+        ])  # fmt: skip
+    return table
+
+
+@click.command()
+@click.option("--repetitions", default=400, show_default=True)
+@click.option("--only", default="", help="Cases whose name has this.")
+@click.option("--output", default="docs/studies/calibration.md", show_default=True, type=click.Path(path_type=Path))
+def main(repetitions: int, only: str, output: Path) -> None:
+    """Measure and write the tables."""
+    tables: list[list[list[str]]] = []
+    for cases in (CASES, DOUBTFUL):
+        table: list[list[str]] = []
+        for name, case in cases.items():
+            if only in name:
+                table += rows(name, case, outcome(name, case, repetitions))
+                for row in table[-len(case.free) :]:
+                    click.echo(" | ".join(row), err=True)
+        tables.append(table)
+    doubtful: tuple[Any, ...] = tuple("warned" if each == "trade-off told" else each for each in HEADER)
+    sections = [Section("", TEXT, HEADER, tables[0]), Section("Where they do not hold", DOUBTFUL_TEXT, doubtful, tables[1])]
+    save(output, "Calibration", f"python -m studies.calibration --repetitions {repetitions}", sections, machine())
+
+
+if __name__ == "__main__":
+    main()
