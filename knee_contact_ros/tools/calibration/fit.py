@@ -23,6 +23,8 @@ PRECISION = 1e-10
 """Part of cost and place, and the slope, at which a search ends"""
 MOST_TRIES = 100
 """Of places in a search"""
+COARSE, COARSE_TRIES = 1e-6, 30
+"""The same of the searches from several starts, of which the best one is gone on with"""
 REACH = 4.0
 """By which factor other starts differ from the first one, at most; e-fold or `scale` steps are its logarithm"""
 TURNS, STEADY = 30, 1e-3
@@ -31,6 +33,8 @@ STEPS_STEADY = 0.5
 """The same of the steps of difference quotients, as a logarithm"""
 LEAST_NOISE = 1e-9
 """Part of the largest value of a column"""
+SCREENED = 50
+"""Places around the first start that are looked at for each parameter; the best of them are the other starts"""
 INSIDE = 1e-9
 """By how much [coordinates] a search begins within its bounds"""
 SEED = 20
@@ -87,8 +91,8 @@ def fitted(
     noise = {name: given.get(name) or _spread(column) for name, column in measured.items()}
     _check_effects(problem, noise)
     ends = []
-    for done, start in enumerate(_starts(problem, starts), start=1):
-        place = searched(problem, loss, noise, start)
+    for done, start in enumerate(_starts(problem, loss, noise, starts), start=1):
+        place = searched(problem, loss, noise, start, precision=COARSE, tries=COARSE_TRIES)
         ends.append((place, cost(LOSSES[loss], problem.residuals(place, noise))))
         advance(done, starts)
     best = min(ends, key=lambda end: end[1])[0]
@@ -117,8 +121,9 @@ def settled(minimum: Minimum) -> Minimum:
 
 
 def searched(
-    problem: Problem, loss: str, noise: Noise, start: Floats, held: Sequence[int] = ()
-) -> Floats:
+    problem: Problem, loss: str, noise: Noise, start: Floats, held: Sequence[int] = (),
+    *, precision: float = PRECISION, tries: int = MOST_TRIES,
+) -> Floats:  # fmt: skip
     """The place of the least cost around a start; coordinates `held` stay."""
     moving = np.array([index for index in range(len(start)) if index not in held], dtype=int)
     if not len(moving):
@@ -135,18 +140,22 @@ def searched(
         lambda part: problem.residuals(whole(part), noise), np.clip(start[moving], low + inside, high - inside),
         jac=lambda part: problem.jacobian(whole(part), noise, moving), bounds=(low, high), method="trf",
         loss=loss if loss == "linear" else LOSSES[loss], x_scale="jac",
-        ftol=PRECISION, xtol=PRECISION, gtol=PRECISION, max_nfev=MOST_TRIES,
+        ftol=precision, xtol=precision, gtol=precision, max_nfev=tries,
     )  # fmt: skip
     return whole(found.x)
 
 
-def _starts(problem: Problem, number: int) -> list[Floats]:
-    """The given start, and others around it within the bounds, spread evenly."""
+def _starts(problem: Problem, loss: str, noise: Noise, number: int) -> list[Floats]:
+    """The given start, and the best of places that are spread evenly around it within the bounds."""
+    if number == 1:
+        return [problem.start]
     low, high = problem.bounds
     reach = np.log(REACH)
     least, most = np.maximum(problem.start - reach, low), np.minimum(problem.start + reach, high)
-    drawn = qmc.LatinHypercube(len(low), seed=SEED).random(max(number - 1, 0))
-    return [problem.start, *(least + part * (most - least) for part in drawn)]
+    drawn = qmc.LatinHypercube(len(low), seed=SEED).random(max(SCREENED * len(low), number - 1))
+    places = least + drawn * (most - least)
+    costs = [cost(LOSSES[loss], problem.residuals(place, noise)) for place in places]
+    return [problem.start, *places[np.argsort(costs, kind="stable")[: number - 1]]]
 
 
 def _spread(column: Floats) -> float:

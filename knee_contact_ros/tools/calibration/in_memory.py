@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.offline.in_memory import in_python_words
 from knee_contact_ros.parameters.reading import Source, load_parameters
 from knee_contact_ros.results import Results
@@ -24,7 +23,7 @@ from knee_contact_ros.tools.calibration.fit import Minimum, fitted, settled
 from knee_contact_ros.tools.calibration.identifiability import correlation, trades
 from knee_contact_ros.tools.calibration.losses import LINEAR, LOSSES
 from knee_contact_ros.tools.calibration.measured import Measured, measured_from, read_measured
-from knee_contact_ros.tools.calibration.problem import checked, problem_of
+from knee_contact_ros.tools.calibration.problem import problem_of
 from knee_contact_ros.tools.calibration.profile import BetterError, Interval, covariance, intervals
 from knee_contact_ros.tools.calibration.unknowns import Free, Unknown, unknowns_of
 
@@ -63,7 +62,7 @@ class Calibration:
     """Of what is left of each measured column, in its unit"""
     residuals: dict[str, Floats]
     """What the model says less what was measured, shape (n,) each; not a number where nothing was"""
-    predicted: Results | Rows
+    predicted: Results
     """The model's answers with the fitted values, shape (n,)"""
     warnings: tuple[str, ...]
     """What speaks against the fit or its intervals, a sentence each"""
@@ -149,7 +148,6 @@ def calibrated(
     found, rough = None, list[str]()
     if with_intervals:
         minimum, found, rough = _with_intervals(minimum, level)
-    checked(parameters, problem.values(minimum.place))
     return _result(minimum, found, level, rough)
 
 
@@ -171,7 +169,7 @@ def _moved(minimum: Minimum, place: Floats) -> Minimum:
 
 def _result(minimum: Minimum, found: list[Interval] | None, level: float, rough: list[str]) -> Calibration:
     problem, measured = minimum.problem, minimum.problem.measured
-    answers = problem.answers(minimum.place)
+    answers = problem.predicted(minimum.place)
     residuals = {name: answers[name] - column for name, column in measured.answers.items()}
     rms = {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}
     deviations = np.sqrt(np.diag(covariance(minimum)))

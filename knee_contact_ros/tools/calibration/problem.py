@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.model import PLAIN, KneeModel
-from knee_contact_ros.core.types import Rows
-from knee_contact_ros.parameters.build import build_model, retuned
+from knee_contact_ros.core.scene import Scene
+from knee_contact_ros.core.ticks import MEMORY
+from knee_contact_ros.core.types import Rows, blank
+from knee_contact_ros.parameters.build import build_model, untried_law
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -43,6 +46,9 @@ class Problem:
     measured: Measured
     unknowns: tuple[Unknown, ...]
     model: KneeModel
+    """At the start"""
+    scene: Scene
+    """Of the model"""
     texts: Mapping[str, str]
     """Contents of files by parameter"""
     steps: Floats
@@ -66,19 +72,38 @@ class Problem:
         }
 
     def answers(self, place: Floats) -> Rows:
-        """What the model says there, shape (n,).
+        """What the model says there, shape (n,): the kernel's answers, without what `KneeModel.run` checks and adds.
+
+        Raises:
+            UsageError: parameters make no model.
+        """
+        values = self.values(place)
+        parameters = _with(self.parameters, values)
+        given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
+        height = np.full(len(given.time), math.nan) if given.height is None else given.height
+        durations = np.diff(np.rint(given.time * 1e9), prepend=np.rint(given.time[0] * 1e9)) * 1e-9
+        answers = blank(len(given.time))
+        try:
+            scene = self._scene(parameters, values)
+        except ValueError as error:
+            raise UsageError(f"{given.source}: {error}") from None
+        self.model.kernel.run(scene, np.zeros(1, MEMORY), durations, given.angle, share * given.load, height, answers)
+        return answers
+
+    def predicted(self, place: Floats) -> Results:
+        """The same by a whole model, with all there is to results.
 
         Raises:
             UsageError: parameters make no model, or inputs are none of a knee.
         """
         values = self.values(place)
-        parameters = _with(self.parameters, values)
+        parameters = checked(self.parameters, values)
+        given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
         try:
-            model = self._model(parameters, values)
-            given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
-            series: Rows = model.run(given.time, given.angle, share * given.load, given.height)
+            model = replace(build_model(parameters, curves=self.texts), kernel=self.model.kernel, results=Results)
+            series: Results = model.run(given.time, given.angle, share * given.load, given.height)
         except ValueError as error:
-            raise UsageError(f"{self.measured.source}: {error}") from None
+            raise UsageError(f"{given.source}: {error}") from None
         return series
 
     def misfits(self, place: Floats) -> dict[str, Floats]:
@@ -122,12 +147,11 @@ class Problem:
         sizes = np.linalg.norm(self.jacobian(place, noise), axis=0)
         return replace(self, steps=np.clip(PART / np.maximum(sizes, 1.0), LEAST_STEP, STEP))
 
-    def _model(self, parameters: Parameters, values: Mapping[str, float]) -> KneeModel:
-        """The model with other numbers, with surfaces made anew if one of them is free."""
+    def _scene(self, parameters: Parameters, values: Mapping[str, float]) -> Scene:
+        """What the kernel is given: other numbers, and surfaces made anew if one of them is free."""
         if any(name.startswith(("femur.", "tibia.")) and name != "femur.mass" for name in values):
-            model = build_model(parameters, curves=self.texts)
-            return replace(model, kernel=self.model.kernel, results=self.model.results)
-        return retuned(self.model, parameters)
+            return build_model(parameters, curves=self.texts).scene
+        return self.scene._replace(modes=untried_law(parameters.contact), mass=parameters.femur.mass)
 
 
 def problem_of(
@@ -156,8 +180,8 @@ def problem_of(
         model = forced(model)
     else:
         model = replace(model, kernel=PLAIN)
-    problem = Problem(exact, measured, unknowns, model, texts, np.full(len(unknowns), STEP))
-    problem.answers(problem.start)  # what is wrong with inputs or start is said
+    problem = Problem(exact, measured, unknowns, model, model.scene, texts, np.full(len(unknowns), STEP))
+    problem.predicted(problem.start)  # what is wrong with inputs or start is said
     return problem
 
 
