@@ -21,7 +21,7 @@ from scipy.stats import beta
 
 from knee_contact_ros import calibrate
 from knee_contact_ros.tools.calibration.in_memory import Calibration
-from studies.calibration_cases import CASES, DOUBTFUL, Case
+from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
 from studies.report import Section, machine, save
 
@@ -33,13 +33,13 @@ HEADER = ("case", "measured (standard deviation of the noise)", "parameter", "tr
           "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
           "trade-off told", "time of a fit [s]")  # fmt: skip
 TEXT = """\
-Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known parameters,
-and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts from values that are
-drawn up to a third off (an exponent up to 0.2), and does not know the noise unless the case says so. The range is where the
-true share lies with 95 % (Clopper-Pearson), for so many repetitions."""
+Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known
+parameters, and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts
+from values that are drawn up to a third off (an exponent up to 0.2), and does not know the noise unless the case says
+so. The range is where the true share lies with 95 % (Clopper-Pearson), for so many repetitions."""
 DOUBTFUL_TEXT = """\
-The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what counts
-is whether it is told. Warned: how many fits came with the warning that is due (no one is due for outliers)."""
+The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what
+counts is whether it is told. Warned: how many fits came with the warning that is due (none is due for outliers)."""
 
 
 class Outcome(NamedTuple):
@@ -83,8 +83,12 @@ def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats
         table["axial_load"] = load / case.share
     if case.displacement:
         table["femoral_height"] = exact.height
-    whole = {"penetration_depth": np.where(exact.depth > 0.0, exact.depth, math.nan),
-             "gap": np.where(exact.depth < 0.0, -exact.depth, math.nan), "contact_force": exact.force}  # fmt: skip
+    apart = exact.depth < 0.0
+    whole = {
+        DEPTH: np.where(apart, math.nan, exact.depth),
+        GAP: np.where(apart, -exact.depth, math.nan),
+        FORCE: exact.force,
+    }
     for column, size in case.noise.items():
         noise = random.standard_normal(len(time))
         for place in range(1, len(time) if case.correlation else 0):  # of unit variance still
@@ -99,9 +103,10 @@ def fit(name: str, case: Case, repetition: int) -> Calibration:
     random = np.random.default_rng((2026, sum(name.encode()), repetition))
     table = made(name, case, random)
     start = {each: _start(each, value, random) for each, value in case.free.items()}
+    told = {column: case.told * size for column, size in case.noise.items()} if case.told else None
     return calibrate(
-        table, [case.parameters, start], list(case.free), sigma={column: case.told * size for column, size in case.noise.items()} if case.told else None, loss=case.loss,
-        level=LEVEL, starts=case.starts, compiled=True,
+        table, [case.parameters, start], list(case.free), sigma=told, loss=case.loss, level=LEVEL, starts=case.starts,
+        compiled=True,
     )  # fmt: skip
 
 

@@ -128,7 +128,8 @@ DOUBTFUL = {
     "noise correlated by 0.9": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), correlation=0.9,
                                     expects="correlated"),
     "another law: two layers, fitted by one": Case("two_layer_viscoelastic", LAYERS | {"damp_first_layer": True}, GAIT,
-                                                   {DEPTH: 2e-6}, (K, C), fitted_law=VOIGT, part=0.2, expects="correlated"),
+                                                   {DEPTH: 2e-6}, (K, C), fitted_law=VOIGT, part=0.2,
+                                                   expects="correlated"),
     "least squares, one in twenty far off": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), outliers=0.05),
     "the noise told is half of it": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), told=0.5, expects="given"),
 }  # fmt: skip

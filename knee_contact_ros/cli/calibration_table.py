@@ -18,7 +18,9 @@ def show_calibration(found: Calibration, output: Path) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("parameter", "start", "fitted", f"{100.0 * found.level:g} % interval", "unit"):
         number = heading in ("start", "fitted")
-        table.add_column(heading, justify="right" if number else "left", no_wrap=heading == "parameter", overflow="fold")
+        table.add_column(
+            heading, justify="right" if number else "left", no_wrap=heading == "parameter", overflow="fold"
+        )
     for unknown in found.unknowns:
         cells = (unknown.name, f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}",
                  _interval(found, unknown.name), unknown.unit)  # fmt: skip

@@ -86,8 +86,11 @@ def _correlated(minimum: Minimum) -> list[str]:
     for name, misfit in minimum.problem.misfits(minimum.place).items():
         r = float((misfit[1:] * misfit[:-1]).sum() / max((misfit**2).sum(), np.finfo(float).tiny))
         if r > CORRELATED and r * np.sqrt(len(misfit)) > SURE:
-            told.append(f"{name}: what is left is alike from sample to sample (correlation {r:.2f}), and no noise: the "
-                        f"intervals are too narrow, some {np.sqrt((1.0 + r) / (1.0 - min(r, 0.99))):.1f} times or more")  # fmt: skip
+            factor = np.sqrt((1.0 + r) / (1.0 - min(r, 0.99)))
+            told.append(
+                f"{name}: what is left is alike from sample to sample (correlation {r:.2f}), and no noise: the intervals "
+                f"are too narrow, some {factor:.1f} times or more"
+            )
     return told
 
 

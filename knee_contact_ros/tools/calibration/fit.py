@@ -79,9 +79,7 @@ class Minimum:
         return self.freedom / self.problem.measured.number
 
 
-def fitted(
-    problem: Problem, loss: str, given: Noise, starts: int, advance: Callable[[int, int], None]
-) -> Minimum:
+def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Callable[[int, int], None]) -> Minimum:
     """The best fit; `given` is the noise of columns that is known, `advance` is told the starts that are done.
 
     Raises:

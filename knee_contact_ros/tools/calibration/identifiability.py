@@ -28,7 +28,8 @@ def correlation(minimum: Minimum) -> Floats:
     """Of the estimates along straight lines, shape (p, p)."""
     spread = covariance(minimum)
     deviations = np.sqrt(np.maximum(np.diag(spread), np.finfo(float).tiny))
-    return np.clip(spread / np.outer(deviations, deviations), -1.0, 1.0)
+    found: Floats = np.clip(spread / np.outer(deviations, deviations), -1.0, 1.0)
+    return found
 
 
 def trades(minimum: Minimum, found: Sequence[Interval] | None) -> list[str]:
@@ -56,8 +57,10 @@ def trades(minimum: Minimum, found: Sequence[Interval] | None) -> list[str]:
 
 def _pair(one: Unknown, other: Unknown, r: float, slope: float, wide: bool) -> str:
     size = SHOWN if not one.scale else SHOWN * one.scale
-    first = f"{one.name} {100.0 * SHOWN:.0f} % up" if not one.scale else f"{one.name} {size:.3g} {one.unit} up".replace(
-        "  ", " "
+    first = (
+        f"{one.name} {100.0 * SHOWN:.0f} % up"
+        if not one.scale
+        else f"{one.name} {size:.3g} {one.unit} up".replace("  ", " ")
     )
     step = slope * (math.log1p(SHOWN) if not one.scale else SHOWN)
     if other.scale:
@@ -81,6 +84,10 @@ def _wide(found: Sequence[Interval] | None, which: Sequence[int]) -> bool:
         return True
     for index in which:
         low, high, low_open, high_open = found[index]
-        if low_open or high_open or not (low * high > 0.0 and max(abs(low), abs(high)) < WIDE * min(abs(low), abs(high))):
+        if (
+            low_open
+            or high_open
+            or not (low * high > 0.0 and max(abs(low), abs(high)) < WIDE * min(abs(low), abs(high)))
+        ):
             return True
     return False

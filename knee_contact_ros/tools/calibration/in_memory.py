@@ -118,7 +118,8 @@ def calibrate(
         Values, intervals, correlations, noise, residuals, the fitted model's answers, and warnings.
 
     Raises:
-        UsageError: a file, column, parameter or option cannot be used, or a parameter changes nothing that was measured.
+        UsageError: a file, column, parameter or option cannot be used, or a parameter changes nothing of what was
+            measured.
     """
     with in_python_words():
         return calibrated(
@@ -177,7 +178,7 @@ def _result(minimum: Minimum, found: list[Interval] | None, level: float, rough:
     return Calibration(
         problem.unknowns, measured, problem.values(minimum.place), dict(zip(names, found or (), strict=False)), level,
         correlation(minimum), dict(minimum.noise), minimum.given, rms, residuals, answers,
-        tuple([*rough, *trades(minimum, found), *doubts(minimum, found, level, deviations)]), minimum.loss,
+        (*rough, *trades(minimum, found), *doubts(minimum, found, level, deviations)), minimum.loss,
     )  # fmt: skip
 
 

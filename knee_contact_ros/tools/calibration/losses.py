@@ -1,9 +1,9 @@
 """How much a residual counts: by its square, or less where it is far off.
 
 Each loss ρ is a function of z = (residual / noise)², given with its first two derivatives, shape (3, n), as
-`scipy.optimize.least_squares` takes it. With ψ(r) = r ρ'(r²), twice the rise of the cost times Σψ'/Σψ² is distributed as
-χ² where a parameter has its true value (Schrader & Hettmansperger 1980, Biometrika 67:93-101); for squares that factor
-is one over the variance.
+`scipy.optimize.least_squares` takes it. With ψ(r) = r ρ'(r²), twice the rise of the cost times Σψ'/Σψ² is distributed
+as χ² where a parameter has its true value (Schrader & Hettmansperger 1980, Biometrika 67:93-101); for squares that
+factor is one over the variance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What was measured: a table of inputs over time, and of the depth, force, gap or height that the model is fitted to."""
+"""What was measured: a table of inputs over time, and of the depth, force, gap or height that is fitted to."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ class Measured(NamedTuple):
 def read_measured(path: Path, drive: str) -> Measured:
     """A trial from a CSV file: names in the first line, an empty cell (or nan) where nothing was measured.
 
-    Lines that begin with `#` are left out. Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N] or,
-    with drive displacement, `femoral_height` [m]; and one or more of `ANSWERS`.
+    Lines that begin with `#` are left out. Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
+    or, with drive displacement, `femoral_height` [m]; and one or more of `ANSWERS`.
 
     Raises:
         UsageError: the file cannot be read, is no such table, or values make no sense.

@@ -67,9 +67,7 @@ class Problem:
 
     def values(self, place: Floats) -> dict[str, float]:
         """Parameters at a place, coordinates of shape (p,)."""
-        return {
-            unknown.name: unknown.value(float(each)) for unknown, each in zip(self.unknowns, place, strict=True)
-        }
+        return {unknown.name: unknown.value(float(each)) for unknown, each in zip(self.unknowns, place, strict=True)}
 
     def answers(self, place: Floats) -> Rows:
         """What the model says there, shape (n,): the kernel's answers, without what `KneeModel.run` checks and adds.
@@ -101,10 +99,10 @@ class Problem:
         given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
         try:
             model = replace(build_model(parameters, curves=self.texts), kernel=self.model.kernel, results=Results)
-            series: Results = model.run(given.time, given.angle, share * given.load, given.height)
+            series = model.run(given.time, given.angle, share * given.load, given.height)
         except ValueError as error:
             raise UsageError(f"{given.source}: {error}") from None
-        return series
+        return series.view(Results) if not isinstance(series, Results) else series
 
     def misfits(self, place: Floats) -> dict[str, Floats]:
         """Answers less measurements in their unit, of each column where it was measured.
@@ -130,8 +128,9 @@ class Problem:
         """Slopes of the residuals over the coordinates `which` (all of them by default), by central differences."""
         low, high = self.bounds
         columns = []
-        for index in range(len(place)) if which is None else which:
-            index, step, sides = int(index), float(self.steps[index]), []
+        for each in range(len(place)) if which is None else which:
+            index, sides = int(each), []
+            step = float(self.steps[index])
             for end in (max(place[index] - step, low[index]), min(place[index] + step, high[index])):
                 moved = place.copy()
                 moved[index] = end

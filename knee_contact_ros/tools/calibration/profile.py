@@ -58,7 +58,8 @@ def quantile(minimum: Minimum, level: float) -> float:
 def covariance(minimum: Minimum) -> Floats:
     """Of the estimates along straight lines, in coordinates, shape (p, p); infinite on the diagonal if singular."""
     slopes = minimum.problem.jacobian(minimum.place, minimum.noise)
-    return np.linalg.pinv(slopes.T @ slopes / minimum.calibration(), hermitian=True)
+    found: Floats = np.linalg.pinv(slopes.T @ slopes / minimum.calibration(), hermitian=True)
+    return found
 
 
 def intervals(
@@ -85,9 +86,7 @@ def intervals(
 class _Side:
     """The search for one end of an interval."""
 
-    def __init__(
-        self, minimum: Minimum, index: int, side: float, limit: float, spread: Floats, go_on: bool
-    ) -> None:
+    def __init__(self, minimum: Minimum, index: int, side: float, limit: float, spread: Floats, go_on: bool) -> None:
         self._go_on = go_on
         self._minimum, self._index, self._side = minimum, index, side
         self._limit = math.sqrt(limit)
