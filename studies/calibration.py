@@ -29,9 +29,11 @@ Floats = NDArray[np.float64]
 LEVEL = 0.95
 DOUBTFUL_PART = 0.25
 """Of the repetitions, where intervals are not meant to hold"""
-HEADER = ("case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
-          "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
-          "trade-off told", "time of a fit [s]")  # fmt: skip
+HEADER = (
+    "case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
+    "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
+    "trade-off told", "time of a fit [s]",
+)  # fmt: skip
 TEXT = """\
 Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known
 parameters, and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
@@ -16,15 +17,12 @@ from knee_contact_ros.tools.calibration.measured import ANSWERS
 def show_calibration(found: Calibration, output: Path) -> None:
     """Print the fitted values with their intervals, what is left of each column, the file, and warnings."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("parameter", "start", "fitted", f"{100.0 * found.level:g} % interval", "unit"):
-        number = heading in ("start", "fitted")
-        table.add_column(
-            heading, justify="right" if number else "left", no_wrap=heading == "parameter", overflow="fold"
-        )
+    for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"):
+        table.add_column(heading.replace("[", r"\["), justify="right" if heading in ("start", "fitted") else "left")
     for unknown in found.unknowns:
-        cells = (unknown.name, f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}",
-                 _interval(found, unknown.name), unknown.unit)  # fmt: skip
-        table.add_row(*map(shown, cells))
+        name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
+        numbers = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", _interval(found, unknown.name))
+        table.add_row(escape(name), *map(shown, numbers))
     Console(width=WIDTH).print(table, highlight=False)
     for name, misfit in found.rms.items():
         known = "noise given" if name in found.given else "noise found"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.tools.calibration.fit import Minimum
+from knee_contact_ros.tools.calibration.fit import Minimum, searched
 from knee_contact_ros.tools.calibration.profile import Interval, quantile
 
 Floats = NDArray[np.float64]
@@ -56,12 +56,19 @@ def _others(minimum: Minimum, level: float, deviations: Floats) -> list[str]:
     best = minimum.cost(minimum.place)
     limit = quantile(minimum, level)
     for place, _ in minimum.ends:
-        far = np.abs(place - minimum.place) > np.maximum(APART * deviations, AT_END)
-        if far.any() and 2.0 * minimum.calibration() * (minimum.cost(place) - best) < limit:
-            values = minimum.problem.values(place)
+        if not _far(place, minimum, deviations):
+            continue
+        there = searched(minimum.problem, minimum.loss, minimum.noise, place)  # else it may lie in the same valley
+        ratio = 2.0 * minimum.calibration() * (minimum.cost(there) - best)
+        if _far(there, minimum, deviations) and ratio < limit:
+            values = minimum.problem.values(there)
             return ["another fit is as good within the level: "
                     + ", ".join(f"{name} {value:.6g}" for name, value in values.items())]  # fmt: skip
     return []
+
+
+def _far(place: Floats, minimum: Minimum, deviations: Floats) -> bool:
+    return bool((np.abs(place - minimum.place) > np.maximum(APART * deviations, AT_END)).any())
 
 
 def _noise(minimum: Minimum) -> list[str]:
@@ -88,8 +95,8 @@ def _correlated(minimum: Minimum) -> list[str]:
         if r > CORRELATED and r * np.sqrt(len(misfit)) > SURE:
             factor = np.sqrt((1.0 + r) / (1.0 - min(r, 0.99)))
             told.append(
-                f"{name}: what is left is alike from sample to sample (correlation {r:.2f}), and no noise: the intervals "
-                f"are too narrow, some {factor:.1f} times or more"
+                f"{name}: what is left is alike from sample to sample (correlation {r:.2f}), and no noise: the "
+                f"intervals are too narrow, some {factor:.1f} times or more"
             )
     return told
 
