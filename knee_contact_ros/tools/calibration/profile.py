@@ -26,6 +26,8 @@ CLOSE = 1e-3
 """Part of a standard deviation to which an end is found"""
 BETTER = 1e-2
 """Likelihood ratio by which a place must be better than the best one to replace it"""
+NOTHING = 1e-9
+"""Part of the largest singular value that a direction which changes nothing counts as"""
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.1, 1e-9, 1.0
 """Where nothing is known of a deviation; and what a first step may be, in coordinates"""
 
@@ -56,10 +58,14 @@ def quantile(minimum: Minimum, level: float) -> float:
 
 
 def covariance(minimum: Minimum) -> Floats:
-    """Of the estimates along straight lines, in coordinates, shape (p, p); infinite on the diagonal if singular."""
+    """Of the estimates along straight lines, in coordinates, shape (p, p).
+
+    A direction that changes nothing has a variance that is as good as infinite.
+    """
     slopes = minimum.problem.jacobian(minimum.place, minimum.noise)
-    found: Floats = np.linalg.pinv(slopes.T @ slopes / minimum.calibration(), hermitian=True)
-    return found
+    _, singular, directions = np.linalg.svd(slopes, full_matrices=False)
+    told = np.maximum(singular, NOTHING * singular[0]) ** 2
+    return np.asarray(directions.T / told @ directions * minimum.calibration(), dtype=np.float64)
 
 
 def intervals(

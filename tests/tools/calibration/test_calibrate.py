@@ -129,6 +129,20 @@ def test_a_trade_off_is_told_and_how() -> None:
     assert any("never one of them alone" in warning for warning in wide.warnings)
 
 
+def test_what_the_law_itself_does_not_tell_apart_is_told_with_its_direction() -> None:
+    """The elastic foundation knows modulus over thickness alone (Johnson 1985, Sec. 4.3)."""
+    time, angle, load = inputs()
+    values = {"fidelity.level": "quasi_static", "contact.law": "elastic_foundation"}
+    depth = load_model(values).run(time[:40], angle[:40], load[:40]).penetration_depth
+    depth += 3e-6 * np.random.default_rng(11).standard_normal(40)
+    table = {"time": time[:40], "flexion_angle": angle[:40], "load": load[:40], "penetration_depth": depth}
+    free = ["contact.youngs_modulus", "contact.foundation_thickness"]
+    found = calibrate(table, values, free, with_intervals=False, starts=1, compiled=False)
+    (warning,) = (each for each in found.warnings if "trade off" in each)
+    assert "contact.youngs_modulus 10 % up with contact.foundation_thickness 10 % up leaves nearly the same" in warning
+    assert "cannot tell them apart" in warning
+
+
 def test_an_interval_without_an_end_is_told() -> None:
     slow = trial(8, noise=2e-5)
     found = fitted(slow, {"contact.stiffness": None, "contact.damping": (1.0, 20000.0)}, {"contact.damping": 4000.0})
