@@ -176,7 +176,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
 
 
 KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "alike from sample to sample",
-         "given": "times the noise given", "rough": "many dents", "open": "not bounded"}  # fmt: skip
+         "given": "times the noise given", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
 """Of warnings, by what they say"""
 
 

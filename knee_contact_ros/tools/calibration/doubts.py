@@ -28,7 +28,7 @@ def doubts(minimum: Minimum, found: Sequence[Interval] | None, level: float, dev
     """Of a fit with these intervals; `deviations` are those of the coordinates, shape (p,)."""
     return [
         *_at_ends(minimum), *_open(minimum, found), *_others(minimum, level, deviations), *_noise(minimum),
-        *_correlated(minimum), *_unusable(minimum),
+        *_correlated(minimum), *_unusable(minimum), *_leaps(minimum),
     ]  # fmt: skip
 
 
@@ -109,3 +109,18 @@ def _unusable(minimum: Minimum) -> list[str]:
         if count := int(np.count_nonzero(status & bit)):
             told.append(f"{count} of {len(status)} answers {what}")
     return told
+
+
+def _leaps(minimum: Minimum) -> list[str]:
+    """Landings under a law whose force leaps at touch, among samples of the force."""
+    forces = minimum.problem.measured.answers.get("contact_force")
+    if forces is None:
+        return []
+    answers = minimum.problem.predicted(minimum.place)
+    force, _, _ = minimum.problem.scene.modes.law.layers[0].formula.force_at(0.0, 1.0, 1.0)
+    apart = np.asarray(answers["gap"]) > 0.0
+    landings = int((apart[:-1] & ~apart[1:] & np.isfinite(forces[1:])).sum())
+    if force <= 0.0 or not landings:
+        return []
+    return [f"contact_force: it leaps at touch under this law, in {landings} landing(s), and a sample falls before or "
+            "after it: the misfit jumps, and the intervals are rough; leave these samples empty"]  # fmt: skip
