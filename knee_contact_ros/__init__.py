@@ -1,7 +1,8 @@
 """Live tibiofemoral contact from streamed gait.
 
 `load_model` gives the model, `solve` the answers to a recorded gait, `uncertainty` how far they may be off, `sweep`
-what many knees come to and `sensitivity` which parameter matters, all without ROS; docs/python.md shows them.
+what many knees come to, `sensitivity` which parameter matters, and `calibrate` parameters from what was measured, all
+without ROS; docs/python.md shows them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
 __version__ = "0.2.0"
-__all__ = ["Results", "UsageError", "load_model", "sensitivity", "solve", "sweep", "uncertainty"]
+__all__ = ["Results", "UsageError", "calibrate", "load_model", "sensitivity", "solve", "sweep", "uncertainty"]
 
 if TYPE_CHECKING:
     from knee_contact_ros.cohort.in_memory import sweep
@@ -22,11 +23,13 @@ if TYPE_CHECKING:
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.results import Results
     from knee_contact_ros.system.errors import UsageError
+    from knee_contact_ros.tools.calibration.in_memory import calibrate
     from knee_contact_ros.tools.sensitivity.in_memory import sensitivity
 
 _PLACES = {
     "Results": "results",
     "UsageError": "system.errors",
+    "calibrate": "tools.calibration.in_memory",
     "load_model": "parameters.build",
     "sensitivity": "tools.sensitivity.in_memory",
     "solve": "offline.in_memory",

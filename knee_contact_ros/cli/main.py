@@ -28,8 +28,8 @@ def knee_contact() -> None:
 
 for command in (
     live.demo, live.node, live.replay, offline.solve, offline.recover, look.view, look.report, prepare.import_opensim,
-    prepare.import_csv, prepare.align, prepare.fit_profile, prepare.fit_share, cohort.sweep, cohort.sensitivity,
-    measure.trade, measure.latency, warm.warm,
+    prepare.import_csv, prepare.align, prepare.fit_profile, prepare.fit_share, prepare.calibrate, cohort.sweep,
+    cohort.sensitivity, measure.trade, measure.latency, warm.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 

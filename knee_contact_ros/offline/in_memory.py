@@ -37,7 +37,7 @@ ARGUMENTS = (
     (r"--namespace '?([\w/]+)'?", r"namespace='\1'"),
     (r"-p ([\w.]+):=(\w+)", r"values={'\1': '\2'}"),
     (r"--overwrite\b", "overwrite=True"),
-    (r"--(params|remap|namespace|subject)\b", r"\1"),
+    (r"--(params|remap|namespace|subject|free|sigma)\b", r"\1"),
 )
 """What the command is told, and how it is told in Python"""
 

@@ -116,7 +116,7 @@ def contact_law(contact: ContactParameters) -> ContactModes:
 
 
 def untried_law(contact: ContactParameters) -> ContactModes:
-    """The same law without a look at the contract, which takes a hundred times as long as to make one."""
+    """The same without trying its contract, which takes a millisecond: for those who vary the numbers of one law."""
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
         constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}

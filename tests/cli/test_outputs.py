@@ -22,6 +22,7 @@ FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "
         ["demo", "--output", "typo/demo"],
         ["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"],
         [*FIT_SHARE, "--output", "typo/share.csv"],
+        ["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"],
         ["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"],
         ["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"],
         ["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"],

@@ -1,4 +1,4 @@
-"""Commands that make what the others take: import-opensim, import-csv, align, fit-profile, fit-share."""
+"""Commands that make what the others take: import-opensim, import-csv, align, fit-profile, fit-share, calibrate."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from typing import Any
 
 import click
 
+from knee_contact_ros.cli.calibrate_options import calibrate_options
 from knee_contact_ros.cli.options import (
+    found,
     opensim_results_options,
     opensim_run_options,
+    parameter_files,
+    parameter_values,
     sensor_map_option,
 )
 from knee_contact_ros.cli.output_option import Output
@@ -123,3 +127,27 @@ def fit_share(
     wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
     files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
     show_errors(run_fit_share(FitOptions(files, wanted, **rest)), rest["output"])
+
+
+@click.command()
+@click.argument("table", type=click.Path(path_type=Path), metavar="TABLE.csv")
+@parameter_files
+@parameter_values
+@calibrate_options
+def calibrate(
+    table: Path, parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...], without: bool, **rest: Any
+) -> None:
+    """Fit parameters to what was measured.
+
+    TABLE.csv has the columns time [s], flexion_angle [rad], load [N] (or axial_load, of which load.share is borne; with
+    drive displacement femoral_height [m]) and one or more measured ones: penetration_depth [m], contact_force [N],
+    gap [m]. Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them
+    as a parameter file for --params, to be given after the others.
+    """
+    from knee_contact_ros.cli.calibration_table import show_calibration
+    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.tools.calibration.run import CalibrateOptions, run_calibrate
+
+    values = parameters_of(parameter_values)
+    asked = CalibrateOptions(table, found(parameter_files), values, with_intervals=not without, **rest)
+    show_calibration(run_calibrate(asked), rest["output"])

@@ -1,0 +1,1 @@
+"""From measured depth, force or gap to the parameters of the model, with intervals."""

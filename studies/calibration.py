@@ -1,0 +1,239 @@
+"""How often a calibration's 95 % intervals hold the true values: made data, by a solver that is not the model.
+
+python -m studies.calibration [--repetitions N] [--output FILE]
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time as clock
+from collections import Counter
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+from scipy.stats import t as student
+
+from knee_contact_ros import calibrate
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.tools.calibration.in_memory import Calibration
+from knee_contact_ros.tools.calibration.measured import measured_from
+from knee_contact_ros.tools.calibration.problem import problem_of
+from knee_contact_ros.tools.calibration.unknowns import unknowns_of
+from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
+from studies.reference import LAWS, Knee, Solution, solve
+from studies.report import Section, machine, save
+
+Floats = NDArray[np.float64]
+LEVEL = 0.95
+DOUBTFUL_PART = 0.25
+"""Of the repetitions, where intervals are not meant to hold"""
+HEADER = (
+    "case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
+    "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
+    "for the same noise along straight lines",
+    "trade-off told", "time of a fit [s]",
+)  # fmt: skip
+TEXT = """\
+Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known
+parameters, and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts
+from values that are drawn up to a third off (an exponent up to 0.2), and does not know the noise unless the case says
+so. The range is where the true share lies with 95 % (Clopper-Pearson), for so many repetitions. Beside it stands how
+many intervals would hold the true value for the very same noise if the answers were straight lines in the parameters,
+where the theory is exact: a shortfall in both is chance."""
+DOUBTFUL_TEXT = """\
+The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what
+counts is whether it is told. Warned: how many fits came with the warning that is due (none is due for outliers)."""
+
+
+class Outcome(NamedTuple):
+    """Of all repetitions of a case, shape (repetitions, p) each."""
+
+    inside: NDArray[np.bool_]
+    estimates: Floats
+    widths: Floats
+    """Of the intervals, in parts of the true value"""
+    warnings: Counter[str]
+    seconds: float
+    """Of a fit"""
+
+
+def case_of(name: str) -> Case:
+    """A case by its name."""
+    return CASES[name] if name in CASES else DOUBTFUL[name]
+
+
+@functools.cache
+def truth(name: str) -> Solution:
+    """The reference's solution of a case.
+
+    Raises:
+        ValueError: it is not exact enough to be a truth.
+    """
+    case = case_of(name)
+    exact = solve(Knee(LAWS[case.law](**case.arguments), case.mass), *case.series)
+    if not np.nanmax(exact.depth_bound) < 1e-12 or np.isnan(exact.depth).any():
+        raise ValueError(f"{name}: the reference errs by {np.nanmax(exact.depth_bound):.1g} m")
+    return exact
+
+
+def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats]:
+    """A table of measurements with new noise."""
+    exact, (time, angle, load) = truth(name), case.series
+    table = {"time": time, "flexion_angle": angle}
+    if case.share is None:
+        table["load"] = load
+    else:
+        table["axial_load"] = load / case.share
+    if case.displacement:
+        table["femoral_height"] = exact.height
+    apart = exact.depth < 0.0
+    whole = {
+        DEPTH: np.where(apart, math.nan, exact.depth),
+        GAP: np.where(apart, -exact.depth, math.nan),
+        FORCE: exact.force,
+    }
+    for column, size in case.noise.items():
+        noise = random.standard_normal(len(time))
+        for place in range(1, len(time) if case.correlation else 0):  # of unit variance still
+            noise[place] = case.correlation * noise[place - 1] + math.sqrt(1 - case.correlation**2) * noise[place]
+        far = random.random(len(time)) < case.outliers
+        table[column] = whole[column] + size * np.where(far, 20.0 * random.standard_normal(len(time)), noise)
+    return table
+
+
+def fit(name: str, case: Case, repetition: int) -> Calibration:
+    """A fit to data of their own."""
+    random = np.random.default_rng((2026, sum(name.encode()), repetition))
+    table = made(name, case, random)
+    start = {each: _start(each, value, random) for each, value in case.free.items()}
+    told = {column: case.told * size for column, size in case.noise.items()} if case.told else None
+    return calibrate(
+        table, [case.parameters, start], list(case.free), sigma=told, loss=case.loss, level=LEVEL, starts=case.starts,
+        compiled=True,
+    )  # fmt: skip
+
+
+def _start(name: str, true: float, random: np.random.Generator) -> float:
+    off = random.uniform(-1.0, 1.0)
+    if name == "femur.radius":  # of a height that is prescribed: else nothing touches
+        return true + 2e-4 * off
+    return true + 0.2 * off if name.endswith("exponent") else true * math.exp(0.3 * off)
+
+
+def repetition(name: str, number: int) -> tuple[list[bool], list[float], list[float], set[str], float]:
+    """Of one fit: whether the intervals hold the truth, estimates, half widths, kinds of warnings, and time [s]."""
+    case = case_of(name)
+    began = clock.perf_counter()
+    found = fit(name, case, number)
+    took = clock.perf_counter() - began
+    both = [(found.intervals[each], true) for each, true in case.free.items()]
+    kinds = {kind for kind, words in KINDS.items() if any(words in warning for warning in found.warnings)}
+    return (
+        [one.low <= true <= one.high for one, true in both], [found.values[each] for each in case.free],
+        [0.5 * (one.high - one.low) / true for one, true in both], kinds, took,
+    )  # fmt: skip
+
+
+def outcome(name: str, repetitions: int, pool: Executor) -> Outcome:
+    """All repetitions of a case."""
+    every = list(pool.map(repetition, [name] * repetitions, range(repetitions)))
+    inside, estimates, widths, kinds, took = zip(*every, strict=True)
+    warnings = Counter(kind for each in kinds for kind in each)
+    return Outcome(np.array(inside), np.array(estimates), np.array(widths), warnings, float(np.median(took)))
+
+
+def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
+    """How many intervals would hold the truth for the same noise if answers were straight lines in the parameters.
+
+    It judges the draws and not the fits: beside it one sees which part of a shortfall is theirs.
+    """
+    case = case_of(name)
+    parameters, table = load_parameters([case.parameters]), made(name, case, np.random.default_rng(0))
+    measured = measured_from(table, parameters.drive)
+    problem = problem_of(parameters, measured, unknowns_of(list(case.free), parameters, measured), True)
+    problem = problem.with_steps_for(problem.start, case.noise)
+    slopes = problem.jacobian(problem.start, case.noise)
+    spread = np.linalg.inv(slopes.T @ slopes)
+    held = np.zeros(len(case.free), dtype=np.int64)
+    exact, freedom = truth(name), len(slopes) - len(spread)
+    for number in range(repetitions):
+        drawn = made(name, case, np.random.default_rng((2026, sum(name.encode()), number)))
+        whole = {DEPTH: exact.depth, GAP: -exact.depth, FORCE: exact.force}
+        noise = {each: (drawn[each] - whole[each])[np.isfinite(drawn[each])] for each in measured.answers}
+        off = problem.scaled(noise, case.noise)
+        error = spread @ (slopes.T @ off)
+        size = 1.0 if case.told else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
+        limit = student.ppf(0.5 + 0.5 * LEVEL, math.inf if case.told else freedom)
+        held += np.abs(error) <= limit * size * np.sqrt(np.diag(spread))
+    return held
+
+
+KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "alike from sample to sample",
+         "given": "times the noise given", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
+"""Of warnings, by what they say"""
+
+
+def rows(name: str, case: Case, found: Outcome, control: NDArray[np.int64] | None) -> list[list[str]]:
+    """A row for each parameter."""
+    table = []
+    number = len(found.inside)
+    for place, (parameter, true) in enumerate(case.free.items()):
+        held = int(found.inside[:, place].sum())
+        low, high = beta.ppf(0.025, held, number - held + 1), beta.ppf(0.975, held + 1, number - held)
+        spread = found.estimates[:, place].std(ddof=1)
+        bias = (found.estimates[:, place].mean() - true) / spread
+        low, high = 0.0 if math.isnan(low) else low, 1.0 if math.isnan(high) else high
+        first = place == 0
+        table.append([
+            name if first else "", case.measured if first else "", parameter, f"{true:.6g}",
+            f"{100.0 * np.median(found.widths[:, place]):.2g} %", f"{bias:+.2f}",
+            f"{100.0 * held / number:.1f} % ({held} of {number})", f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+            "-" if control is None else str(control[place]),
+            f"{found.warnings[case.expects or 'trade']} of {number}" if first else "",
+            f"{found.seconds:.2f}" if first else "",
+        ])  # fmt: skip
+    return table
+
+
+@click.command()
+@click.option("--repetitions", default=400, show_default=True)
+@click.option("--workers", default=2, show_default=True, help="Processes.")
+@click.option("--only", default="", help="Cases whose name has this.")
+@click.option("--output", default="docs/studies/calibration.md", show_default=True, type=click.Path(path_type=Path))
+def main(repetitions: int, workers: int, only: str, output: Path) -> None:
+    """Measure and write the tables."""
+    tables: list[list[list[str]]] = [[], []]
+    held: list[float] = []
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        for number, cases in enumerate((CASES, DOUBTFUL)):
+            for name, case in cases.items():
+                if only not in name:
+                    continue
+                count = round(case.part * repetitions * (DOUBTFUL_PART if number else 1.0))
+                found = outcome(name, count, pool)
+                control = None if number or case.outliers else along_straight_lines(name, count)
+                held += [] if number else found.inside.ravel().tolist()
+                tables[number] += rows(name, case, found, control)
+                for row in tables[number][-len(case.free) :]:
+                    click.echo(" | ".join(row), err=True)
+                write(output, repetitions, tables, held)
+
+
+def write(output: Path, repetitions: int, tables: list[list[list[str]]], held: list[float]) -> None:
+    """Write the page, as far as it is."""
+    told = f"{TEXT} In all, {100.0 * np.mean(held):.1f} % of {len(held)} intervals hold it."
+    doubtful = tuple("warned" if each == "trade-off told" else each for each in HEADER)
+    sections = [Section("", told, HEADER, tables[0])]
+    sections += [Section("Where they do not hold", DOUBTFUL_TEXT, doubtful, tables[1])] if tables[1] else []
+    save(output, "Calibration", f"python -m studies.calibration --repetitions {repetitions}", sections, machine())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""Made trials: what a knee with known parameters answers, with noise."""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros import load_model
+
+Floats = NDArray[np.float64]
+TRUE = {"contact.stiffness": 7.0e7, "contact.damping": 4000.0, "contact.exponent": 1.5}
+START = {"contact.stiffness": 9.0e7, "contact.damping": 6000.0}
+FINE = {"fidelity.tolerance": 1e-9, "fidelity.level": "dynamic"}
+NOISE = 3e-6
+"""[m]"""
+
+
+@functools.cache
+def inputs(least: float = 100.0, most: float = 1500.0) -> tuple[Floats, Floats, Floats]:
+    """Time [s], angle [rad] and load [N] of a second of pressing, quickly enough for the damping to count."""
+    time = np.arange(200) * 5e-3
+    part = 0.5 - 0.5 * np.cos(math.tau * 4.0 * time)
+    return time, 0.3 + 0.2 * np.sin(math.tau * time), least + (most - least) * part
+
+
+def answers(values: dict[str, Any] | None = None, **limits: float) -> Any:
+    """The true answers."""
+    return load_model({**TRUE, **FINE, **(values or {})}, compiled=True).run(*inputs(**limits))
+
+
+def trial(seed: int, noise: float = NOISE, values: dict[str, Any] | None = None, **limits: float) -> dict[str, Floats]:
+    """A table with the depth measured."""
+    time, angle, load = inputs(**limits)
+    depth = answers(values, **limits).penetration_depth + noise * np.random.default_rng(seed).standard_normal(len(time))
+    return {"time": time, "flexion_angle": angle, "load": load, "penetration_depth": depth}
+
+
+def written(path: Path, table: dict[str, Floats]) -> Path:
+    """Its file; what is not a number is an empty cell."""
+    rows = zip(*table.values(), strict=True)
+    lines = [",".join("" if math.isnan(cell) else repr(float(cell)) for cell in row) for row in rows]
+    path.write_text("\n".join(["# made", ",".join(table), *lines]) + "\n", encoding="utf-8")
+    return path
