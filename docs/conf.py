@@ -53,7 +53,7 @@ CONTENTS = {
     ],
     "Subjects": [
         "docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/sensors", "docs/fit-profile",
-        "docs/fit-share", "docs/uncertainty", "bags/README",
+        "docs/fit-share", "docs/uncertainty", "docs/cohorts", "bags/README",
     ],
     "Model": ["docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/validation", "docs/studies/README"],
     "API": ["docs/api/README", "docs/api/python", "docs/api/message", "docs/api/parameters", "docs/api/commands"],

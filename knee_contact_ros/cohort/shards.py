@@ -14,7 +14,7 @@ import os
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -210,10 +210,11 @@ class Shards:
         if not isinstance(self._files, LocalFileSystem):
             yield False
             return
-        with Path(self._folder, LOCK).open("w") as file:
+        with ExitStack() as opened:
             try:
+                file = opened.enter_context(Path(self._folder, LOCK).open("w"))
                 fcntl.flock(file, fcntl.LOCK_EX)
-            except OSError:  # a file system without locks
+            except OSError:  # read only, or a file system without locks
                 yield False
                 return
             yield True
