@@ -90,7 +90,9 @@ class Shards:
         try:
             names = self.names()
             whole = self.names(SERIES) if series else names
-        except OSError as error:
+        except ToldError:
+            raise
+        except Exception as error:  # a boundary, likewise
             raise self.told(error) from None
         return {key: name for name in names if name in whole for key in self._keys(name)}
 
