@@ -11,7 +11,8 @@ import knee_contact_ros
 
 
 def test_dir_names_what_is_public_and_all_of_it_is_there() -> None:
-    assert dir(knee_contact_ros) == ["Results", "UsageError", "__version__", "load_model", "solve", "sweep", "uncertainty"]
+    public = ["Results", "UsageError", "__version__", "load_model", "solve", "sweep", "uncertainty"]
+    assert dir(knee_contact_ros) == public
     assert all(getattr(knee_contact_ros, name) for name in dir(knee_contact_ros))
     with pytest.raises(AttributeError, match="no attribute 'load_modell'"):
         _ = knee_contact_ros.load_modell
