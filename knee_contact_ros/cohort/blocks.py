@@ -23,7 +23,7 @@ from knee_contact_ros.system.errors import UsageError
 
 TICKS_A_BLOCK = 400_000
 """Of a block of cases: some tenth of a second of a worker, ten times what a block costs by itself"""
-LEAST, PARTS = 8, 32
+LEAST, PARTS = 8, 16
 """Cases of a block at least, and into how many blocks a small study is divided"""
 BLOCKS_A_STRETCH = 16
 NAME_FILES = (".profile", ".table", ".share_file")

@@ -13,10 +13,10 @@ from typing import Any
 
 from dask import config
 from distributed import Client, LocalCluster, as_completed
+from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from knee_contact_ros.cohort.places import reason
-from knee_contact_ros.cohort.shards import Shards
 from knee_contact_ros.cohort.work import Block, Told, compute_block
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 from knee_contact_ros.system.terminal import warn
@@ -31,7 +31,8 @@ LOOK = 2.0
 """[s] after which the workers are counted again"""
 REST = "what is finished stays, and the rest is computed by the same command"
 LOGS = ("distributed", "tornado", "asyncio")
-QUIET: dict[str, Any] = {f"logging.{name}": "critical" for name in LOGS} | {
+GONE = f"the scheduler is gone; {REST}"
+QUIET: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
     f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
 }
 """Settings of our own cluster: it says nothing, and shows nobody a page"""
@@ -47,7 +48,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
     """
     with ExitStack() as opened:
         opened.enter_context(config.set(QUIET))
-        for name in LOGS:
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith(LOGS)]:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         if scheduler:
             yield opened.enter_context(_reached(scheduler))
@@ -100,7 +101,7 @@ def computed(client: Client, blocks: Iterable[Block]) -> Iterator[Told]:
         if time.monotonic() - looked > LOOK:
             wanted, looked = max(LEAST_WAITING, WAITING * _threads(client)), time.monotonic()
         while len(of_future) < wanted and (block := next(rest, None)):
-            future = client.submit(compute_block, block, pure=False, retries=0)
+            future = _submitted(client, block)
             of_future[future.key] = block
             running.add(future)
         if not of_future:
@@ -109,6 +110,13 @@ def computed(client: Client, blocks: Iterable[Block]) -> Iterator[Told]:
         block = of_future.pop(future.key)
         yield _result(future, block)
         future.release()
+
+
+def _submitted(client: Client, block: Block) -> Any:
+    try:
+        return client.submit(compute_block, block, pure=False, retries=0)
+    except Exception:  # a boundary: a client that has lost its scheduler says so in several ways
+        raise IncompleteError(GONE) from None
 
 
 def _threads(client: Client) -> int:
@@ -126,10 +134,8 @@ def _result(future: Any, block: Block) -> Told:
     except KilledWorker:
         where = f"{len(block.keys)} cases of bag {block.labels[0]}"
         raise IncompleteError(f"workers died again and again at {where}: of too little memory? {REST}") from None
-    except CancelledError:
-        raise IncompleteError(f"the scheduler is gone; {REST}") from None
-    except OSError as error:
-        raise Shards(block.aim.output).told(error) from None
+    except (CancelledError, CommClosedError):
+        raise IncompleteError(GONE) from None
     except Exception as error:  # a boundary: whatever a worker may lack or meet
         said = f"{type(error).__name__}: {reason(error)}"
         raise IncompleteError(f"bag {block.labels[0]}: a worker failed: {said}; {REST}") from None

@@ -14,7 +14,7 @@ import os
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -94,7 +94,9 @@ class Shards:
         try:
             names = self.names()
             whole = self.names(SERIES) if series else names
-        except OSError as error:
+        except ToldError:
+            raise
+        except Exception as error:  # a boundary, likewise
             raise self.told(error) from None
         return {key: name for name in names if name in whole for key in self._keys(name)}
 
@@ -235,10 +237,11 @@ class Shards:
         if not isinstance(self._files, LocalFileSystem):
             yield False
             return
-        with Path(self._folder, LOCK).open("w") as file:
+        with ExitStack() as opened:
             try:
+                file = opened.enter_context(Path(self._folder, LOCK).open("w"))
                 fcntl.flock(file, fcntl.LOCK_EX)
-            except OSError:  # a file system without locks
+            except OSError:  # read only, or a file system without locks
                 yield False
                 return
             yield True

@@ -78,7 +78,7 @@ def compute_block(block: Block) -> Told:
 
     Raises:
         UsageError: bag or folder cannot be used, or this is another version of the model.
-        OSError: it cannot be written.
+        IncompleteError: the disk is full.
     """
     aim, (bag, params) = block.aim, block.labels
     if aim.answers != what_answers():
@@ -93,7 +93,10 @@ def compute_block(block: Block) -> Told:
     cases = [dict(zip(block.names, row, strict=True)) for row in block.rows]
     computed = compute(knees, cases, series=aim.series, in_all=aim.cases)
     table = table_of(block.keys, bag, params, knees, cases, computed)
-    shards.write(table, series_of(block.keys, computed) if aim.series else None)
+    try:
+        shards.write(table, series_of(block.keys, computed) if aim.series else None)
+    except OSError as error:
+        raise shards.told(error) from None
     return Told(len(computed), sum(bool(one.failed) for one in computed), knees.recording.damage)
 
 

@@ -8,15 +8,17 @@ import pytest
 
 from tests.cohort.studies import Cluster
 
-pytest.importorskip("distributed", reason="the extra sweep is not installed")
+Client = pytest.importorskip("distributed", reason="the extra sweep is not installed").Client
 
 
 @pytest.fixture(scope="session")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """The workers run in another folder than the client: names relative to one mean nothing in the other."""
     cluster, elsewhere = Cluster(tmp_path_factory.mktemp("cluster")), tmp_path_factory.mktemp("elsewhere")
-    cluster.add_worker(elsewhere)
-    cluster.add_worker(elsewhere)
+    for _ in range(2):
+        cluster.add_worker(elsewhere)
+    with Client(cluster.address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
     yield cluster
     cluster.close()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.cohort.study import LARGEST, Study, read_study
@@ -19,6 +19,7 @@ VALUES = {"contact.damping": (0.0, 1e3, 2e3), "femur.mass": (1.0, 2.0, 3.0), "fi
 grids = st.dictionaries(st.sampled_from(NAMES), st.integers(1, 3), max_size=3)
 
 
+@settings(max_examples=30)
 @given(bags=st.integers(1, 3), knees=st.integers(1, 2), grid=grids, points=st.integers(0, 5))
 def test_every_case_stands_once_and_the_last_name_changes_soonest(
     bags: int, knees: int, grid: dict[str, int], points: int
@@ -45,6 +46,7 @@ def test_every_case_stands_once_and_the_last_name_changes_soonest(
 
 
 @pytest.mark.parametrize("method", ["sobol", "random"])
+@settings(max_examples=30)
 @given(few=st.integers(1, 40), more=st.integers(1, 40), seed=st.integers(0, 2**31))
 def test_a_sample_that_has_grown_begins_with_the_same_points(method: str, few: int, more: int, seed: int) -> None:
     def drawn(number: int) -> np.ndarray:
@@ -65,6 +67,7 @@ def test_a_latin_hypercube_has_a_point_in_every_part() -> None:
     assert sorted(np.floor((np.array(masses) - 1.0) * 50)) == list(range(50))
 
 
+@settings(max_examples=30)
 @given(start=st.floats(1e-6, 1e3), factor=st.floats(1.01, 1e6), number=st.integers(2, 30))
 def test_spaced_values_have_both_ends(start: float, factor: float, number: int) -> None:
     for scale in ("linear", "log"):
