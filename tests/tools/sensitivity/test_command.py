@@ -14,6 +14,7 @@ from distributed import LocalCluster
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cohort import engine
+from knee_contact_ros.cohort.work import Told
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.sensitivity.asked import read_asked
 from tests.helpers.bags import write_rosbag2
@@ -114,20 +115,19 @@ def test_a_larger_n_and_a_stopped_run_compute_only_what_is_missing(
     assert "64 cases: 32 computed, 32 were there" in capsys.readouterr().out
     at_once = (tmp_path / "out" / "indices.csv").read_bytes()
 
-    monkeypatch.setattr(engine, "MOST_A_BLOCK", 5)
     shutil.rmtree(tmp_path / "out")
-    finished = engine._finished
+    finished = engine.computed
 
-    def stopped(*asked: Any) -> Iterator[tuple[int, int]]:
+    def stopped(*asked: Any) -> Iterator[Told]:
         for number, one in enumerate(finished(*asked)):
             if number == 3:
                 raise KeyboardInterrupt
             yield one
 
-    monkeypatch.setattr(engine, "_finished", stopped)
+    monkeypatch.setattr(engine, "computed", stopped)
     assert run(tmp_path, study(short_bag, n=16), scheduler) == 130
     assert not (tmp_path / "out" / "indices.csv").exists()
-    monkeypatch.setattr(engine, "_finished", finished)
+    monkeypatch.setattr(engine, "computed", finished)
     capsys.readouterr()
     assert run(tmp_path, study(short_bag, n=16), scheduler) == 0
     computed = int(capsys.readouterr().out.split(" cases: ")[1].split(" computed")[0])
@@ -185,7 +185,7 @@ def test_the_example_can_be_read() -> None:
         ({"outcomes": ["peak_death"]}, "outcomes: peak_death is not allowed; one of peak_force, peak_depth"),
         ({"outcomes": []}, "outcomes: [] is not allowed; a list of some of"),
         ({"grid": {"contact.stiffness": [5e7]}}, "contact.stiffness is given twice"),
-        ({"bags": ["nowhere.mcap"]}, "no bag at nowhere.mcap: give an .mcap file"),
+        ({"bags": ["nowhere.mcap"]}, "bag nowhere.mcap: No such file or directory"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line(
