@@ -147,8 +147,7 @@ class Shards:
             UsageError: it is none.
         """
         try:
-            with self._files.open(f"{self._folder}/{name}", "rb") as file:
-                return pq.read_table(file, columns=list(columns))
+            return self._whole(name, columns)
         except FileNotFoundError:
             return None
         except Exception as error:  # a boundary: damaged files raise what they like
@@ -157,6 +156,14 @@ class Shards:
                 f"output {self.url}: {name} is damaged, or none of a study's results ({said}): move it away, and its "
                 "cases are computed again"
             ) from None
+
+    def _whole(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+        """A file's table, from its bytes.
+
+        Arrow's own threads would let go of a Python file after Python has ended, which aborts the process.
+        """
+        content = self._files.cat_file(f"{self._folder}/{name}")
+        return pq.read_table(pa.BufferReader(content), columns=list(columns) if columns else None)
 
     def holds(self, name: str, *, series: bool) -> bool:
         """Whether a file is there, or, with `series`, both."""
@@ -169,8 +176,7 @@ class Shards:
 
     def by_whom(self, name: str) -> tuple[bool, int]:
         """Whether this run has written a file, and how many of its cases failed."""
-        with self._files.open(f"{self._folder}/{name}", "rb") as file:
-            table = pq.read_table(file, columns=["failed"])
+        table = self._whole(name, ["failed"])
         ours = (table.schema.metadata or {}).get(RUN) == self._run.encode()
         return ours, sum(bool(reason) for reason in table["failed"].to_pylist())
 
@@ -227,8 +233,7 @@ class Shards:
         return kept
 
     def _only(self, folder: str, name: str, keys: list[str]) -> pa.Table:
-        with self._files.open(f"{self._folder}/{folder}{name}", "rb") as file:
-            table = pq.read_table(file)
+        table = self._whole(f"{folder}{name}")
         return table.filter(pc.is_in(table["case"], value_set=pa.array(keys, pa.string())))
 
     @contextmanager

@@ -5,6 +5,7 @@ How they are read and checked says `reading.py`; a value means the same to the n
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
@@ -166,7 +167,13 @@ class CommonContactParameters(Section):
 
 def constants_of(law: str) -> list[str]:
     """The parameters `contact.*` that a law asks for."""
-    return list(inspect.signature(CONTACT_LAWS[law]).parameters)
+    return list(_arguments(CONTACT_LAWS[law]))
+
+
+@functools.cache
+def _arguments(factory: Callable[..., Any]) -> tuple[str, ...]:
+    """To look at a signature takes as long as to make ten laws."""
+    return tuple(inspect.signature(factory).parameters)
 
 
 def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[CommonContactParameters]:
