@@ -263,7 +263,10 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
         drive = driven_on(drive, load_at(interval, interval.duration) / cosine, turn, interval.duration)
     touch, load = touch_at(interval, interval.duration), load_at(interval, interval.duration)
     near = min(max(run_state.depth, 0.0), scene.plausible_depth)
-    static = static_contact(law, touch, load, run_state.state.height, near, 0.0, ANSWER)
+    room = ANSWER
+    if scene.budget > 0:  # What bounds before this have taken is not there for the answer, which needs far less.
+        room = max(1, min(ANSWER, scene.budget - evaluations - (RESERVE - ANSWER)))
+    static = static_contact(law, touch, load, run_state.state.height, near, 0.0, room)
     adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
