@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
-from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
+from knee_contact_ros.cohort.outcomes import outcomes
 from knee_contact_ros.compiled.choice import telling_of, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.types import ROW, Rows, Status
@@ -153,6 +153,3 @@ def _run(sides: list[Side], columns: tuple[Floats, ...], answers: Rows, how: _Ho
         return
     for scene, load, own in zip(scenes, loads, answers, strict=True):
         ticks.run(scene, np.zeros(1, ticks.MEMORY), steps, angles, load, heights, own)
-
-
-__all__ = ["OF_A_RUN", "Computed", "compute"]

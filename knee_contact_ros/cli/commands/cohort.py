@@ -6,6 +6,15 @@ from pathlib import Path
 
 import click
 
+from knee_contact_ros.cli.options import together
+
+on_workers = together(
+    click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]"),
+    click.option(
+        "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
+    ),
+)
+
 
 @click.command()
 @click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.yaml")
@@ -13,10 +22,7 @@ import click
     "--output", required=True, metavar="DIR",
     help="Folder of the table, a Parquet dataset, here or as fsspec spells it. What is there is not computed again.",
 )  # fmt: skip
-@click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]")
-@click.option(
-    "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
-)
+@on_workers
 def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Compute many knees.
 
@@ -34,10 +40,7 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     "--output", required=True, metavar="DIR",
     help="Folder of page, pictures, indices.csv and cases. Cases that are there are not computed again.",
 )  # fmt: skip
-@click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]")
-@click.option(
-    "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
-)
+@on_workers
 def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Find out which parameters matter.
 
