@@ -24,8 +24,8 @@ class NetMoments(NamedTuple):
     compression: float
     """[N] of the knee along the tibia, without muscles"""
     frontal: float
-    """[N m] about the tibia's x axis, what the femur exerts on the tibia at the knee, without muscles; of z to the right,
-    for a right leg: a left one's sensors are mirrored to this, as its joint reaction is"""
+    """[N m] about the tibia's x axis, what the femur exerts on the tibia at the knee, without muscles; z to the right
+    is lateral: a left leg's sensors are mirrored to this, as its joint reaction is"""
 
 
 class Plane(NamedTuple):

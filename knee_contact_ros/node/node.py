@@ -29,7 +29,7 @@ from knee_contact_ros.node.health import at_most_every
 from knee_contact_ros.node.parameters import NodeParameters
 from knee_contact_ros.node.qos_overrides import given_by_user
 from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.reading import NODE_NAME, check_parameter_file
+from knee_contact_ros.parameters.reading import READING
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
@@ -83,7 +83,7 @@ class KneeContactNode(LifecycleNode):
             UsageError: a parameter is unknown or not allowed.
         """
         super().__init__(
-            NODE_NAME, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
+            READING.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
         )
         self.node_parameters = NodeParameters(self)
         self.session: Session | None = None
@@ -191,7 +191,7 @@ def run_node(arguments: list[str]) -> int:
     """
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
-            check_parameter_file(Path(path))
+            READING.check_file(Path(path))
     try:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it

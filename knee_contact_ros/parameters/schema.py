@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
@@ -20,17 +20,12 @@ from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, JOINT_STATES
 from knee_contact_ros.parameters.compartments import BOTH, COMPARTMENTS, SPLITS
 from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
+from knee_contact_ros.parameters.sections import Diagnostics, Pairing, Record, Section, frame_name, queue, queue_size
 
 
 def _off(value: object) -> object:
     """ROS 2 parameter files take a bare `off` for the truth value false (YAML 1.1)."""
     return "off" if value is False else value
-
-
-class Section(BaseModel):
-    """A group of parameters; names and types are strict, numbers finite."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Knee(Section):
@@ -72,35 +67,12 @@ class Load(Section):
         return self.split if self.compartment == BOTH else self.compartment
 
 
-def _frame_name(name: str) -> str:
-    if name.startswith("/") or name == "_isb":
-        raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
-    return name
-
-
 class Frame(Section):
     """Frames of the messages."""
 
-    tibia: Annotated[str, AfterValidator(_frame_name)] = Field(
+    tibia: Annotated[str, AfterValidator(frame_name)] = Field(
         "",
         description="tibia frame (x anterior, y superior, z right) that forces are turned into; empty: as they come",
-    )
-
-
-class Pairing(Section):
-    """How angle and force samples are brought together by their stamps."""
-
-    wait: float = Field(
-        0.1, ge=0.0, le=10.0, description="[s] how long a force waits for an angle at or after its stamp"
-    )
-    max_gap: float = Field(
-        0.1, gt=0.0, le=3600.0, description="[s] largest gap between stamps that is not flagged stale"
-    )
-    angle_delay: float = Field(
-        0.0, ge=-1.0, le=1.0, description="[s] by which the angles lag the forces: they are paired so much earlier"
-    )
-    queue: int = Field(
-        20_000, ge=100, le=10**7, description="samples of a stream that may wait for the other one, at most"
     )
 
 
@@ -217,52 +189,6 @@ class FidelityParameters(Section):
     )
 
 
-def _queue(answers: int) -> Any:
-    """Answers that may wait for an output's process."""
-    return Field(answers, ge=100, le=10_000_000, description="answers that may wait for its process")
-
-
-def _queue_size(size: float) -> Any:
-    """Memory that answers may take while they wait."""
-    return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
-
-
-class Diagnostics(Section):
-    """From when on `/diagnostics` finds fault with an input."""
-
-    angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] of the angles, below which it warns; 0: off")
-    angle_error_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] below which that is an error; 0: off")
-    force_warn_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] of the forces, below which it warns; 0: off")
-    force_error_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] below which that is an error; 0: off")
-    timeout: float = Field(1.0, gt=0.0, le=3600.0, description="[s] of silence, from which on an input is stale")
-
-
-# A section of an output names the module that describes it: see `sinks/protocol.py`.
-
-
-class Record(Section):
-    """Recording to MCAP."""
-
-    output: ClassVar[str] = "knee_contact_ros.bags.answer_recorder"
-
-    path: str = Field("", description="MCAP file to write, {stamp} in it: when; empty: none")
-    flush_period: float = Field(0.03, ge=0.001, le=60.0, description="[s] what a crash of the programs may lose")
-    sync_period: Annotated[float, OffOrAtLeast(0.05)] = Field(
-        1.0, le=3600.0, description="[s] what a power failure may lose; 0: off"
-    )
-    max_size: Annotated[float, OffOrAtLeast(0.1)] = Field(
-        0.0, le=1e9, description="[MB] of a file, from which on the recording goes on in a new one; 0: off"
-    )
-    max_duration: Annotated[float, OffOrAtLeast(1.0)] = Field(
-        0.0, le=1e9, description="[s] of stamps in a file, from which on the recording goes on in a new one; 0: off"
-    )
-    min_free: float = Field(
-        100.0, ge=0.0, le=1e9, description="[MB] that stay free on the disk: a recording ends before it takes them"
-    )
-    queue: int = _queue(30_000)
-    queue_size: float = _queue_size(100.0)
-
-
 class Rerun(Section):
     """The Rerun scene."""
 
@@ -276,8 +202,8 @@ class Rerun(Section):
     knees: str = Field(
         "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
     )
-    queue: int = _queue(20_000)
-    queue_size: float = _queue_size(64.0)
+    queue: int = queue(20_000)
+    queue_size: float = queue_size(64.0)
 
 
 class Parameters(Section):

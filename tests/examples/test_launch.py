@@ -13,7 +13,8 @@ from collections.abc import Iterator
 import pytest
 
 from knee_contact_ros.cli.main import knee_contact
-from knee_contact_ros.parameters.reading import NODE_NAME, STANDARD_PARAMETERS, known_parameters
+from knee_contact_ros.parameters.declared import STANDARD_PARAMETERS
+from knee_contact_ros.parameters.reading import READING, known_parameters
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 
 FOLDER = share_folder() / "launch"
@@ -192,7 +193,7 @@ def test_commands_have_the_options_they_are_given(name: str) -> None:
     nodes = [call for call in calls(tree, "Node") if text(keyword(call, "executable")) not in OTHERS]
     for call in nodes:  # which puts ROS arguments behind the command
         assert ast.literal_eval(keyword(call, "arguments")) == ["node"]
-        assert text(keyword(call, "name")) == NODE_NAME
+        assert text(keyword(call, "name")) == READING.node
     for call in [*nodes, *calls(tree, "ExecutableInPackage")]:
         assert ast.unparse(keyword(call, "package")) == "PACKAGE"
         assert text(keyword(call, "executable")) == "knee_contact"

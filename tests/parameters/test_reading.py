@@ -9,7 +9,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.parameters.reading import (
-    check_parameter_file,
+    READING,
     flat_parameters,
     known_parameters,
     load_parameters,
@@ -189,7 +189,7 @@ def test_a_name_means_a_file_here_or_one_of_the_packages_own(
 def test_files_for_other_nodes_are_none_of_the_nodes_business(tmp_path: Path) -> None:
     path = tmp_path / "other.yaml"
     path.write_text("other_node:\n  ros__parameters: {x: 1}")
-    check_parameter_file(path)
+    READING.check_file(path)
 
 
 def test_knees_may_share_a_file(tmp_path: Path) -> None:
@@ -198,13 +198,13 @@ def test_knees_may_share_a_file(tmp_path: Path) -> None:
     left = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n"
     right = "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n"
     path.write_text(left + right)
-    check_parameter_file(path)
+    READING.check_file(path)
     path.write_text(left + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n")
     with pytest.raises(UsageError, match=r"knees\.yaml: parameter tibia\.slope: 0\.1 is not allowed"):
-        check_parameter_file(path)
+        READING.check_file(path)
     path.write_text("/**:\n  ros__parameters: {tibia.slop: 0.1}\n")
     with pytest.raises(UsageError, match=r"knees\.yaml: unknown parameter tibia\.slop"):
-        check_parameter_file(path)
+        READING.check_file(path)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import psutil
 import pytest
 
-from knee_contact_ros.parameters.reading import NODE_NAME
+from knee_contact_ros.parameters.reading import READING
 from knee_contact_ros.system.resources import share_folder
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
@@ -38,7 +38,7 @@ def allowed_names() -> dict[str, set[str]]:
     """Full names that the policy allows, by rule."""
     names: dict[str, set[str]] = {rule: set() for rule in RULES}
     (profile,) = policy().iter("profile")
-    assert (profile.get("ns"), profile.get("node")) == ("/", NODE_NAME)
+    assert (profile.get("ns"), profile.get("node")) == ("/", READING.node)
     for group in profile:
         for rule, qualifier in group.attrib.items():
             assert rule in PRIVILEGES[group.tag]
@@ -47,7 +47,7 @@ def allowed_names() -> dict[str, set[str]]:
                 assert element.tag + "s" == group.tag
                 assert element.text not in names[rule]
                 names[rule].add(
-                    "/" + re.sub("^(~/|/)", lambda m: f"{NODE_NAME}/" if m[0] == "~/" else "", element.text)
+                    "/" + re.sub("^(~/|/)", lambda m: f"{READING.node}/" if m[0] == "~/" else "", element.text)
                 )
     return names
 
@@ -57,7 +57,7 @@ def offered_names(peer: Peer) -> dict[str, set[str]]:
     names: dict[str, set[str]] = {}
     for rule, kind in RULES.items():
         ask = getattr(peer.node, f"get_{kind}_names_and_types_by_node")
-        names[rule] = {name for name, _ in ask(NODE_NAME, "/")}
+        names[rule] = {name for name, _ in ask(READING.node, "/")}
     return names
 
 

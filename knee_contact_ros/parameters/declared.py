@@ -1,0 +1,229 @@
+"""The parameters of a node as they come: from ROS 2 parameter files and from mappings, by dotted names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from pydantic import ValidationError
+
+from knee_contact_ros.parameters.limits import Limits, limits_of
+from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.resources import parameter_file, shipped_parameter_files
+from knee_contact_ros.system.yaml_file import read_mapping
+
+ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
+LONGEST_VALUE = 80
+"""Characters of a value that an error shows"""
+STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
+"""Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
+P = TypeVar("P", bound=Section)
+
+
+class Declaration(NamedTuple):
+    """What is declared of a parameter."""
+
+    default: Any
+    description: str
+    limits: Limits
+
+
+def declared(section: type[Section], before: str = "") -> Iterator[tuple[str, Declaration]]:
+    """Every parameter of a section and of those in it by its dotted name."""
+    for name, field in section.model_fields.items():
+        if isinstance(field.default, Section):
+            yield from declared(type(field.default), f"{before}{name}.")
+        else:
+            yield before + name, Declaration(field.default, field.description or "", limits_of(field))
+
+
+def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested or dotted names to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= dotted(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def all_values(parameters: Section) -> dict[str, Any]:
+    """All values by their dotted names."""
+    return dotted(parameters.model_dump())
+
+
+def _same(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    return values
+
+
+@dataclass(frozen=True)
+class NodeReading(Generic[P]):
+    """How the parameters of one kind of node are read."""
+
+    node: str
+    """The node's name"""
+    schema: type[P]
+    check: Callable[[P, str], None]
+    """Refuses values that are allowed alone but not with each other, with a `UsageError` that begins with the text"""
+    completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = _same
+    """Dotted values that were given, and those that follow from them"""
+    told: Callable[[Mapping[str, Any]], Mapping[str, Any]] = _same
+    """The other way: all dotted values without those that follow"""
+    listed: Callable[[Mapping[str, Any]], list[str]] = list
+    """Names of parameters for a person"""
+
+    def known(self) -> dict[str, Declaration]:
+        """Every parameter by its dotted name."""
+        return dict(declared(self.schema))
+
+    def load(self, source: Any) -> P:
+        """Read parameters from a parameter file, a mapping, or several of these (the later one wins).
+
+        A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A
+        mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+
+        Raises:
+            UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
+        """
+        if isinstance(source, self.schema):
+            return source
+        parts = source if isinstance(source, Sequence) and not isinstance(source, str) else [source]
+        merged: dict[str, Any] = {}
+        for part in parts:
+            if not isinstance(part, (self.schema, Mapping, str, Path)) or part == "":
+                raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
+            if isinstance(part, self.schema):
+                merged |= self.flat(part)
+            elif isinstance(part, Mapping):
+                merged |= dotted(self._section(part, "the mapping"))
+            else:
+                merged |= self.set_in(part)
+        return self.validated(merged, "")
+
+    def flat(self, parameters: P) -> dict[str, Any]:
+        """All values by their dotted names, without those that follow from others."""
+        return dict(self.told(all_values(parameters)))
+
+    def set_in(self, name: str | Path) -> dict[str, Any]:
+        """What a parameter file sets, by dotted names; its own values are checked.
+
+        Raises:
+            UsageError: as `load`.
+        """
+        values = dotted(self._section(_read(name), str(name)))
+        self.validated(values, f"{name}: ")
+        return values
+
+    def check_file(self, path: Path) -> None:
+        """Check a file that ROS will read; sections of other nodes are none of our business.
+
+        Raises:
+            UsageError: as `load`.
+        """
+        sections = self._sections(read_mapping(path), str(path))
+        for_all = {
+            name: value
+            for key, section in sections.items() if not self._is_own(key)
+            for name, value in dotted(section).items()
+        }  # fmt: skip
+        own = [dotted(section) for key, section in sections.items() if self._is_own(key)]
+        for values in own or [{}]:  # nodes in several namespaces may share a file
+            self.validated(for_all | values, f"{path}: ")
+
+    def validated(self, values: Mapping[str, Any], where: str) -> P:
+        """Check dotted values, each alone and with each other; errors begin with `where`."""
+        return self.checked(self.nested(self.completed(values), where), where)
+
+    def nested(self, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+        """Dotted values by section and name; those that every node has are left out."""
+        known, nested = self.known(), dict[str, Any]()
+        for name, value in values.items():
+            if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
+                continue
+            if name not in known:
+                near = difflib.get_close_matches(short(name), known, n=1, cutoff=0.5)
+                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(self.listed(known))}"
+                raise UsageError(f"{where}unknown parameter {short(name)}; {hint}")
+            *sections, inner = name.split(".")
+            place = nested
+            for section in sections:
+                place = place.setdefault(section, {})
+            place[inner] = value
+        return nested
+
+    def made(self, nested: Mapping[str, Any], where: str) -> P:
+        """Parameters from values by section and name, each checked alone."""
+        try:
+            return self.schema.model_validate(nested)
+        except ValidationError as error:
+            raise UsageError(f"{where}parameter {first_error(error)}") from None
+
+    def checked(self, nested: Mapping[str, Any], where: str) -> P:
+        """The same, checked with each other, too."""
+        parameters = self.made(nested, where)
+        self.check(parameters, where)
+        return parameters
+
+    def _section(self, content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+        """Parameters of the node in a parameter file's content, or the content itself if it has no node names."""
+        ours = self._sections(content, name)
+        if ours:
+            merged: dict[str, Any] = {}
+            for section in ours.values():
+                merged |= dotted(section)
+            return merged
+        if any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
+            raise UsageError(f"{name}: no parameters for node {self.node}; found {short(', '.join(map(str, content)))}")
+        return content
+
+    def _sections(self, content: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
+        """The node's sections of a parameter file by their keys; wildcards first, so that its own section wins."""
+        ours = [
+            key
+            for key, value in content.items()
+            if isinstance(value, Mapping) and "ros__parameters" in value
+            and str(key).rsplit("/", 1)[-1] in (self.node, "*", "**")
+        ]  # fmt: skip
+        sections = {}
+        for key in sorted(ours, key=self._is_own):
+            section = content[key]["ros__parameters"] or {}
+            if not isinstance(section, Mapping):
+                raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {short(repr(section))}")
+            sections[key] = section
+        return sections
+
+    def _is_own(self, key: object) -> bool:
+        """Whether a section is for a node of this name, and not for every node."""
+        return str(key).endswith(self.node)
+
+
+def _read(name: str | Path) -> Mapping[str, Any]:
+    """The content of a parameter file."""
+    path = parameter_file(str(name))
+    if not path.exists() and path.name == str(name):
+        shipped = [path.stem for path in shipped_parameter_files()]
+        near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
+        reason = f"it is neither there nor one of the package's own ({', '.join(shipped)})"
+        reason += f"; did you mean {near[0]}?" if near else ""
+        raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
+    return read_mapping(path)
+
+
+def first_error(error: ValidationError) -> str:
+    """The first of what is wrong, in one line: name, value, and what is allowed."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] in ("missing", "extra_forbidden"):
+        return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
+    return f"{name}: {short(repr(first['input']))} is not allowed; {reason}"
+
+
+def short(text: str) -> str:
+    """A text that an error can show."""
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
