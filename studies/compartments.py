@@ -46,7 +46,7 @@ def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
     """Take the messages as a node does."""
     ticks = 0
     for state, force in zip(states, forces, strict=True):
-        for pairs in (pipeline.take_joint_state(state), pipeline.take_joint_reaction_force(force)):
+        for pairs in (pipeline.take_joint_state(state), pipeline.take_force(force)):
             for pair in pairs:
                 pipeline.answer(pair, pipeline.compute(pair))
                 ticks += 1

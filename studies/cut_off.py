@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.messages.topics import KNEE_CONTACT
-from knee_contact_ros.parameters.schema import Record
+from knee_contact_ros.parameters.sections import Record
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import Child, child_process
 from knee_contact_ros.system.ros_graph import private_graph

@@ -132,7 +132,7 @@ def paced(pipeline: Pipeline, outputs: Outputs, ticks: int, first: int) -> NDArr
         if ahead > 0.0:
             time.sleep(ahead)
         start = clock()
-        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
+        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_force(sample.force)
         for pair in pairs:
             message = pipeline.compute(pair)
             outputs.put(pipeline.answer(pair, message, clock() - start))
@@ -175,7 +175,7 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     for number, sample in enumerate(islice(samples(RATE, SECOND), ticks)):
         if number == first:
             begun = snapshot(os.getpid()).family[0].resident
-        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_joint_reaction_force(sample.force)
+        pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_force(sample.force)
         rows += [pipeline.answer(pair, pipeline.compute(pair)).row for pair in pairs]
         if len(rows) >= RATE // 2:  # what comes in the half second that a batch waits
             scene.show(np.frombuffer(b"".join(rows), ROW))

@@ -15,12 +15,10 @@ from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Limits,
 from knee_contact_ros.messages.answer import Ending, Record
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
-from knee_contact_ros.sinks.protocol import Job, Knee, Sink
+from knee_contact_ros.sinks.protocol import PROVENANCE, Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
 
-PROVENANCE = "knee_contact"
-"""Name of the metadata record that says how the answers come about (`provenance.py`)"""
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
 NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
@@ -31,14 +29,22 @@ class AnswerWriter:
     """Writes answers into a bag."""
 
     def __init__(
-        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES
-    ) -> None:
-        """`provenance` says how the answers come about; `names` the absolute name under which a topic is recorded."""
+        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES,
+        told_as: str = PROVENANCE,
+    ) -> None:  # fmt: skip
+        """A recording that begins.
+
+        Args:
+            bag: Where to write.
+            provenance: Says how the answers come about.
+            names: The absolute name under which a topic is recorded.
+            told_as: Name of the metadata record of the provenance.
+        """
         self.bag = bag
         self._names = names
         for topic, name in names.items():
             bag.add_topic(name, MESSAGE_TYPES[topic])
-        bag.add_metadata(PROVENANCE, dict(provenance))
+        bag.add_metadata(told_as, dict(provenance))
 
     def write(self, records: Sequence[Record]) -> None:
         """Write an answer's inputs and outputs, the outputs last; they are never split over two files."""
@@ -164,11 +170,13 @@ def sink_for(knee: Knee) -> Sink | None:
         return None
     limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
     settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
-    job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings))
+    job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as))
     return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False)
 
 
-def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings) -> Recorder:
+def open_output(
+    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
+) -> Recorder:
     """Open a recording for a sink's process, under the first free one of its names.
 
     It remarks on its name, and on recordings beside it that were cut off.
@@ -180,4 +188,4 @@ def open_output(path: Path, provenance: Mapping[str, str], names: Mapping[str, s
     bag = BagWriter(path, limits=settings.limits, go_on=True)
     remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
     remarks += map(cut_off, leftovers(path.parent, ".mcap"))
-    return Recorder(AnswerWriter(bag, provenance, names), settings, remarks)
+    return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)

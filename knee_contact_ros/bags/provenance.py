@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import knee_contact_ros.core
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.answer_recorder import PROVENANCE
 from knee_contact_ros.bags.bag_files import files_of, is_there
 from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.writer import CONTINUED
 from knee_contact_ros.parameters.curves import curve_files, read_curve, stored_texts
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.sinks.protocol import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import open_regular, sha256_of
 

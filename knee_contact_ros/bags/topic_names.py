@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, INPUTS
@@ -20,21 +20,21 @@ def absolute(name: str, namespace: str = "") -> str:
     return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
 
 
-def names_in_bag(remaps: Iterable[str] = (), namespace: str = "") -> Names:
-    """What `--remap FROM:=TO` and `--namespace` say: FROM is the node's topic, TO the bag's.
+def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS) -> Names:
+    """What `--remap FROM:=TO` and `--namespace` say: FROM is the node's topic, one of its `inputs`, TO the bag's.
 
     Raises:
         UsageError: a rule that is none, FROM is no input or given twice, or two inputs have one name.
     """
     if namespace and not namespace.strip("/"):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
-    names = {f"/{topic}": absolute(topic, namespace) for topic in (*INPUTS, DYNAMIC_JOINT_STATES)}
+    names = {f"/{topic}": absolute(topic, namespace) for topic in (*inputs, DYNAMIC_JOINT_STATES)}
     remapped = set()
     for rule in remaps:
         source, target = split(rule, "--remap")
         topic = absolute(source)
         if topic not in names:
-            raise UsageError(_unknown(rule, source, target))
+            raise UsageError(_unknown(rule, source, target, inputs))
         if topic in remapped:
             raise UsageError(f"--remap {rule!r}: {source} is remapped twice")
         remapped.add(topic)
@@ -44,8 +44,8 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "") -> Names:
     return names
 
 
-def _unknown(rule: str, source: str, target: str) -> str:
-    allowed = " or ".join(INPUTS)
-    if absolute(target).removeprefix("/") in INPUTS:
+def _unknown(rule: str, source: str, target: str, inputs: Sequence[str]) -> str:
+    allowed = " or ".join(inputs)
+    if absolute(target).removeprefix("/") in inputs:
         return f"--remap {rule!r}: the node's name comes first; say {target.removeprefix('/')}:={source}"
     return f"--remap {rule!r}: {source} is no input; FROM must be {allowed}, TO is the bag's topic"

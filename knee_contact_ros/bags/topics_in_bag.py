@@ -7,7 +7,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.stored_bag import Connection
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import INPUTS, MESSAGE_TYPES
+from knee_contact_ros.messages.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
 
@@ -41,8 +41,9 @@ def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_na
 def ways_out(connections: Sequence[Connection], topic: str) -> str:
     """What to type to get an input that is not there under its name, or what else the bag has."""
     there = {absolute(connection.topic): connection.type for connection in connections}
-    if topic.removeprefix("/") in INPUTS:
-        if spaces := namespaces(there):
+    inputs = next((all_ for all_ in (INPUTS, LOAD_INPUTS) if topic.removeprefix("/") in all_), ())
+    if inputs:
+        if spaces := namespaces(there, inputs):
             return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
         type_name = MESSAGE_TYPES[topic.removeprefix("/")]
         alike = sorted(name for name, type_there in there.items() if type_there == type_name)
@@ -51,12 +52,12 @@ def ways_out(connections: Sequence[Connection], topic: str) -> str:
     return f"its topics: {listed(sorted(there)) or 'none'}"
 
 
-def namespaces(there: Mapping[str, str]) -> list[str]:
+def namespaces(there: Mapping[str, str], inputs: Sequence[str]) -> list[str]:
     """Namespaces, without slashes at the ends, in which all inputs are with their types."""
-    first = f"/{INPUTS[0]}"
+    first = f"/{inputs[0]}"
     candidates = sorted(name.removesuffix(first).strip("/") for name in there if name.endswith(first))
     return [
         space
         for space in candidates
-        if space and all(there.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in INPUTS)
+        if space and all(there.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in inputs)
     ]

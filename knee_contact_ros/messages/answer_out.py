@@ -18,12 +18,12 @@ def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
     Raises:
         ValueError: the stamp is beyond what ROS can hold.
     """
-    return _header(stamp, frame_id) + row[MESSAGE]
+    return header(stamp, frame_id) + row[MESSAGE]
 
 
 def encode_answer_wrench(stamp: int, frame_id: str, row: bytes) -> bytes:
     """Bytes of the `WrenchStamped` that goes with it: the contact force on the tibia; likewise."""
-    return _header(stamp, frame_id) + row[WRENCH]
+    return header(stamp, frame_id) + row[WRENCH]
 
 
 def encode_answers(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
@@ -37,17 +37,21 @@ def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
 
 
 def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
-    header = _header(0, frame_id)
-    length = len(header) + part.stop - part.start
+    before = header(0, frame_id)
+    length = len(before) + part.stop - part.start
     times = np.dtype({"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length})
-    messages, data = filled(header + bytes(length - len(header)), times, len(stamps))
+    messages, data = filled(before + bytes(length - len(before)), times, len(stamps))
     messages["s"], messages["ns"] = np.divmod(stamps, SECOND)
-    data[:, len(header) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
+    data[:, len(before) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
     return data
 
 
-def _header(stamp: int, frame_id: str) -> bytes:
-    """Encapsulation, stamp and frame up to where numbers of 8 B begin."""
+def header(stamp: int, frame_id: str) -> bytes:
+    """Encapsulation, stamp [ns] and frame up to where numbers of 8 B begin.
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
     check_stamp(stamp)
     pack, frame = _packer(frame_id)
     return pack(HEADER, *divmod(stamp, SECOND), len(frame), frame)

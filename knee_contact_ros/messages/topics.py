@@ -4,6 +4,10 @@ from __future__ import annotations
 
 JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"
+GROUND_REACTION_FORCE = "ground_reaction_force"
+"""What the ground exerts on the foot; from it and the angles the load node estimates the joint reaction force"""
+LOAD_ESTIMATE = "load_estimate"
+"""Where that estimate comes from, and how sure it is"""
 KNEE_CONTACT = "knee_contact"
 KNEE_CONTACT_LATERAL = "knee_contact/lateral"
 """The answer of the lateral compartment, where both are modelled; `knee_contact` is the medial one's then"""
@@ -14,6 +18,8 @@ KNEE_CONTACT_MARKERS = "knee_contact/markers"
 MESSAGE_TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    GROUND_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    LOAD_ESTIMATE: "knee_contact_ros/msg/LoadEstimate",
     KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_LATERAL: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_WRENCH: "geometry_msgs/msg/WrenchStamped",
@@ -25,6 +31,9 @@ DYNAMIC_JOINT_STATES = "dynamic_joint_states"
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 """What ros2_control tells of its joints; the angles may come from there in place of `joint_states`"""
 INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
+LOAD_INPUTS = (JOINT_STATES, GROUND_REACTION_FORCE)
+LOAD_RECORDED = (*LOAD_INPUTS, JOINT_REACTION_FORCE, LOAD_ESTIMATE)
+"""Topics of the load node's recording"""
 RECORDED = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
 """Topics of a knee of one compartment"""
 

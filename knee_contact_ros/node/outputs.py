@@ -9,7 +9,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.answer_recorder import refuse
 from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
 from knee_contact_ros.sinks.protocol import Knee, Sink
 from knee_contact_ros.system.errors import UsageError
@@ -35,7 +35,10 @@ class Outputs:
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
-        described = [(sink_of(section, knee), queue_of(section, knee.parameters)) for section in sections_of_outputs()]
+        described = [
+            (sink_of(section, knee), queue_of(section, knee.parameters))
+            for section in sections_of_outputs(type(knee.parameters))
+        ]
         for sink, queue in described:  # begun when all can be
             if sink:
                 self._sinks[sink.title] = SinkProcess(sink, queue, tell)
@@ -125,9 +128,9 @@ class Outputs:
         return not any(sink.given_up for sink in sinks)
 
 
-def sections_of_outputs() -> list[str]:
-    """The sections of the parameters that name an output's module."""
-    return [name for name, field in Parameters.model_fields.items() if hasattr(field.annotation, "output")]
+def sections_of_outputs(schema: type[Section]) -> list[str]:
+    """The sections of a node's parameters that name an output's module."""
+    return [name for name, field in schema.model_fields.items() if hasattr(field.annotation, "output")]
 
 
 def sink_of(section: str, knee: Knee) -> Sink | None:
@@ -140,7 +143,7 @@ def sink_of(section: str, knee: Knee) -> Sink | None:
     return sink
 
 
-def queue_of(section: str, parameters: Parameters) -> Queue:
+def queue_of(section: str, parameters: Section) -> Queue:
     """What may wait for the output of a section."""
     asked = getattr(parameters, section)
     return Queue(asked.queue, asked.queue_size * MB, section)

@@ -226,7 +226,7 @@ class Session:
         self._on_joint_state(as_joint_state(data))
 
     def _on_force(self, data: bytes) -> None:
-        pairs = self.pipeline.take_joint_reaction_force(data, time.perf_counter())
+        pairs = self.pipeline.take_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.told()
             text = f"forces are turned from {note['from']} to {note['to']}"

@@ -25,17 +25,17 @@ from knee_contact_ros.system.terminal import warn
 class BagInputs:
     """A bag that is known to hold forces, and angles of one source."""
 
-    def __init__(self, bag: Path, source: str, names: Names) -> None:
+    def __init__(self, bag: Path, source: str, names: Names, force_topic: str = JOINT_REACTION_FORCE) -> None:
         """Open a bag; `source` is `knee.source`, `names` are those of the inputs in it.
 
         Raises:
             UsageError: as `BagReader`.
         """
         kind = {JOINT_STATES: MESSAGE_TYPES[JOINT_STATES], DYNAMIC_JOINT_STATES: DYNAMIC_JOINT_STATE}[source]
-        types = {f"/{source}": kind, f"/{JOINT_REACTION_FORCE}": MESSAGE_TYPES[JOINT_REACTION_FORCE]}
+        types = {f"/{source}": kind, f"/{force_topic}": MESSAGE_TYPES[force_topic]}
         self.path = bag
         self.reader = BagReader(bag, types, names)
-        self._source = source
+        self.source = source
 
     def __enter__(self) -> BagInputs:
         return self
@@ -49,7 +49,7 @@ class BagInputs:
 
     def angles(self) -> Iterator[RawMessage]:
         """Those with angles, likewise."""
-        return self._as_joint_states(self.reader.raw_messages((f"/{self._source}",)))
+        return self._as_joint_states(self.reader.raw_messages((f"/{self.source}",)))
 
     def _as_joint_states(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
         for message in messages:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.parameters.schema import Parameters
@@ -10,15 +12,22 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
 
 
-def check_joints(bag: BagInputs, parameters: Parameters) -> None:
-    """Look for the first sample with the joints that the parameters name; as a rule that is the first of the bag.
+def wanted_joints(parameters: Parameters) -> dict[str, str]:
+    """Joints that the contact node needs, by the parameters that name them."""
+    wanted = {"knee.joint_name": parameters.knee.joint_name}
+    if parameters.drive == "displacement":
+        wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
+    return wanted
+
+
+def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
+    """Look for the first sample with the joints that are wanted, by the parameters that name them.
+
+    As a rule that is the first of the bag.
 
     Raises:
         UsageError: no sample has one of them; lists the joints of the bag.
     """
-    wanted = {"knee.joint_name": parameters.knee.joint_name}
-    if parameters.drive == "displacement":
-        wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
     decoder = Decoder(deserialize)
     found: dict[str, None] = {}  # a set that keeps the order
     for message in bag.angles():
@@ -32,5 +41,5 @@ def check_joints(bag: BagInputs, parameters: Parameters) -> None:
     for parameter, joint in wanted.items():
         if found and joint not in found:
             known = listed(list(found))
-            text = f"{parameters.knee.source} has no joint {joint!r}; it has {known} (parameter {parameter})"
+            text = f"{bag.source} has no joint {joint!r}; it has {known} (parameter {parameter})"
             raise UsageError(f"bag {bag.path}: {text}")

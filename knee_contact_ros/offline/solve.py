@@ -22,7 +22,7 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, recorded_topics
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
 from knee_contact_ros.offline.history import Changes
-from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.offline.joints import check_joints, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.curves import curve_texts
@@ -74,7 +74,7 @@ def solve(
         reader = inputs.reader
         if output:
             refuse_input(bag, output)
-        check_joints(inputs, parameters)
+        check_joints(inputs, wanted_joints(parameters))
         pipeline = Pipeline(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
         pipeline.frame.is_known = isinstance(how, Provenance)
@@ -187,7 +187,7 @@ class Run:
     def _take_one(self, message: RawMessage) -> Iterator[Answer]:
         self._make_changes()
         ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
-        return (self._pipeline.joint_state if ours else self._pipeline.joint_reaction_force)(message.data)
+        return (self._pipeline.joint_state if ours else self._pipeline.force)(message.data)
 
     def _make_changes(self) -> None:
         for name, values in self._changes.make(self._pipeline):

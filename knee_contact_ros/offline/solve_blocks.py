@@ -191,7 +191,7 @@ def _hand_over(
         return angle_sample(message, knee, displacement, data, pipeline.synchroniser.angle_delay)
 
     def force(index: int) -> LoadSample:
-        message, data = pipeline.decoder.joint_reaction_force(forces[index])
+        message, data = pipeline.decoder.force(forces[index], JOINT_REACTION_FORCE)
         return load_sample(message, pipeline.by_moment, data=data)
 
     untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))

@@ -95,14 +95,14 @@ class NodeReading(Generic[P]):
         parts = source if isinstance(source, Sequence) and not isinstance(source, str) else [source]
         merged: dict[str, Any] = {}
         for part in parts:
-            if not isinstance(part, (self.schema, Mapping, str, Path)) or part == "":
-                raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
             if isinstance(part, self.schema):
                 merged |= self.flat(part)
             elif isinstance(part, Mapping):
                 merged |= dotted(self._section(part, "the mapping"))
-            else:
+            elif isinstance(part, (str, Path)) and part != "":
                 merged |= self.set_in(part)
+            else:
+                raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
         return self.validated(merged, "")
 
     def flat(self, parameters: P) -> dict[str, Any]:

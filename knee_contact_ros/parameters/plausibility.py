@@ -15,7 +15,8 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.statics import NO_LIMIT, static_depth
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters.schema import ContactParameters, Pairing, Parameters
+from knee_contact_ros.parameters.schema import ContactParameters, Parameters
+from knee_contact_ros.parameters.sections import Pairing
 
 GRAVITY = 9.80665
 LIGHTEST = 150.0

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from knee_contact_ros.parameters.reading import first_error, load_parameters
-from knee_contact_ros.parameters.schema import Section
+from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded, find_file
 from knee_contact_ros.system.yaml_file import read_mapping

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.messages.cdr import WrenchStamped, encode_wrench_stamped
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.messages.transforms import Transform
 from knee_contact_ros.pipeline.samples import RefusedSampleError
 from knee_contact_ros.system.printable import LONGEST, printable
@@ -96,9 +97,9 @@ def _pose(transform: Transform) -> Pose:
 class ForceFrame:
     """Takes forces in one frame, that of the first, and turns them if that is not the wanted one."""
 
-    def __init__(self, wanted: str = "") -> None:
-        """`wanted` is the name of the tibia frame, `frame.tibia`; empty: forces are taken to be in it as they come."""
-        self.wanted = wanted
+    def __init__(self, wanted: str = "", topic: str = JOINT_REACTION_FORCE) -> None:
+        """`wanted` is the name of the frame, as `frame.tibia`; empty: forces of `topic` are in it as they come."""
+        self.wanted, self._topic = wanted, topic
         self.is_known = False
         """Whether all forces are in the tibia frame for sure, as those of a recording are: nothing is checked then"""
         self.turn_note: dict[str, str] = {}
@@ -165,13 +166,13 @@ class ForceFrame:
         if self.goes_on(frame):
             return wrench, data
         if self._frame is not None and frame != self._frame:
-            text = f"joint_reaction_force is in frame {_short(frame)}, and was in {_short(self._frame)} before"
+            text = f"{self._topic} is in frame {_short(frame)}, and was in {_short(self._frame)} before"
             raise RefusedSampleError("frame_changed", text)
         pose = self._pose
         if pose is None:
             self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)
         if pose is None:
-            text = f"joint_reaction_force is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
+            text = f"{self._topic} is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
             raise RefusedSampleError("frame_unknown", text)
         turned = turned_wrench(wrench, pose, self.wanted)
         return turned, encode_wrench_stamped(turned)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.messages.answer import Answer, Ending, Record
+from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
 from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, VARYING, Rule, Split
@@ -18,11 +18,12 @@ from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.compartment import aside, compartments_of, summed_wrench
 from knee_contact_ros.pipeline.frames import ForceFrame
-from knee_contact_ros.pipeline.samples import Decoder, Deserialize, RefusedSampleError, angle_sample, load_sample
-from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample, Synchroniser
+from knee_contact_ros.pipeline.intake import Intake
+from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample, angle_sample, load_sample
+from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
 
 
-class Pipeline:
+class Pipeline(Intake):
     """Samples, pairing and model in one line."""
 
     def __init__(
@@ -34,18 +35,14 @@ class Pipeline:
         curves: Mapping[str, str] | None = None,
     ) -> None:
         """Build the model; see `build_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
+        frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
+        super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame, deserialize)
         self.parameters = parameters
         self._texts = curve_texts(parameters, {}) if curves is None else curves
         self.compartments = compartments_of(parameters, self._texts)
         """The only one, or medial and lateral"""
-        self.decoder = Decoder(deserialize)
-        self.frame = ForceFrame(parameters.frame.tibia)
-        self.synchroniser = Synchroniser(parameters.pairing)
         self.split = Split(parameters.body_weight)
         """What the compartment gets, where its share varies"""
-        self.ticks = 0
-        self.last_refusal = ""
-        self._pending: deque[PairedSample] = deque()  # what is being answered
         self._divide(parameters)
         if compiled:
             self.compile()
@@ -72,48 +69,14 @@ class Pipeline:
         """What makes no sense in the parameters, of either compartment."""
         return list(dict.fromkeys(told for each in self.compartments for told in each.doubts.about_parameters))
 
-    @property
-    def refused(self) -> int:
-        """Number of refused samples."""
-        return self.synchroniser.refused.total()
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """The flexion angle, and with the displacement drive the femoral height; see `samples.angle_sample`."""
+        knee, delay = self.parameters.knee, self.synchroniser.angle_delay
+        return angle_sample(message, knee, self.model.height_prescribed, data, delay)
 
-    def joint_state(self, data: bytes) -> Iterator[Answer]:
-        """Take the bytes of a JointState; give the answers that it makes possible."""
-        return self._answers(self.take_joint_state(data))
-
-    def joint_reaction_force(self, data: bytes) -> Iterator[Answer]:
-        """Take the bytes of a WrenchStamped on the tibia; give the answers that it makes possible."""
-        return self._answers(self.take_joint_reaction_force(data))
-
-    def finish(self) -> Iterator[Answer]:
-        """Answer all that came: there will be no more."""
-        return self._answers(self.synchroniser.finish())
-
-    def take_joint_state(self, data: bytes) -> list[PairedSample]:
-        """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
-        try:
-            message, written = self.decoder.joint_state(data)
-            knee, delay = self.parameters.knee, self.synchroniser.angle_delay
-            sample = angle_sample(message, knee, self.model.height_prescribed, written, delay)
-        except RefusedSampleError as refused:
-            return self._refuse(refused)
-        return self.synchroniser.push_angle(sample)
-
-    def take_joint_reaction_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
-        """Take the bytes of a WrenchStamped, `arrived` [s] by the caller's clock; give the ticks, likewise."""
-        try:
-            came, as_it_came = self.decoder.joint_reaction_force(data)
-            message, written = self.frame.turned(came, as_it_came)
-            sample = load_sample(message, self.by_moment, arrived, written)
-        except RefusedSampleError as refused:
-            return self._refuse(refused)
-        if self.frame.is_held:
-            return self.synchroniser.push_load(sample)
-        refused_before = self.refused
-        pairs = self.synchroniser.push_load(sample)
-        if self.refused == refused_before:  # what is refused tells of no frame
-            self.frame.hold(came.frame_id)
-        return pairs
+    def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """The joint reaction on the tibia; see `samples.load_sample`."""
+        return load_sample(message, self.by_moment, arrived, data)
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Compute a tick; give the answer of each compartment as the bytes of a `KneeContact`."""
@@ -158,19 +121,6 @@ class Pipeline:
         for compartment in lateral:
             compartment.retune(lateral_knee(parameters), aside(parameters))
 
-    def reset(self) -> None:
-        """Start anew from rest at the next tick, which says so (`TIME_RESET`), with forces in any frame."""
-        self.frame.forget()
-        if self._pending:
-            self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
-        else:
-            self.synchroniser.start_anew()
-
-    def ending(self) -> Ending:
-        """What a recording must hold beside the answers."""
-        inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
-        return Ending(inputs, dict(self.synchroniser.refused))
-
     def _divide(self, parameters: Parameters) -> None:
         """Have the compartment's load follow from the joint reaction as parameters say."""
         name = parameters.load.rule
@@ -178,14 +128,3 @@ class Pipeline:
         self.by_moment: Rule | None = self.rule if name in BY_MOMENT else None
         self.varies = name in VARYING
         self.beyond = self.rule.beyond if isinstance(self.rule, MeasuredShare) else None
-
-    def _refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
-        self.synchroniser.refuse(refused.reason)
-        self.last_refusal = str(refused)
-        return []
-
-    def _answers(self, pairs: Sequence[PairedSample]) -> Iterator[Answer]:
-        self._pending.extend(pairs)
-        while self._pending:
-            pair = self._pending.popleft()
-            yield self.answer(pair, self.compute(pair))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Coder, Content, JointState, WrenchStamped
 from knee_contact_ros.messages.ros_types import stamp_to_ns
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.messages.topics import JOINT_STATES
 from knee_contact_ros.parameters.compartments import Rule
 from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.system.printable import listed, printable
@@ -39,6 +39,8 @@ class AngleSample(NamedTuple):
     """[m] of the femoral reference point; None with the force drive"""
     delay: int = 0
     """[ns] `pairing.angle_delay`"""
+    others: tuple[float, ...] = ()
+    """What else the message tells of the leg's joints, [rad] or [N m]; as `joints_of_leg` orders it"""
 
     @property
     def came_at(self) -> int:
@@ -61,6 +63,8 @@ class LoadSample(NamedTuple):
     """The message it came in, likewise"""
     arrived: float = 0.0
     """When it came, by the caller's clock [s]"""
+    wrench: WrenchStamped | None = None
+    """All of it, where more counts than the axial force"""
 
 
 Deserialize = Callable[[bytes, str], Any]
@@ -83,13 +87,13 @@ class Decoder:
         """
         return JOINT_STATE.decode(data) or self._in_the_ordinary_way(data, JOINT_STATES, JOINT_STATE, joint_state_of)
 
-    def joint_reaction_force(self, data: bytes) -> tuple[WrenchStamped, bytes]:
-        """The content of a WrenchStamped, likewise.
+    def force(self, data: bytes, topic: str) -> tuple[WrenchStamped, bytes]:
+        """The content of a WrenchStamped of a topic, likewise.
 
         Raises:
             RefusedSampleError: the bytes are no such message.
         """
-        return WRENCH.decode(data) or self._in_the_ordinary_way(data, JOINT_REACTION_FORCE, WRENCH, wrench_of)
+        return WRENCH.decode(data) or self._in_the_ordinary_way(data, topic, WRENCH, wrench_of)
 
     def _in_the_ordinary_way(
         self, data: bytes, topic: str, coder: Coder[Content], content_of: Callable[[Any], Content]
@@ -100,7 +104,7 @@ class Decoder:
         except Exception as error:  # whatever broken bytes provoke in a deserializer
             text = f"{topic}: {len(data)} bytes are no message of its type ({' '.join(str(error).split())})"
             raise RefusedSampleError("undecodable", text) from None
-        _checked(content.stamp, topic)
+        checked_stamp(content.stamp, topic)
         return content, coder.encode(content)
 
 
@@ -132,29 +136,32 @@ def angle_sample(
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees; or the
             stamp is none.
     """
-    angle = knee.flexion_sign * _position(message, knee.joint_name) + knee.flexion_offset
+    angle = knee.flexion_sign * number_of(message, knee.joint_name, "position") + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
         raise RefusedSampleError("out_of_range", text)
-    height = _position(message, knee.height_joint_name) if height_prescribed else None
+    height = number_of(message, knee.height_joint_name, "position") if height_prescribed else None
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(_checked(message.stamp, "joint_states") - delay, angle, data, height, delay)
+    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, angle, data, height, delay)
 
 
-def _position(message: JointState, joint: str) -> float:
-    """Position of a joint in a JointState [rad or m]; raises RefusedSampleError if it has none that is finite."""
+def number_of(message: JointState, joint: str, quantity: str) -> float:
+    """Position [rad or m] or effort [N m] of a joint in a JointState.
+
+    Raises:
+        RefusedSampleError: it has none that is finite.
+    """
     if joint not in message.name:
         known = listed(message.name)
         raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
-    index = message.name.index(joint)
-    if index >= len(message.position):
-        raise RefusedSampleError("joint_missing", f"joint_states gives no position for joint {joint!r}")
-    position = message.position[index]
-    if not math.isfinite(position):
-        raise RefusedSampleError("not_finite", f"joint_states: position of joint {joint!r} is {position}")
-    return position
+    index, numbers = message.name.index(joint), message.position if quantity == "position" else message.effort
+    if index >= len(numbers):
+        raise RefusedSampleError("joint_missing", f"joint_states gives no {quantity} for joint {joint!r}")
+    if not math.isfinite(numbers[index]):
+        raise RefusedSampleError("not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}")
+    return numbers[index]
 
 
 def load_sample(
@@ -182,12 +189,16 @@ def load_sample(
         raise RefusedSampleError(
             "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
         )
-    stamp = _checked(message.stamp, "joint_reaction_force")
+    stamp = checked_stamp(message.stamp, "joint_reaction_force")
     return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived)
 
 
-def _checked(stamp: int, topic: str) -> int:
-    """A stamp [ns] that a recording can hold; raises RefusedSampleError if it is none."""
+def checked_stamp(stamp: int, topic: str) -> int:
+    """A stamp [ns] that a recording can hold.
+
+    Raises:
+        RefusedSampleError: it is none.
+    """
     if not 0 <= stamp <= LAST_STAMP:
         raise RefusedSampleError("bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns")
     return stamp

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.timeline import Timeline
 
@@ -34,6 +34,8 @@ class PairedSample(NamedTuple):
     """Bits of `Status`"""
     angles: tuple[AngleSample, ...]
     """Angle samples up to this stamp that no earlier pair has taken along"""
+    others: tuple[float, ...] = ()
+    """What else was told of the joints, there"""
 
 
 class Steady(NamedTuple):
@@ -231,7 +233,7 @@ class Synchroniser:
                 status |= STALE_INPUT
             self._last_pair = load.stamp
             taken = self._taken(max(load.stamp, pose.stamp))
-            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken))
+            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken, pose.others))
             self._flags = OK
         return pairs
 
@@ -271,4 +273,8 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
     height = before.height
     if height is not None and after.height is not None:
         height += part * (after.height - height)
-    return before._replace(stamp=stamp, angle=before.angle + part * (after.angle - before.angle), height=height)
+    angle = before.angle + part * (after.angle - before.angle)
+    if not before.others:
+        return before._replace(stamp=stamp, angle=angle, height=height)
+    others = tuple([old + part * (new - old) for old, new in zip(before.others, after.others, strict=True)])
+    return before._replace(stamp=stamp, angle=angle, height=height, others=others)

@@ -13,23 +13,29 @@ from knee_contact_ros.messages.answer import Ending
 
 if TYPE_CHECKING:
     from knee_contact_ros.core.model import KneeModel
-    from knee_contact_ros.parameters.schema import Parameters
 
 OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
 """States of a child: its output is open, could not be opened, stopped, is complete sooner than it was to be, is
 complete"""
 
 
+PROVENANCE = "knee_contact"
+"""Name of the metadata record that says how answers come about (`bags/provenance.py`)"""
+
+
 class Knee(NamedTuple):
     """What outputs are described from."""
 
-    parameters: Parameters
+    parameters: Any
+    """Of the node, with a section for each output"""
     models: Mapping[str, KneeModel]
     """Of each compartment, by the topic of its answers, the medial one first"""
     names: Mapping[str, str]
     """The absolute name under which each topic is recorded"""
     provenance: Mapping[str, str]
     """What recordings say of themselves"""
+    told_as: str = PROVENANCE
+    """Name of the metadata record that says it"""
 
 
 class Job(NamedTuple):

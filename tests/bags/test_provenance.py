@@ -146,7 +146,7 @@ def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_pla
     forces = [encode_wrench_stamped(WrenchStamped(i * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3)) for i in range(6)]
     first, second = (encode_joint_state(JointState(i * ms, "", ("knee",), (0.1,), (), ())) for i in (0, 4))
     assert not [*pipeline.joint_state(first)]
-    answers = [answer for force in forces[:5] for answer in pipeline.joint_reaction_force(force)]
+    answers = [answer for force in forces[:5] for answer in pipeline.force(force)]
     answers += itertools.islice(coming := pipeline.joint_state(second), 2)
     pipeline.reset()
     answers += coming
@@ -163,7 +163,7 @@ def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word
         for stamp in (*range(0, 1000, 5), *range(0, 1000, 5)):
             angle = encode_joint_state(JointState(stamp * ms, "", ("knee",), (0.1,), (), ()))
             force = encode_wrench_stamped(WrenchStamped(stamp * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3))
-            for answer in (*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)):
+            for answer in (*pipeline.joint_state(angle), *pipeline.force(force)):
                 writer.write(answer.records)
         for answer in pipeline.finish():
             writer.write(answer.records)

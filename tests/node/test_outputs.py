@@ -13,6 +13,7 @@ from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.node.outputs import queue_of, sections_of_outputs, sink_of
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Queue
 from knee_contact_ros.sinks.protocol import Knee
@@ -40,8 +41,8 @@ def settings(path: Path, **record: float) -> Settings:
 
 
 def test_every_output_is_described_by_the_module_that_its_section_names() -> None:
-    assert sections_of_outputs() == ["record", "rerun"]
-    assert [sink_of(section, described()) for section in sections_of_outputs()] == [None, None]
+    assert sections_of_outputs(Parameters) == ["record", "rerun"]
+    assert [sink_of(section, described()) for section in sections_of_outputs(Parameters)] == [None, None]
 
 
 def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_a_looped_bag_starts_again_from_rest(tmp_path: Path) -> None:
     pipeline = Pipeline(load_parameters({"contact.law": "kelvin_voigt"}), compiled=False)
     answers = []
     for topic, _, message in [*messages, *messages]:
-        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
+        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(message)
     first, again = list(rows_of(answers[:40])), list(rows_of(answers[40:]))
     assert len(again) == 40
     assert first[-1].penetration_rate > 0.0  # it was moving when the stamps jumped back

@@ -56,7 +56,7 @@ def one_by_one(pipeline: Pipeline, moment: float = 0.0) -> tuple[list[Answer], l
     """All answers, and the rows of each compartment."""
     answers = []
     for state, force in messages(moment):
-        answers += [*pipeline.joint_state(state), *pipeline.joint_reaction_force(force)]
+        answers += [*pipeline.joint_state(state), *pipeline.force(force)]
     answers += pipeline.finish()
     rows = np.frombuffer(b"".join(answer.row for answer in answers), ROW)
     number = len(pipeline.compartments)
@@ -142,7 +142,7 @@ def test_the_moment_that_splits_the_load_comes_out_again() -> None:
 def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
     many, pipeline = pipeline_of(values), pipeline_of(values)
     (state, force), *rest = messages()
-    first = [*many.joint_state(state), *many.joint_reaction_force(force)]
+    first = [*many.joint_state(state), *many.force(force)]
     taken = take(many, *zip(*rest, strict=True))
     assert taken is not None
     expected = [record for answer in one_by_one(pipeline)[0][len(first) :] for record in answer.records]
@@ -209,5 +209,5 @@ def test_a_load_that_no_knee_has_is_refused_on_either_side() -> None:
     states = list(messages())
     list(pipeline.joint_state(states[0][0]))
     force = encode_wrench_stamped(WrenchStamped(0, "tibia_r", (0.0, -10.0, 0.0), (6e4, 0.0, 0.0)))
-    assert list(pipeline.joint_reaction_force(force)) == []
+    assert list(pipeline.force(force)) == []
     assert pipeline.synchroniser.refused == {"out_of_range": 1}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.synchronise import PairedSample, Synchroniser
 

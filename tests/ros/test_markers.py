@@ -125,7 +125,7 @@ def test_nothing_is_made_unless_somebody_looks_and_then_once(
     topic = MarkerTopic(publisher, KneeMarkers([drawing_of(pipeline.model, "knee", 700.0)]))
     topic.publish()
     for name, _, data in raw_inputs(right_bag)[:60]:
-        take = pipeline.take_joint_state if name == "/joint_states" else pipeline.take_joint_reaction_force
+        take = pipeline.take_joint_state if name == "/joint_states" else pipeline.take_force
         for pair in take(data):
             topic.newest = (pair.load, pipeline.answer(pair, pipeline.compute(pair)).row)
             topic.publish()

@@ -220,12 +220,12 @@ def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
         inputs.append((encode_joint_state(angle), encode_wrench_stamped(force)))
     waiting: list[Answer] = []
     for angle, force in inputs[:100]:  # what the first ones bring about stays
-        waiting += [*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)]
+        waiting += [*pipeline.joint_state(angle), *pipeline.force(force)]
     waiting.clear()
     tracemalloc.start()
     try:
         for angle, force in inputs[100:]:
-            waiting += [*pipeline.joint_state(angle), *pipeline.joint_reaction_force(force)]
+            waiting += [*pipeline.joint_state(angle), *pipeline.force(force)]
         taken, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

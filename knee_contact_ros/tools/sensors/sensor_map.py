@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from knee_contact_ros.parameters.limits import OneOf
 from knee_contact_ros.parameters.reading import first_error
-from knee_contact_ros.parameters.schema import Section
+from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 

@@ -1,0 +1,31 @@
+"""What a recording of estimated joint reactions says of itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from knee_contact_ros import __version__
+from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest
+from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+
+LOAD_PROVENANCE = "knee_load"
+"""Name of the metadata record; by that of a contact node it would be computed again as one"""
+
+
+def load_provenance_record(
+    parameters: LoadParameters, source: Path | None = None, ticks_before: int = 0
+) -> dict[str, str]:
+    """Content of the metadata record; nothing in it depends on where or when it is written.
+
+    `source` is the bag that the inputs come from, if they do; `ticks_before` are those of the node before it began.
+    """
+    values = LOAD_READING.flat(parameters)
+    kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
+    record = {
+        "package": f"knee_contact_ros {__version__}",
+        "level": parameters.chosen_level,
+        "parameters": json.dumps(kept, indent=0),
+        "ticks_before": str(ticks_before),
+    }
+    return record | ({"source": source.name, "source_sha256": bag_digest(source)} if source else {})

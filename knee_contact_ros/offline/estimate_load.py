@@ -1,0 +1,121 @@
+"""`knee-contact estimate-load`: a bag of a leg's sensors to joint reaction forces, without ROS."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.bags.answer_recorder import AnswerWriter
+from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
+from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
+from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
+from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
+from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.offline.solve import SOURCE_DAMAGE
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
+from knee_contact_ros.system.errors import UsageError
+
+FEWEST_BETWEEN_NEWS = 1000
+"""Messages from one call of `advance` to the next"""
+
+
+@dataclass
+class LoadSummary:
+    """What there is to say of a bag's joint reactions."""
+
+    level: str
+    calibrated: bool
+    stamps: list[int] = field(default_factory=list)
+    """[ns]"""
+    estimates: list[Estimate] = field(default_factory=list)
+    refused: Counter[str] = field(default_factory=Counter)
+    """Samples by reason"""
+    damage: list[str] = field(default_factory=list)
+    """What is wrong with the bag"""
+
+    @property
+    def axial(self) -> NDArray[np.float64]:
+        """[N], shape (n,)."""
+        return np.array([estimate.axial_force for estimate in self.estimates])
+
+    @property
+    def flagged(self) -> Counter[str]:
+        """Estimates by the names of their status bits."""
+        names = (bit.name or "" for each in self.estimates if each.status for bit in Status if each.status & bit)
+        return Counter(names)
+
+
+def estimate_load(
+    bag: Path, parameters: LoadParameters, output: Path | None, advance: Callable[[int, int], None],
+    overwrite: bool = False, names: Names = OWN_NAMES,
+) -> LoadSummary:  # fmt: skip
+    """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
+
+    The messages are those that the node would publish, bit for bit. `advance` is called now and then with the number of
+    messages done and in all; `names` are those of the inputs in the bag.
+
+    Raises:
+        UsageError: the bag or the output cannot be used, or nothing could be estimated. `output` is then not there.
+    """
+    with ExitStack() as opened:
+        inputs = opened.enter_context(BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE))
+        if output:
+            refuse_input(bag, output)
+        check_joints(inputs, named_joints(parameters))
+        pipeline = LoadPipeline(parameters)
+        if parameters.frame.ground:
+            learn_transforms(bag, pipeline.frame)
+        recorder = None
+        if output:
+            writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
+            topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
+            recorder = AnswerWriter(writer, load_provenance_record(parameters, bag), topics, LOAD_PROVENANCE)
+        summary = LoadSummary(pipeline.level, parameters.calibrated)
+        for number, message in enumerate(inputs.messages(), start=1):
+            take = pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
+            _keep(take(message.data), pipeline, recorder, summary)
+            if number % FEWEST_BETWEEN_NEWS == 0:
+                advance(number, inputs.reader.count)
+        _keep(pipeline.finish(), pipeline, recorder, summary)
+        advance(inputs.reader.count, inputs.reader.count)
+        summary.refused, summary.damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
+        if recorder:
+            recorder.finish(pipeline.ending())
+            if summary.damage:
+                faults = {"source": bag.name, "faults": "\n".join(summary.damage)}
+                recorder.bag.add_metadata(SOURCE_DAMAGE, faults)
+        if not summary.estimates:
+            reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
+            told = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
+            why = f"({reasons}; {pipeline.last_refusal})" if reasons else "(no angle and force at one time)"
+            raise UsageError(f"bag {bag}: no joint reaction could be estimated {why}{told}")
+    return summary
+
+
+def named_joints(parameters: LoadParameters) -> dict[str, str]:
+    """Joints that the parameters name, by these parameters."""
+    joints = {"knee": parameters.knee, "ankle": parameters.ankle, "hip": parameters.hip}
+    return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
+
+
+def _keep(
+    answers: Iterable[Answer], pipeline: LoadPipeline, recorder: AnswerWriter | None, summary: LoadSummary
+) -> None:
+    for answer in answers:
+        if recorder:
+            recorder.write(answer.records)
+        assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
+        summary.stamps.append(answer.records[-1][1])
+        summary.estimates.append(pipeline.estimate)

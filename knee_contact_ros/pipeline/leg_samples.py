@@ -1,0 +1,100 @@
+"""Messages to samples of a leg's sensors: the one place where its joints' names and signs, and axes, are applied."""
+
+from __future__ import annotations
+
+import math
+
+from knee_contact_ros.core.model import LARGEST_ANGLE
+from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints, Vector
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped
+from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE
+from knee_contact_ros.parameters.load_schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
+from knee_contact_ros.pipeline.samples import AngleSample, LoadSample, RefusedSampleError, checked_stamp, number_of
+
+LARGEST_TORQUE = 1e5
+"""[N m] of an actuator, or of the ground, beyond all legs"""
+
+
+def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, delay: int) -> AngleSample:
+    """Angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
+
+    Raises:
+        RefusedSampleError: a joint that the parameters name is missing, has no position, or no effort where it is
+            assisted, or its value is not finite or beyond all legs; or the stamp is none.
+    """
+    knee, ankle = parameters.knee, parameters.ankle
+    flexion = _angle(message, knee)
+    others = (
+        _angle(message, parameters.hip), _angle(message, ankle), -_torque(message, knee), -_torque(message, ankle),
+    )  # fmt: skip
+    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, flexion, data, None, delay, others)
+
+
+def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
+    """The joints of an `AngleSample` by `leg_sample`."""
+    return Joints(flexion, *others)
+
+
+def _angle(message: JointState, joint: MeasuredJoint) -> float:
+    """Angle [rad] of a joint; not a number if it is not measured."""
+    if not joint.joint_name:
+        return UNKNOWN
+    angle = joint.sign * number_of(message, joint.joint_name, "position") + joint.offset
+    if abs(angle) > LARGEST_ANGLE:
+        text = f"joint_states: angle of joint {joint.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return angle
+
+
+def _torque(message: JointState, joint: ActuatedJoint) -> float:
+    """Torque [N m] of a joint's actuator in the sense of its angle; 0 if there is none."""
+    if not joint.assisted:
+        return 0.0
+    torque = joint.sign * number_of(message, joint.joint_name, "effort")
+    if abs(torque) > LARGEST_TORQUE:
+        text = f"joint_states: effort of joint {joint.joint_name!r} is {torque:g} N m, beyond {LARGEST_TORQUE:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return torque
+
+
+def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float) -> LoadSample:
+    """What the ground exerts on the foot, from a WrenchStamped; `data` and `arrived` as for `load_sample`.
+
+    Raises:
+        RefusedSampleError: a component that counts is not finite or beyond all legs, or the stamp is none.
+    """
+    full = parameters.components == "full"
+    counting = (*message.force, *message.torque) if full else (message.force[1],)
+    if not all(map(math.isfinite, counting)):
+        what = "force and torque" if full else "force.y"
+        told = ", ".join(f"{number:g}" for number in counting)
+        raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {told}")
+    if max(map(abs, counting)) > LARGEST_TORQUE:
+        told = f"{max(counting, key=abs):g} N or N m"
+        raise RefusedSampleError("out_of_range", f"{GROUND_REACTION_FORCE}: {told}, beyond {LARGEST_TORQUE:g}")
+    stamp = checked_stamp(message.stamp, GROUND_REACTION_FORCE)
+    return LoadSample(stamp, message.force[1], UNKNOWN, message.frame_id, data, arrived, message)
+
+
+def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, inclination: float) -> Ground:
+    """A wrench about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
+
+    A sensor that turns with the foot is taken to stand upright where the ankle is not measured.
+    """
+    if parameters.components == "vertical":
+        return Ground((0.0, wrench.force[1], 0.0), (UNKNOWN, UNKNOWN, UNKNOWN))
+    (force_x, force_y, force_z), (about_x, about_y, about_z) = wrench.force, wrench.torque
+    at_x, at_y = parameters.ankle_x, parameters.ankle_y
+    force = (force_x, force_y, force_z)
+    about = (about_x - at_y * force_z, about_y + at_x * force_z, about_z - at_x * force_y + at_y * force_x)
+    turn = inclination + joints.ankle
+    if parameters.axes == "ground" or not math.isfinite(turn):
+        return Ground(force, about)
+    return Ground(_turned(force, turn), _turned(about, turn))
+
+
+def _turned(vector: Vector, angle: float) -> Vector:
+    """A vector by an angle [rad] about z."""
+    x, y, z = vector
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y, z
