@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.cli.commands import cohort, live, look, measure, offline, prepare, warm
+from knee_contact_ros.cli.commands import cohort, live, load, look, measure, offline, prepare, warm
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.printable import printable
 
@@ -27,7 +27,8 @@ def knee_contact() -> None:
 
 
 for command in (
-    live.demo, live.node, live.replay, offline.solve, offline.recover, look.view, look.report, prepare.import_opensim,
+    live.demo, live.node, load.load, load.estimate_load, live.replay, offline.solve, offline.recover, look.view,
+    look.report, prepare.import_opensim,
     prepare.import_csv, prepare.align, prepare.fit_profile, prepare.fit_share, prepare.calibrate, cohort.sweep,
     cohort.sensitivity, measure.trade, measure.latency, warm.warm,
 ):  # fmt: skip

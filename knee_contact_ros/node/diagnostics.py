@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,11 +152,15 @@ class LagMeter:
 class TickMeter:
     """Ticks, their times and their flags."""
 
+    names: type[IntEnum] = Fidelity
+    """Of the levels"""
+    what: str = "fidelity"
+    """What these are called"""
     ticks: int = 0
     missed: int = 0
     """Answers that came later than the deadline"""
     flagged: Counter[str] = field(default_factory=Counter)
-    fidelities: list[int] = field(default_factory=lambda: [0] * len(Fidelity))
+    levels: Counter[int] = field(default_factory=Counter)
     """Ticks by level"""
     durations: list[float] = field(default_factory=list)
     """Of the ticks since the last report [s]"""
@@ -170,12 +175,12 @@ class TickMeter:
     unusable_told: int = 0
     """Those of them that were reported"""
 
-    def count(self, fidelity: int, status: int, duration: float, late: bool) -> None:
+    def count(self, level: int, status: int, duration: float, late: bool) -> None:
         """Note an answer's level and status, the time it took [s], and whether it has missed its deadline."""
         self.ticks += 1
         self.missed += late
         self.durations.append(duration)
-        self.fidelities[fidelity] += 1
+        self.levels[level] += 1
         self.status, self.last = status, time.monotonic()
         if status:
             self.unusable += status & UNUSABLE != 0
@@ -203,19 +208,19 @@ class TickMeter:
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
-        for level, count in zip(Fidelity, self.fidelities, strict=True):
-            if count:
-                values[f"fidelity {level.name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
+        for level in self.names:
+            if count := self.levels[level]:
+                values[f"{self.what} {level.name}"] = f"{count} ({100.0 * count / self.ticks:.1f} %)"
         return values | {f"status {name}": str(count) for name, count in self.flagged.items()}
 
 
 class PairingMeter:
     """What has gone wrong with the stamps since the last report."""
 
-    def __init__(self, max_gap: float) -> None:
-        """`max_gap` [s] as in the parameters."""
-        self._max_gap = max_gap
-        self._jumps = {JOINT_STATES: 0, JOINT_REACTION_FORCE: 0}
+    def __init__(self, max_gap: float, force_topic: str = JOINT_REACTION_FORCE) -> None:
+        """`max_gap` [s] as in the parameters; `force_topic` is that of the forces."""
+        self._max_gap, self._force_topic = max_gap, force_topic
+        self._jumps = {JOINT_STATES: 0, force_topic: 0}
         self._refused = 0
         self._unrecorded = 0
 
@@ -227,7 +232,7 @@ class PairingMeter:
             "queue [%]": f"{100.0 * fill:.0f}",
             "angles not recorded": str(synchroniser.unrecorded),
             "jumps of joint_states": str(synchroniser.angle_time.jumps),
-            "jumps of joint_reaction_force": str(synchroniser.load_time.jumps),
+            f"jumps of {self._force_topic}": str(synchroniser.load_time.jumps),
         }
         if lead is not None:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
@@ -239,7 +244,7 @@ class PairingMeter:
     def _problems(self, synchroniser: Synchroniser, lead: float | None, fill: float) -> Iterator[str]:
         if (more := synchroniser.unrecorded - self._unrecorded) > 0:
             yield f"{more} angles are not recorded: more than pairing.queue came without a force"
-        for topic, time_ in ((JOINT_STATES, synchroniser.angle_time), (JOINT_REACTION_FORCE, synchroniser.load_time)):
+        for topic, time_ in ((JOINT_STATES, synchroniser.angle_time), (self._force_topic, synchroniser.load_time)):
             if time_.jumps > self._jumps[topic]:
                 yield f"stamps of {topic} have jumped"
             self._jumps[topic] = time_.jumps
@@ -248,7 +253,7 @@ class PairingMeter:
             yield f"{refused - self._refused} stamps fit neither the sample before nor the other topic"
         self._refused = refused
         if lead is not None and abs(lead) > self._max_gap:
-            first, second = (JOINT_STATES, JOINT_REACTION_FORCE)[:: 1 if lead > 0 else -1]
+            first, second = (JOINT_STATES, self._force_topic)[:: 1 if lead > 0 else -1]
             yield f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}"
         if fill >= WORTH_A_WARNING:
             yield f"{100.0 * fill:.0f} % of pairing.queue wait for the other topic"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
@@ -19,8 +19,8 @@ from knee_contact_ros.node.diagnostics import (
 )
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.parameters.sections import Diagnostics, Pairing
+from knee_contact_ros.pipeline.intake import Intake
 
 REFUSAL_LOG_PERIOD = 5.0
 SILENCE = 5.0
@@ -35,100 +35,105 @@ def at_most_every(period: float) -> dict[str, Any]:
     return {"throttle_duration_sec": period, "throttle_time_source_type": STEADY}
 
 
+class NodeSettings(Protocol):
+    """What counts here of a node's parameters."""
+
+    @property
+    def pairing(self) -> Pairing:
+        """What is stale."""
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What is silent."""
+
+    @property
+    def deadline(self) -> float:
+        """What is late [s]."""
+
+
 class Health:
     """Counts what goes well and what goes wrong, and tells it."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters, pipeline: Pipeline) -> None:
+    def __init__(self, node: LifecycleNode, parameters: NodeSettings, pipeline: Intake, ticks: TickMeter) -> None:
         """Begin to count."""
         self.parameters = parameters
-        self.ticks = TickMeter()
+        self.ticks = ticks
         self.lag = LagMeter(0.0)
         """Of the timer that the session says; see `LagMeter`"""
-        self._node, self._pipeline = node, pipeline
-        self._name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
-        self._pairing = PairingMeter(parameters.pairing.max_gap)
-        self._too_deep_before: dict[str, int] = {}
+        self.node, self._pipeline = node, pipeline
+        self.name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
+        self._pairing = PairingMeter(parameters.pairing.max_gap, pipeline.force_topic)
         self._missed_before = 0
 
-    def count(self, fidelity: int, status: int, duration: float, latency: float) -> None:
+    def more(self) -> list[Any]:
+        """Entries that only one kind of node has."""
+        return []
+
+    def doubts(self) -> list[str]:
+        """What makes no sense in the answers since the last report."""
+        return []
+
+    def count(self, level: int, status: int, duration: float, latency: float) -> None:
         """Note an answer's level and status, the time it took and that from its force's arrival [s]."""
-        self.ticks.count(fidelity, status, duration, latency + self.lag.now > self.parameters.deadline)
+        self.ticks.count(level, status, duration, latency + self.lag.now > self.parameters.deadline)
 
     def report(self, inputs: tuple[InputStream, InputStream], outputs: Outputs) -> DiagnosticArray:
         """What there is to say since the last report, of angles and forces first; silent inputs are logged."""
         self._log_silence(inputs)
         period = inputs[1].meter.period
         entries = [
-            diagnostic_entry(f"{self._name}: answers", *self.ticks.usability(self.parameters.diagnostics.timeout)),
+            diagnostic_entry(f"{self.name}: answers", *self.ticks.usability(self.parameters.diagnostics.timeout)),
             *(self._input_status(stream) for stream in inputs),
             self._refused_status(),
             self._pairing_status(),
             self._tick_status(period),
-            self._load_status(),
+            *self.more(),
         ]
         entries += [
-            diagnostic_status(f"{self._name}: {name}", values, problem, lost)
+            diagnostic_status(f"{self.name}: {name}", values, problem, lost)
             for name, values, problem, lost in outputs.said()
         ]
-        return diagnostic_array(self._node.get_clock().now().to_msg(), entries)
+        return diagnostic_array(self.node.get_clock().now().to_msg(), entries)
 
     def _log_silence(self, inputs: tuple[InputStream, InputStream]) -> None:
         silent = [stream for stream in inputs if time.monotonic() - stream.meter.last > SILENCE]
         if silent:
-            names = " and ".join(self._node.resolve_topic_name(stream.topic) for stream in silent)
+            names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
-            self._node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
+            self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
 
     def _refused_status(self) -> Any:
         """Refused samples by reason."""
         refused = self._pipeline.synchroniser.refused
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
-        return diagnostic_status(f"{self._name}: refused samples", counts, "samples were refused" if refused else "")
+        return diagnostic_status(f"{self.name}: refused samples", counts, "samples were refused" if refused else "")
 
     def _input_status(self, stream: InputStream) -> Any:
         """What there is to say of an input."""
         values, problem = stream.meter.report()
         values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}
-        return diagnostic_entry(f"{self._name}: {stream.topic}", values, problem)
+        return diagnostic_entry(f"{self.name}: {stream.topic}", values, problem)
 
     def _pairing_status(self) -> Any:
         """What there is to say of the stamps; problems are logged."""
         values, problem, lost = self._pairing.report(self._pipeline.synchroniser)
         if problem:
-            self._node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
-        return diagnostic_status(f"{self._name}: pairing", values, problem, lost)
-
-    def _load_status(self) -> Any:
-        """What there is to say of the load, and of its split where the share varies; problems are logged."""
-        doubts, values = self._pipeline.doubts, {}
-        problem = doubts.about_load
-        if doubts.ticks:
-            values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
-        if self._pipeline.varies:
-            split = self._pipeline.split
-            values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
-            problem = problem or split.problem
-        if problem:
-            self._node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
-        return diagnostic_status(f"{self._name}: load", values, problem)
+            self.node.get_logger().warning(problem, **at_most_every(REFUSAL_LOG_PERIOD))
+        return diagnostic_status(f"{self.name}: pairing", values, problem, lost)
 
     def _tick_status(self, period: float) -> Any:
         """What there is to say of the ticks, with forces a period [s] apart; a node that falls behind is logged too."""
         missed, lag = self.ticks.missed - self._missed_before, self.lag.report()
         self._missed_before = self.ticks.missed
         problems = [f"{missed} answers came later than the deadline"] if missed else []
-        for compartment in self._pipeline.compartments:
-            doubts = compartment.doubts
-            if doubts.too_deep <= self._too_deep_before.get(compartment.topic, 0):
-                continue
-            self._too_deep_before[compartment.topic] = doubts.too_deep
-            problems.append(doubts.about_depth)
-            self._node.get_logger().warning(problems[-1], **at_most_every(SILENCE_LOG_PERIOD))
+        for problem in self.doubts():
+            problems.append(problem)
+            self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
         if lag > self.parameters.deadline:
             problems.append(f"the node is behind by up to {1e3 * lag:.0f} ms")
-            self._node.get_logger().warning(problems[-1], **at_most_every(REFUSAL_LOG_PERIOD))
+            self.node.get_logger().warning(problems[-1], **at_most_every(REFUSAL_LOG_PERIOD))
         values = self.ticks.values(period) | {
             "lag max [ms]": f"{1e3 * lag:.1f}",
             "decoded by ROS": str(self._pipeline.decoder.ordinary),
         }
-        return diagnostic_status(f"{self._name}: ticks", values, "; ".join(problems))
+        return diagnostic_status(f"{self.name}: ticks", values, "; ".join(problems))

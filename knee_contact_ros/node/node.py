@@ -1,13 +1,7 @@
-"""The ROS 2 node `knee_contact`.
+"""A managed ROS 2 node of any of our kinds: `contact_session.py`, `load_session.py`.
 
-Subscribes to `joint_states` (sensor_msgs/JointState) and `joint_reaction_force` (geometry_msgs/WrenchStamped, what the
-femur exerts on the tibia, tibia frame). Publishes `knee_contact` (knee_contact_ros/KneeContact) and
-`knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, `/diagnostics` once a second, and while
-somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray).
-Parameters: `parameters/schema.py`.
-
-It is a managed node: configure reads the parameters and opens the outputs, activate starts the stream. With the
-parameter `autostart` (the default) it does both by itself.
+Configure reads the parameters and opens the outputs, activate starts the stream. With the parameter `autostart` (the
+default) it does both by itself.
 """
 
 from __future__ import annotations
@@ -26,10 +20,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 
 from knee_contact_ros.node.health import at_most_every
+from knee_contact_ros.node.kind import NodeKind
 from knee_contact_ros.node.parameters import NodeParameters
 from knee_contact_ros.node.qos_overrides import given_by_user
 from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.reading import READING
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
@@ -73,19 +67,20 @@ class Stop:
             raise KeyboardInterrupt
 
 
-class KneeContactNode(LifecycleNode):
+class ManagedNode(LifecycleNode):
     """The managed node: its life cycle; what it does while configured is a `Session`."""
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, kind: NodeKind, stop: Stop) -> None:
         """Read and check the parameters.
 
         Raises:
             UsageError: a parameter is unknown or not allowed.
         """
         super().__init__(
-            READING.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
+            kind.reading.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
         )
-        self.node_parameters = NodeParameters(self)
+        self.node_parameters = NodeParameters(self, kind)
+        self._kind = kind
         self.session: Session | None = None
         self.complete = True
         """Whether the outputs of the last session are complete as far as they went"""
@@ -106,20 +101,17 @@ class KneeContactNode(LifecycleNode):
         return answered
 
     def configure(self) -> None:
-        """Read the parameters, build the model and have its kernel ready, open the outputs.
+        """Read the parameters, build what computes and have it ready, open the outputs.
 
         Raises:
             UsageError: see `Session`.
             KeyboardInterrupt: the process has been told to stop while it compiled.
         """
         try:
-            self.session = Session(self, self.node_parameters.read(), given_by_user(self))
-            self.get_logger().info(
-                "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
-            )
+            self.session = self._kind.session(self, self.node_parameters.read(), given_by_user(self))
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()
-                self.session.pipeline.compile()
+                self.session.make_ready()
             self.node_parameters.user = self.session.retune
         except BaseException:
             self.finish()
@@ -183,15 +175,15 @@ class KneeContactNode(LifecycleNode):
             self.get_logger().info(f"{session.health.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
-def run_node(arguments: list[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; complete its files before returning: 1 if one had to be given up, or 0.
+def run_node(arguments: list[str], kind: NodeKind) -> int:
+    """Run a node until SIGINT or SIGTERM; complete its files before returning: 1 if one had to be given up, or 0.
 
     Raises:
         UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
     """
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
-            READING.check_file(Path(path))
+            kind.reading.check_file(Path(path))
     try:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it
@@ -201,7 +193,7 @@ def run_node(arguments: list[str]) -> int:
     stop, node = Stop(), None
     try:
         with joining():
-            node = KneeContactNode(stop)
+            node = ManagedNode(kind, stop)
         if node.node_parameters.read().autostart:
             start(node)
         executor = executor_of(node)
@@ -215,7 +207,7 @@ def run_node(arguments: list[str]) -> int:
     return 0 if node.complete else 1
 
 
-def spin(executor: Executor, node: KneeContactNode) -> None:
+def spin(executor: Executor, node: ManagedNode) -> None:
     """Do what there is to do; what fails without a reason that we know is told, and the node goes on."""
     try:
         executor.spin_once(timeout_sec=SPIN_PERIOD)
@@ -224,7 +216,7 @@ def spin(executor: Executor, node: KneeContactNode) -> None:
         node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
 
 
-def start(node: KneeContactNode) -> None:
+def start(node: ManagedNode) -> None:
     """Configure and activate the node; it may be told to stop meanwhile.
 
     Raises:

@@ -9,22 +9,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from knee_contact_ros.node.kind import NodeKind
 from knee_contact_ros.node.qos_overrides import PREFIX, check_qos_overrides
-from knee_contact_ros.parameters.lateral import LATERAL
-from knee_contact_ros.parameters.reading import Declaration, all_values, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.declared import Declaration, all_values
 from knee_contact_ros.system.errors import UsageError
-
-_LIVE = frozenset({
-    "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
-    "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
-    "contact.restitution", "contact.least_impact_speed",
-    "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
-})  # fmt: skip
-LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
-"""Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
-other kernel, and the name of the next recording. They take effect between two ticks."""
-
 
 LARGEST_INTEGER = 2**63 - 1
 """That a parameter can hold"""
@@ -50,19 +38,19 @@ class NodeParameters:
     and live.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, kind: NodeKind) -> None:
         """Check all overrides and declare the rest.
 
         Raises:
             UsageError: an unknown name, a wrong type or a value outside its range.
         """
-        self._node = node
-        self.user: Callable[[Parameters, dict[str, Any]], None] | None = None
+        self._node, self._kind, self._known = node, kind, kind.reading.known()
+        self.user: Callable[[Any, dict[str, Any]], None] | None = None
         """Who is told of changes while the node is configured: all parameters, and those that have changed"""
         overrides = self._values()
-        values = all_values(load_parameters(overrides))
-        check_qos_overrides(node, overrides.items())
-        for name, declaration in known_parameters().items():
+        values = all_values(kind.reading.load(overrides))
+        check_qos_overrides(node, kind.topics, overrides.items())
+        for name, declaration in self._known.items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
             else:
@@ -70,9 +58,9 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
-    def read(self) -> Parameters:
-        """The parameters as they are now."""
-        return load_parameters(self._values())
+    def read(self) -> Any:
+        """The parameters as they are now, of the kind's schema."""
+        return self._kind.reading.load(self._values())
 
     def _values(self) -> dict[str, Any]:
         return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
@@ -83,8 +71,8 @@ class NodeParameters:
                 reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
                 return SetParametersResult(successful=False, reason=reason)
         try:
-            load_parameters(self._values() | {change.name: change.value for change in changes})
-            check_qos_overrides(self._node, ((change.name, change.value) for change in changes))
+            self._kind.reading.load(self._values() | {change.name: change.value for change in changes})
+            check_qos_overrides(self._node, self._kind.topics, ((change.name, change.value) for change in changes))
         except UsageError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True, reason="")
@@ -93,9 +81,9 @@ class NodeParameters:
         """Whether it cannot change while the node is configured; rclpy declares overrides then, which are new."""
         if name.startswith(PREFIX):
             return bool(self._node.has_parameter(name))
-        return name in known_parameters() and name not in LIVE
+        return name in self._known and name not in self._kind.live
 
     def _after_set(self, changes: Sequence[Parameter]) -> None:
-        ours = {change.name: change.value for change in changes if change.name in LIVE}
+        ours = {change.name: change.value for change in changes if change.name in self._kind.live}
         if self.user and ours:
             self.user(self.read(), ours)

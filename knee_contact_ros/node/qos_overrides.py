@@ -7,18 +7,10 @@ from collections.abc import Iterable
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
-from knee_contact_ros.messages.topics import (
-    DYNAMIC_JOINT_STATES,
-    INPUTS,
-    KNEE_CONTACT,
-    KNEE_CONTACT_LATERAL,
-    KNEE_CONTACT_MARKERS,
-    KNEE_CONTACT_WRENCH,
-)
+from knee_contact_ros.node.kind import Topics
 from knee_contact_ros.system.errors import UsageError
 
 PREFIX = "qos_overrides."
-OUTPUTS = (KNEE_CONTACT, KNEE_CONTACT_LATERAL, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, "/diagnostics")
 OTHERS = ("/clock.", "/parameter_events.", "/rosout.")
 """Topics of every node, with overrides of their own"""
 MOST = 2**31 - 1
@@ -35,16 +27,16 @@ def given_by_user(node: Node) -> frozenset[str]:
     return frozenset(name for name in names if not node.describe_parameter(name).read_only)
 
 
-def check_qos_overrides(node: Node, given: Iterable[tuple[str, object]]) -> None:
-    """Check overrides, of names and values; other parameters may be among them.
+def check_qos_overrides(node: Node, topics: Topics, given: Iterable[tuple[str, object]]) -> None:
+    """Check overrides for a node's topics, of names and values; other parameters may be among them.
 
     Raises:
         UsageError: one names none of the node's topics or no policy of one, or has a value that is not allowed.
     """
     ours = [
         f"{PREFIX}{node.resolve_topic_name(topic)}.{side}."
-        for side, topics in (("subscription", (*INPUTS, DYNAMIC_JOINT_STATES)), ("publisher", OUTPUTS))
-        for topic in topics
+        for side, of_side in (("subscription", topics.inputs), ("publisher", topics.outputs))
+        for topic in of_side
     ]
     for name, value in given:
         if not name.startswith(PREFIX) or name.removeprefix(PREFIX).startswith(OTHERS):

@@ -1,10 +1,11 @@
-"""One configured life of the node: pipeline, outputs, and the streams between them."""
+"""One configured life of a node: pipeline, outputs, and the streams between them."""
 
 from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Collection, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -15,71 +16,26 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record, provenance_record
-from knee_contact_ros.core.types import ROW, reader
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
-from knee_contact_ros.messages.topics import (
-    DYNAMIC_JOINT_STATES,
-    JOINT_REACTION_FORCE,
-    JOINT_STATES,
-    KNEE_CONTACT,
-    KNEE_CONTACT_MARKERS,
-    KNEE_CONTACT_WRENCH,
-    knee_name,
-    recorded_topics,
-)
-from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.node.diagnostics import (
-    InputMeter,
-    LagMeter,
-)
+from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.node.diagnostics import InputMeter, LagMeter
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
-from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import InputStream
-from knee_contact_ros.node.transforms import StaticTransformTopic
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
-from knee_contact_ros.view.markers import KneeMarkers
-from knee_contact_ros.view.outlines import drawings_of
-from knee_contact_ros.view.window import address
 
 OUTPUT_DEPTH = 100
 """Messages that a publisher keeps for subscribers that are slow"""
-DIAGNOSTICS_PERIOD = 1.0
-
-
-COUNTED = reader("load", "penetration_depth", "fidelity", "status")
-"""Of an answer's row"""
-ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped}
-
-
-def type_of_angles(source: str) -> Any:
-    """The type of the topic that the angles come from.
-
-    Raises:
-        UsageError: it is not installed.
-    """
-    if source == JOINT_STATES:
-        return JointState
-    try:
-        from control_msgs.msg import DynamicJointState
-    except ImportError:
-        raise UsageError(
-            f"parameter knee.source: {source!r} needs the ROS 2 package control_msgs, which is not installed"
-        ) from None
-    return DynamicJointState
+DIAGNOSTICS, DIAGNOSTICS_PERIOD = "/diagnostics", 1.0
+ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped, GROUND_REACTION_FORCE: WrenchStamped}
 
 
 def deserialize(data: bytes, topic: str) -> Any:
@@ -87,79 +43,75 @@ def deserialize(data: bytes, topic: str) -> Any:
     return deserialize_message(data, ROS_TYPES[topic])
 
 
-class Session:
+class Session(ABC):
     """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
-        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
+    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Intake, health: Health) -> None:
+        """A session whose inputs and outputs are still to be opened; `parameters` are those of the kind of node."""
+        self.node, self.parameters, self.pipeline, self.health = node, parameters, pipeline, health
+        self.inputs: tuple[InputStream, InputStream]
+        """Of angles and of forces"""
+        self.outputs: Outputs
+        self._publishers: dict[str, Any] = {}
+        """By their topics"""
+        self._services: list[Any] = []
+        self._timers: list[Any] = []
+
+    @abstractmethod
+    def _publish(self, pair: PairedSample) -> None:
+        """Compute a tick and publish its messages; what is not needed for that comes after the publishing."""
+
+    @abstractmethod
+    def _described(self, parameters: Any) -> Knee:
+        """What outputs that begin now are described from."""
+
+    def make_ready(self) -> None:  # noqa: B027
+        """Have ready what takes long; it may be interrupted."""
+
+    def _listen(
+        self, angles: tuple[str, Any, Callable[[bytes], None]], qos_given: Collection[str]
+    ) -> tuple[InputStream, InputStream]:
+        """The streams of angles (their topic, its type, and who takes them) and of forces."""
+        asked, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
+        topic, type_, on_angle = angles
+        meters = (
+            InputMeter(asked.angle_warn_rate, asked.angle_error_rate, max_gap, asked.timeout),
+            InputMeter(asked.force_warn_rate, asked.force_error_rate, max_gap, asked.timeout),
+        )
+        force_topic = self.pipeline.force_topic
+        return (
+            InputStream(self.node, type_, topic, on_angle, qos_given, meters[0]),
+            InputStream(self.node, WrenchStamped, force_topic, self._on_force, qos_given, meters[1]),
+        )
+
+    def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
+        """Offer topics, each with its type and depth, and the diagnostics.
 
         Raises:
-            UsageError: a profile cannot be used or an output file cannot be written.
+            UsageError: the middleware does not know one of the QoS overrides, say.
         """
-        self.node = node
-        self.parameters = parameters
-        self._curves = curve_texts(parameters, {})
-        self.pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
-        self.angles, self.forces = self._input_streams(parameters, qos_given)
-        self.inputs = (self.angles, self.forces)
-        self.health = Health(node, parameters, self.pipeline)
-        for doubt in self.pipeline.doubts_about_parameters:
-            node.get_logger().warning(doubt)
-        topics = recorded_topics(has_both(parameters))
-        names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        self._names = names
-        models = [each.model for each in self.pipeline.compartments]
-        shown = KneeMarkers(drawings_of(models, knee_name(names[KNEE_CONTACT]), parameters.body_weight))
-        tell = Listeners(node.get_logger().error, node.get_logger().warning)
         by_user = QoSOverridingOptions.with_default_policies()
-        offered = {
-            KNEE_CONTACT: (KneeContact, OUTPUT_DEPTH),
-            KNEE_CONTACT_WRENCH: (WrenchStamped, OUTPUT_DEPTH),
-            "/diagnostics": (DiagnosticArray, OUTPUT_DEPTH),
-            KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
-            **{each.topic: (KneeContact, OUTPUT_DEPTH) for each in self.pipeline.compartments[1:]},
-        }
         try:
-            self._publishers = [  # each with a profile of its own: overrides change it
-                node.create_lifecycle_publisher(
+            self._publishers = {  # each with a profile of its own: overrides change it
+                topic: self.node.create_lifecycle_publisher(
                     message_type, topic, QoSProfile(depth=depth), qos_overriding_options=by_user
                 )
-                for topic, (message_type, depth) in offered.items()
-            ]
-        except Exception as error:  # one that the middleware does not know, say: rclpy has many ways to say so
+                for topic, (message_type, depth) in {**topics, DIAGNOSTICS: (DiagnosticArray, OUTPUT_DEPTH)}.items()
+            }
+        except Exception as error:  # rclpy has many ways to say so
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
-        contact, self._wrench, self._diagnostics, markers, *lateral = self._publishers
-        self._contacts = (contact, *lateral)
-        self._markers = MarkerTopic(markers, shown)
-        self._transforms = StaticTransformTopic(node, self.pipeline.frame)
-        self._services: list[Any] = []
+
+    def _open(self) -> None:
+        """Offer the services and open the outputs; a file is opened when all else is well."""
         acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
-        try:  # a file is opened when all else is well
+        tell = Listeners(self.node.get_logger().error, self.node.get_logger().warning)
+        try:
             for name, act in acts.items():
                 self._services.append(self._service(name, act))
             self.outputs = Outputs(self._knee(), tell)
         except BaseException:
             self.destroy_endpoints()
             raise
-        if parameters.rerun.mode in ("serve", "spawn"):
-            url = address(parameters.rerun.port)
-            node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
-        self._timers: list[Any] = []
-
-    def _input_streams(self, parameters: Parameters, qos_given: Collection[str]) -> tuple[InputStream, InputStream]:
-        """The streams of angles and of forces."""
-        asked, max_gap = parameters.diagnostics, parameters.pairing.max_gap
-        source, on_angle = parameters.knee.source, self._on_joint_state
-        if source == DYNAMIC_JOINT_STATES:
-            on_angle = self._on_dynamic_joint_state
-        meters = (
-            InputMeter(asked.angle_warn_rate, asked.angle_error_rate, max_gap, asked.timeout),
-            InputMeter(asked.force_warn_rate, asked.force_error_rate, max_gap, asked.timeout),
-        )
-        return (
-            InputStream(self.node, type_of_angles(source), source, on_angle, qos_given, meters[0]),
-            InputStream(self.node, WrenchStamped, JOINT_REACTION_FORCE, self._on_force, qos_given, meters[1]),
-        )
 
     def start(self) -> None:
         """Listen."""
@@ -173,11 +125,11 @@ class Session:
             stream.meter.begin()
             stream.open()
         self.health.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
-        self._timers = [
-            self.node.create_timer(self.health.lag.period, self._on_wait_timer, clock=STEADY),
-            self.node.create_timer(DIAGNOSTICS_PERIOD, self._on_diagnostics_timer, clock=STEADY),
-            self.node.create_timer(MARKER_PERIOD, self._markers.publish, clock=STEADY),
-        ]
+        self._timers = [self.node.create_timer(period, act, clock=STEADY) for period, act in self._regular_acts()]
+
+    def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
+        """What is done regularly, each with its period [s]."""
+        return [(self.health.lag.period, self._on_wait_timer), (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer)]
 
     def stop(self) -> None:
         """Listen no more; answer what still waits."""
@@ -185,7 +137,6 @@ class Session:
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
             self.pipeline.frame.forget()
-            self._markers.newest = None
         gc.enable()
         gc.unfreeze()
         for stream in self.inputs:
@@ -194,15 +145,15 @@ class Session:
             self.node.destroy_timer(timer)
         self._timers = []
 
-    def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
+    def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Go on with parameters of which some have changed."""
         self.parameters = self.health.parameters = parameters
-        known = self.pipeline.doubts_about_parameters
-        self.pipeline.retune(parameters)
-        for doubt in self.pipeline.doubts_about_parameters:
-            if doubt not in known:
-                self.node.get_logger().warning(doubt)
+        self._go_on_with(parameters)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
+
+    @abstractmethod
+    def _go_on_with(self, parameters: Any) -> None:
+        """Have the pipeline go on with other numbers."""
 
     def close(self) -> bool:
         """Complete the files; whether none had to be given up."""
@@ -212,18 +163,11 @@ class Session:
         """Offer topics and services no more."""
         for service in self._services:
             self.node.destroy_service(service)
-        self._destroy_publishers()
-        self._transforms.close()
-
-    def _destroy_publishers(self) -> None:
-        for publisher in self._publishers:
+        for publisher in self._publishers.values():
             self.node.destroy_lifecycle_publisher(publisher)
 
     def _on_joint_state(self, data: bytes) -> None:
         self._answer(self.pipeline.take_joint_state(data))
-
-    def _on_dynamic_joint_state(self, data: bytes) -> None:
-        self._on_joint_state(as_joint_state(data))
 
     def _on_force(self, data: bytes) -> None:
         pairs = self.pipeline.take_force(data, time.perf_counter())
@@ -263,20 +207,16 @@ class Session:
     def _start_recording(self) -> str:
         return f"recording to {self.outputs.start_recording(self._knee())}"
 
-    def _knee(self) -> Knee:
-        """What outputs that begin now are described from."""
-        provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
-        record, rerun = (
-            section.model_copy(update={"path": stamped(section.path)})
-            for section in (self.parameters.record, self.parameters.rerun)
-        )
-        parameters = self.parameters.model_copy(update={"record": record, "rerun": rerun})
-        models = {each.topic: each.model for each in self.pipeline.compartments}
-        return Knee(parameters, models, self._names, provenance)
-
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
         return f"{path} will be complete in a moment"
+
+    def _knee(self) -> Knee:
+        """What outputs that begin now are described from, with the time in their names."""
+        names = [name for name in ("record", "rerun") if hasattr(self.parameters, name)]
+        sections = {name: getattr(self.parameters, name) for name in names}
+        update = {name: part.model_copy(update={"path": stamped(part.path)}) for name, part in sections.items()}
+        return self._described(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; listen to publishers that could not be heard."""
@@ -287,32 +227,15 @@ class Session:
             stream.adapt()
 
     def _answer(self, pairs: Sequence[PairedSample]) -> None:
-        """Compute and publish one after the other; what is not needed for that comes after the publishing."""
-        clock, pipeline = time.perf_counter, self.pipeline
+        """Compute and publish one after the other."""
         for pair in pairs:
-            begin = clock()
-            messages = pipeline.compute(pair)
-            for publisher, message in zip(self._contacts, messages, strict=True):
-                publisher.publish(message)
-            end = clock()
-            latency = end - pair.load.arrived
-            answer = pipeline.answer(pair, messages, latency)
-            _, _, wrench = answer.records[-1]
-            self._wrench.publish(wrench)
-            self.outputs.put(answer)
-            self._markers.newest = (pair.load, answer.row)
-            told, begin_of_row = 0, 0
-            for compartment in pipeline.compartments:
-                load, depth, fidelity, status = COUNTED.unpack_from(answer.row, begin_of_row)
-                compartment.doubts.add(pair.load.stamp, load, depth, status)
-                told, begin_of_row = told | status, begin_of_row + ROW.itemsize
-            self.health.count(fidelity, told, end - begin, latency)
-        if pipeline.last_refusal:
-            text = f"sample refused: {pipeline.last_refusal}"
+            self._publish(pair)
+        if self.pipeline.last_refusal:
+            text = f"sample refused: {self.pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))
-            pipeline.last_refusal = ""
+            self.pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
         """Report, and free what reference counting does not."""
-        self._diagnostics.publish(self.health.report(self.inputs, self.outputs))
+        self._publishers[DIAGNOSTICS].publish(self.health.report(self.inputs, self.outputs))
         gc.collect(0)

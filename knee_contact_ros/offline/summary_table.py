@@ -45,10 +45,10 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         figures.add_row(name, shown(value))
     if summary.split:
         figures.add_row("share of the load", summary.split.text)
-    figures.add_row("samples refused", _counts(summary.refused))
+    figures.add_row("samples refused", counts(summary.refused))
     for name, each in compartments(summary):
         of = f"{name}: " if name else ""
-        figures.add_row("ticks flagged", of + _counts(each.flagged))
+        figures.add_row("ticks flagged", of + counts(each.flagged))
         errors = f"{error_of_depth(each)} of depth at most, {error_of_force(each)} of force"
         figures.add_row("error estimate", of + errors)
         figures.add_row("levels", of + _shares(each.levels))
@@ -110,7 +110,8 @@ def peak_table(summary: Summary) -> Table:
     return table
 
 
-def _counts(counter: Mapping[str, int]) -> str:
+def counts(counter: Mapping[str, int]) -> str:
+    """How many in all, and of which."""
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
     return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
 

@@ -34,7 +34,7 @@ def settings(path: Path, **record: float) -> Settings:
     )
     assert sink
     assert sink.name == str(path)
-    _, provenance, names, found = sink.job.arguments
+    _, provenance, names, found, _ = sink.job.arguments
     assert (provenance, names) == ({"version": "1"}, ABSOLUTE_NAMES)
     assert isinstance(found, Settings)
     return found

@@ -61,9 +61,10 @@ def node(ros_arguments: tuple[str, ...]) -> None:
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
+    from knee_contact_ros.node.contact_session import CONTACT_NODE
     from knee_contact_ros.node.node import run_node
 
-    if code := run_node(list(ros_arguments)):
+    if code := run_node(list(ros_arguments), CONTACT_NODE):
         sys.exit(code)
 
 
@@ -71,7 +72,10 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 @click.argument("bag", type=click.Path(path_type=Path))
 @timing_options
 @names_in_bag_options
-def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) -> None:
+@click.option(
+    "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node, and not /joint_reaction_force."
+)
+def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **timing: Any) -> None:
     """Publish a bag's input topics in time.
 
     BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
@@ -80,8 +84,10 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, **timing: Any) ->
     """
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.messages.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.offline.replay.replay import Timing, run_replay
     from knee_contact_ros.system.terminal import warn
 
     warn(others_beside(bag))
-    run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace))
+    inputs = LOAD_INPUTS if sensors else INPUTS
+    run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace, inputs), inputs)

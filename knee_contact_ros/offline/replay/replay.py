@@ -21,10 +21,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.bag_files import in_a_line
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.messages.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.messages.transforms import TF_STATIC
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_terminal, unwinding_on_signals
@@ -74,11 +74,13 @@ class Span(NamedTuple):
 class Replayer:
     """Publishers for the input topics of a bag."""
 
-    def __init__(self, node: Node, *, clock: bool = False, transforms: Sequence[bytes] = ()) -> None:
-        """With `clock`, /clock can be published too; `transforms` are the bag's `/tf_static`, said at once."""
+    def __init__(
+        self, node: Node, *, inputs: Sequence[str] = INPUTS, clock: bool = False, transforms: Sequence[bytes] = ()
+    ) -> None:
+        """Publishers for `inputs`. With `clock`, /clock can be published too; `transforms` are said at once."""
+        types = {JOINT_STATES: JointState}
         self.publishers = {
-            f"/{JOINT_STATES}": node.create_publisher(JointState, JOINT_STATES, QOS),
-            f"/{JOINT_REACTION_FORCE}": node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS),
+            f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, QOS) for topic in inputs
         }
         self._clock = node.create_publisher(Clock, "/clock", QOS) if clock else None
         if transforms:
@@ -124,7 +126,7 @@ class Replayer:
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
+def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequence[str] = INPUTS) -> None:
     """Publish a bag's inputs in time, with a progress bar and keys, and say at the end how late they were.
 
     Raises:
@@ -135,7 +137,7 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
         raise UsageError("--start-paused needs a terminal at standard input: nobody could end the pause")
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
-        reader = opened.enter_context(BagReader(bag, INPUT_TYPES, names))
+        reader = opened.enter_context(BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names))
         if reader.damage:
             say(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
         span = span_of(reader, timing)
@@ -144,7 +146,8 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES) -> None:
             opened.callback(rclpy.shutdown)
             node = Node("knee_contact_replay")
             opened.callback(node.destroy_node)
-        replayer = Replayer(node, clock=timing.clock is not None, transforms=transform_messages(bag))
+        said = transform_messages(bag)
+        replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=said)
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
             say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
         time.sleep(timing.delay)

@@ -1,0 +1,51 @@
+"""The table that `estimate-load` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.estimate_load import LoadSummary
+from knee_contact_ros.offline.summary_table import counts
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.system.printable import printable
+from knee_contact_ros.system.terminal import WIDTH, shown
+
+NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
+
+
+def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
+    """Print the joint reaction's peak and mean, its parts there, and how sure it is."""
+    console, weight = Console(width=WIDTH), parameters.person.constants.weight
+    peak = summary.estimates[int(np.argmax(summary.axial))]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "[N]", "[BW]"):
+        table.add_column(heading.replace("[", "\\["), justify="right" if heading else "left", no_wrap=True)
+    parts = {
+        "largest joint reaction": peak.axial_force, "  without muscles": peak.resultant_force,
+        "  quadriceps": peak.quadriceps_force, "  hamstrings": peak.hamstrings_force,
+        "  gastrocnemius": peak.gastrocnemius_force, "standard deviation": peak.standard_deviation,
+        "mean joint reaction": float(summary.axial.mean()),
+    }  # fmt: skip
+    for name, force in parts.items():
+        table.add_row(name, f"{force:.1f}", f"{force / weight:.2f}")
+    console.print(table)
+    figures = Table(box=None, show_header=False, pad_edge=False)
+    figures.add_column(no_wrap=True)
+    figures.add_column(overflow="fold")
+    duration = (summary.stamps[-1] - summary.stamps[0]) / NANOSECONDS
+    figures.add_row("estimates", f"{len(summary.estimates)} over {duration:.2f} s")
+    figures.add_row("level", summary.level)
+    figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
+    for name, value in rows.items():
+        figures.add_row(name, shown(value))
+    figures.add_row("samples refused", counts(summary.refused))
+    figures.add_row("estimates flagged", counts(summary.flagged))
+    console.print(figures)
+    console.print()
+    console.print(printable(f"Bag: {output}"), soft_wrap=True, highlight=False, markup=False)

@@ -1,0 +1,186 @@
+"""The ROS 2 node `knee_contact`.
+
+Subscribes to `joint_states` (sensor_msgs/JointState) and `joint_reaction_force` (geometry_msgs/WrenchStamped, what the
+femur exerts on the tibia, tibia frame). Publishes `knee_contact` (knee_contact_ros/KneeContact) and
+`knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, `/diagnostics` once a second, and while
+somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray).
+Parameters: `parameters/schema.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+
+from knee_contact_ros.bags.provenance import provenance_record
+from knee_contact_ros.core.types import ROW, reader
+from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
+from knee_contact_ros.messages.topics import (
+    DYNAMIC_JOINT_STATES,
+    INPUTS,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_LATERAL,
+    KNEE_CONTACT_MARKERS,
+    KNEE_CONTACT_WRENCH,
+    knee_name,
+    recorded_topics,
+)
+from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.node.contact_health import ContactHealth
+from knee_contact_ros.node.kind import NodeKind, Topics
+from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
+from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.transforms import StaticTransformTopic
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import LATERAL, has_both
+from knee_contact_ros.parameters.reading import READING
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.pipeline.synchronise import PairedSample
+from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.markers import KneeMarkers
+from knee_contact_ros.view.outlines import drawings_of
+from knee_contact_ros.view.window import address
+
+COUNTED = reader("load", "penetration_depth", "fidelity", "status")
+"""Of an answer's row"""
+_LIVE = frozenset({
+    "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
+    "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
+    "contact.restitution", "contact.least_impact_speed",
+    "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
+})  # fmt: skip
+LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
+"""Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
+other kernel, and the name of the next recording. They take effect between two ticks."""
+
+
+def type_of_angles(source: str) -> Any:
+    """The type of the topic that the angles come from.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    if source == JOINT_STATES:
+        return JointState
+    try:
+        from control_msgs.msg import DynamicJointState
+    except ImportError:
+        raise UsageError(
+            f"parameter knee.source: {source!r} needs the ROS 2 package control_msgs, which is not installed"
+        ) from None
+    return DynamicJointState
+
+
+class ContactSession(Session):
+    """What a contact node does while it is configured."""
+
+    pipeline: Pipeline
+    parameters: Parameters
+
+    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
+        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
+
+        Raises:
+            UsageError: a profile cannot be used or an output file cannot be written.
+        """
+        self._curves = curve_texts(parameters, {})
+        pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
+        super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
+        source = parameters.knee.source
+        on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state
+        self.inputs = self._listen((source, type_of_angles(source), on_angle), qos_given)
+        for doubt in pipeline.doubts_about_parameters:
+            node.get_logger().warning(doubt)
+        topics = recorded_topics(has_both(parameters))
+        self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        models = [each.model for each in pipeline.compartments]
+        shown = KneeMarkers(drawings_of(models, knee_name(self._names[KNEE_CONTACT]), parameters.body_weight))
+        contacts = [each.topic for each in pipeline.compartments]
+        self._offer(
+            {
+                **dict.fromkeys(contacts, (KneeContact, OUTPUT_DEPTH)),
+                KNEE_CONTACT_WRENCH: (WrenchStamped, OUTPUT_DEPTH),
+                KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
+            }
+        )
+        self._contacts = [self._publishers[topic] for topic in contacts]
+        self._wrench = self._publishers[KNEE_CONTACT_WRENCH]
+        self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], shown)
+        self._transforms = StaticTransformTopic(node, pipeline.frame)
+        self._open()
+        if parameters.rerun.mode in ("serve", "spawn"):
+            url = address(parameters.rerun.port)
+            node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
+
+    def make_ready(self) -> None:
+        """Compile the model's kernel."""
+        self.node.get_logger().info(
+            "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
+        )
+        self.pipeline.compile()
+
+    def stop(self) -> None:
+        """Listen no more; answer what still waits; show nothing any more."""
+        was_active = bool(self._timers)
+        super().stop()
+        if was_active:
+            self._markers.newest = None
+
+    def destroy_endpoints(self) -> None:
+        """Offer topics and services no more."""
+        super().destroy_endpoints()
+        self._transforms.close()
+
+    def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
+        return [*super()._regular_acts(), (MARKER_PERIOD, self._markers.publish)]
+
+    def _go_on_with(self, parameters: Parameters) -> None:
+        known = self.pipeline.doubts_about_parameters
+        self.pipeline.retune(parameters)
+        for doubt in self.pipeline.doubts_about_parameters:
+            if doubt not in known:
+                self.node.get_logger().warning(doubt)
+
+    def _on_dynamic_joint_state(self, data: bytes) -> None:
+        self._on_joint_state(as_joint_state(data))
+
+    def _described(self, parameters: Parameters) -> Knee:
+        provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
+        models = {each.topic: each.model for each in self.pipeline.compartments}
+        return Knee(parameters, models, self._names, provenance)
+
+    def _publish(self, pair: PairedSample) -> None:
+        clock, pipeline = time.perf_counter, self.pipeline
+        begin = clock()
+        messages = pipeline.compute(pair)
+        for publisher, message in zip(self._contacts, messages, strict=True):
+            publisher.publish(message)
+        end = clock()
+        latency = end - pair.load.arrived
+        answer = pipeline.answer(pair, messages, latency)
+        _, _, wrench = answer.records[-1]
+        self._wrench.publish(wrench)
+        self.outputs.put(answer)
+        self._markers.newest = (pair.load, answer.row)
+        told, begin_of_row = 0, 0
+        for compartment in pipeline.compartments:
+            load, depth, fidelity, status = COUNTED.unpack_from(answer.row, begin_of_row)
+            compartment.doubts.add(pair.load.stamp, load, depth, status)
+            told, begin_of_row = told | status, begin_of_row + ROW.itemsize
+        self.health.count(fidelity, told, end - begin, latency)
+
+
+CONTACT_TOPICS = Topics(
+    (*INPUTS, DYNAMIC_JOINT_STATES),
+    (KNEE_CONTACT, KNEE_CONTACT_LATERAL, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, DIAGNOSTICS),
+)
+CONTACT_NODE = NodeKind(READING, LIVE, CONTACT_TOPICS, ContactSession)

@@ -1,0 +1,103 @@
+"""The ROS 2 node `knee_load`.
+
+Subscribes to `joint_states` (sensor_msgs/JointState: knee, hip and ankle, effort of actuators) and
+`ground_reaction_force` (geometry_msgs/WrenchStamped, what the ground exerts on the foot). Publishes
+`joint_reaction_force` (geometry_msgs/WrenchStamped, what the femur exerts on the tibia) and `load_estimate`
+(knee_contact_ros/LoadEstimate), one each per ground force, and `/diagnostics` once a second.
+Parameters: `parameters/load_schema.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
+
+from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
+from knee_contact_ros.joint_reaction.reaction import Level
+from knee_contact_ros.messages.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_ESTIMATE,
+    LOAD_INPUTS,
+    LOAD_RECORDED,
+)
+from knee_contact_ros.msg import LoadEstimate
+from knee_contact_ros.node.diagnostics import TickMeter
+from knee_contact_ros.node.health import Health
+from knee_contact_ros.node.kind import NodeKind, Topics
+from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.transforms import StaticTransformTopic
+from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
+from knee_contact_ros.pipeline.synchronise import PairedSample
+from knee_contact_ros.sinks.protocol import Knee
+
+LIVE = frozenset({
+    "person.mass", "person.height", "person.moment_arm_scale", "person.co_contraction", "person.tone", "calibrated",
+    "standard_deviation", "deadline", "record.path", "knee.offset", "hip.offset", "ankle.offset",
+})  # fmt: skip
+"""Parameters that may change while the node is configured: numbers of the person, and the next recording's name"""
+
+
+class LoadSession(Session):
+    """What a load node does while it is configured."""
+
+    pipeline: LoadPipeline
+    parameters: LoadParameters
+
+    def __init__(self, node: LifecycleNode, parameters: LoadParameters, qos_given: Collection[str]) -> None:
+        """Build the estimator and open the outputs. `qos_given` names the QoS overrides that the user has given.
+
+        Raises:
+            UsageError: an output file cannot be written.
+        """
+        pipeline = LoadPipeline(parameters, deserialize)
+        health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
+        super().__init__(node, parameters, pipeline, health)
+        self.inputs = self._listen((JOINT_STATES, JointState, self._on_joint_state), qos_given)
+        self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
+        self._offer(
+            {
+                JOINT_REACTION_FORCE: (WrenchStamped, OUTPUT_DEPTH),
+                LOAD_ESTIMATE: (LoadEstimate, OUTPUT_DEPTH),
+            }
+        )
+        self._reaction, self._estimate = self._publishers[JOINT_REACTION_FORCE], self._publishers[LOAD_ESTIMATE]
+        self._transforms = StaticTransformTopic(node, pipeline.frame)
+        self._open()
+        trust = "calibrated" if parameters.calibrated else "not calibrated: nothing must be gated by it"
+        node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
+
+    def destroy_endpoints(self) -> None:
+        """Offer topics and services no more."""
+        super().destroy_endpoints()
+        self._transforms.close()
+
+    def _go_on_with(self, parameters: LoadParameters) -> None:
+        self.pipeline.retune(parameters)
+
+    def _described(self, parameters: LoadParameters) -> Knee:
+        provenance = load_provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
+        return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
+
+    def _publish(self, pair: PairedSample) -> None:
+        clock = time.perf_counter
+        begin = clock()
+        messages = self.pipeline.compute(pair)
+        reaction, estimate = messages
+        self._reaction.publish(reaction)
+        end = clock()
+        latency = end - pair.load.arrived
+        self._estimate.publish(estimate)
+        self.outputs.put(self.pipeline.answer(pair, messages, latency))
+        said = self.pipeline.estimate
+        assert said is not None  # noqa: S101  (it was computed)
+        self.health.count(said.level, said.status, end - begin, latency)
+
+
+LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))
+LOAD_NODE = NodeKind(LOAD_READING, LIVE, LOAD_TOPICS, LoadSession)
