@@ -37,6 +37,7 @@ from knee_contact_ros.node.contact_health import ContactHealth
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.subscription import HandedInputs
 from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import LATERAL, has_both
@@ -86,8 +87,20 @@ class ContactSession(Session):
     pipeline: Pipeline
     parameters: Parameters
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters, qos_given: Collection[str]) -> None:
-        """Build the model and open the outputs. `qos_given` names the QoS overrides that the user has given.
+    def __init__(
+        self,
+        node: LifecycleNode,
+        parameters: Parameters,
+        qos_given: Collection[str],
+        handed: HandedInputs | None = None,
+    ) -> None:
+        """Build the model and open the outputs.
+
+        Args:
+            node: Whose life it is.
+            parameters: Its own.
+            qos_given: Names the QoS overrides that the user has given.
+            handed: Who hands the inputs over, if they do not come over their topics.
 
         Raises:
             UsageError: a profile cannot be used or an output file cannot be written.
@@ -97,7 +110,7 @@ class ContactSession(Session):
         super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
         source = parameters.knee.source
         on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state
-        self.inputs = self._listen((source, type_of_angles(source), on_angle), qos_given)
+        self.inputs = self._listen((source, type_of_angles(source), on_angle), qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
         topics = recorded_topics(has_both(parameters))

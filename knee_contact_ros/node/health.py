@@ -18,7 +18,7 @@ from knee_contact_ros.node.diagnostics import (
     diagnostic_status,
 )
 from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.node.subscription import InputStream
+from knee_contact_ros.node.subscription import HandedStream, Inputs, InputStream
 from knee_contact_ros.parameters.sections import Diagnostics, Pairing
 from knee_contact_ros.pipeline.intake import Intake
 
@@ -77,7 +77,7 @@ class Health:
         """Note an answer's level and status, the time it took and that from its force's arrival [s]."""
         self.ticks.count(level, status, duration, latency + self.lag.now > self.parameters.deadline)
 
-    def report(self, inputs: tuple[InputStream, InputStream], outputs: Outputs) -> DiagnosticArray:
+    def report(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
         """What there is to say since the last report, of angles and forces first; silent inputs are logged."""
         self._log_silence(inputs)
         period = inputs[1].meter.period
@@ -95,7 +95,7 @@ class Health:
         ]
         return diagnostic_array(self.node.get_clock().now().to_msg(), entries)
 
-    def _log_silence(self, inputs: tuple[InputStream, InputStream]) -> None:
+    def _log_silence(self, inputs: Inputs) -> None:
         silent = [stream for stream in inputs if time.monotonic() - stream.meter.last > SILENCE]
         if silent:
             names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
@@ -108,7 +108,7 @@ class Health:
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         return diagnostic_status(f"{self.name}: refused samples", counts, "samples were refused" if refused else "")
 
-    def _input_status(self, stream: InputStream) -> Any:
+    def _input_status(self, stream: InputStream | HandedStream) -> Any:
         """What there is to say of an input."""
         values, problem = stream.meter.report()
         values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}

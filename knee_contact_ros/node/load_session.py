@@ -30,6 +30,7 @@ from knee_contact_ros.node.diagnostics import TickMeter
 from knee_contact_ros.node.health import Health
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.subscription import HandedInputs, HandOver
 from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
@@ -49,8 +50,20 @@ class LoadSession(Session):
     pipeline: LoadPipeline
     parameters: LoadParameters
 
-    def __init__(self, node: LifecycleNode, parameters: LoadParameters, qos_given: Collection[str]) -> None:
-        """Build the estimator and open the outputs. `qos_given` names the QoS overrides that the user has given.
+    def __init__(
+        self,
+        node: LifecycleNode,
+        parameters: LoadParameters,
+        qos_given: Collection[str],
+        takers: HandedInputs | None = None,
+    ) -> None:
+        """Build the estimator and open the outputs.
+
+        Args:
+            node: Whose life it is.
+            parameters: Its own.
+            qos_given: Names the QoS overrides that the user has given.
+            takers: Where angles and joint reactions go beside their topics.
 
         Raises:
             UsageError: an output file cannot be written.
@@ -67,6 +80,7 @@ class LoadSession(Session):
             }
         )
         self._reaction, self._estimate = self._publishers[JOINT_REACTION_FORCE], self._publishers[LOAD_ESTIMATE]
+        self._takers = takers or HandedInputs(HandOver(), HandOver())
         self._transforms = StaticTransformTopic(node, pipeline.frame)
         self._open()
         trust = "calibrated" if parameters.calibrated else "not calibrated: nothing must be gated by it"
@@ -84,6 +98,10 @@ class LoadSession(Session):
         provenance = load_provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
         return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
+    def _on_joint_state(self, data: bytes) -> None:
+        self._takers.angles.give(data)
+        super()._on_joint_state(data)
+
     def _publish(self, pair: PairedSample) -> None:
         clock = time.perf_counter
         begin = clock()
@@ -91,6 +109,7 @@ class LoadSession(Session):
         reaction, estimate = messages
         self._reaction.publish(reaction)
         end = clock()
+        self._takers.forces.give(reaction)
         latency = end - pair.load.arrived
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))

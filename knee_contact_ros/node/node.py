@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import signal
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -175,36 +175,38 @@ class ManagedNode(LifecycleNode):
             self.get_logger().info(f"{session.health.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
-def run_node(arguments: list[str], kind: NodeKind) -> int:
-    """Run a node until SIGINT or SIGTERM; complete its files before returning: 1 if one had to be given up, or 0.
+def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
+    """Run nodes in one process until SIGINT or SIGTERM; complete their files: 1 if one had to be given up, or 0.
 
     Raises:
         UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
     """
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
-            kind.reading.check_file(Path(path))
+            for kind in kinds:
+                kind.reading.check_file(Path(path))
     try:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
     except UnicodeEncodeError as error:  # bytes that are no text
         raise UsageError(f"ROS arguments: {error.object!r} is no UTF-8") from None
-    stop, node = Stop(), None
+    stop, nodes = Stop(), list[ManagedNode]()
     try:
         with joining():
-            node = ManagedNode(kind, stop)
-        if node.node_parameters.read().autostart:
-            start(node)
-        executor = executor_of(node)
+            nodes += [ManagedNode(kind, stop) for kind in kinds]
+        for node in nodes:
+            if node.node_parameters.read().autostart:
+                start(node)
+        executor = executor_of(*nodes)
         while not stop.asked:
-            spin(executor, node)
+            spin(executor, nodes[0])
     finally:
-        if node is not None:
+        for node in nodes:
             node.finish()  # whatever has happened: what was recorded is completed
             node.destroy_node()
         rclpy.shutdown()
-    return 0 if node.complete else 1
+    return 0 if all(node.complete for node in nodes) else 1
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:
@@ -220,7 +222,7 @@ def start(node: ManagedNode) -> None:
     """Configure and activate the node; it may be told to stop meanwhile.
 
     Raises:
-        UsageError: see `run_node`.
+        UsageError: see `run_nodes`.
     """
     with suppress(KeyboardInterrupt):
         node.configure()

@@ -23,7 +23,7 @@ from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTI
 from knee_contact_ros.node.diagnostics import InputMeter, LagMeter
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.node.subscription import InputStream
+from knee_contact_ros.node.subscription import HandedInputs, HandedStream, Inputs, InputStream
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.synchronise import PairedSample
@@ -49,8 +49,7 @@ class Session(ABC):
     def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Intake, health: Health) -> None:
         """A session whose inputs and outputs are still to be opened; `parameters` are those of the kind of node."""
         self.node, self.parameters, self.pipeline, self.health = node, parameters, pipeline, health
-        self.inputs: tuple[InputStream, InputStream]
-        """Of angles and of forces"""
+        self.inputs: Inputs
         self.outputs: Outputs
         self._publishers: dict[str, Any] = {}
         """By their topics"""
@@ -69,19 +68,24 @@ class Session(ABC):
         """Have ready what takes long; it may be interrupted."""
 
     def _listen(
-        self, angles: tuple[str, Any, Callable[[bytes], None]], qos_given: Collection[str]
-    ) -> tuple[InputStream, InputStream]:
-        """The streams of angles (their topic, its type, and who takes them) and of forces."""
+        self, angles: tuple[str, Any, Callable[[bytes], None]], qos_given: Collection[str],
+        handed: HandedInputs | None = None,
+    ) -> Inputs:  # fmt: skip
+        """The streams of angles (their topic, its type, and who takes them) and of forces, or who hands these over."""
         asked, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
         topic, type_, on_angle = angles
         meters = (
             InputMeter(asked.angle_warn_rate, asked.angle_error_rate, max_gap, asked.timeout),
             InputMeter(asked.force_warn_rate, asked.force_error_rate, max_gap, asked.timeout),
         )
-        force_topic = self.pipeline.force_topic
+        forces = self.pipeline.force_topic, WrenchStamped, self._on_force
         return (
-            InputStream(self.node, type_, topic, on_angle, qos_given, meters[0]),
-            InputStream(self.node, WrenchStamped, force_topic, self._on_force, qos_given, meters[1]),
+            HandedStream(topic, on_angle, meters[0], handed.angles)
+            if handed and topic == JOINT_STATES
+            else InputStream(self.node, type_, topic, on_angle, qos_given, meters[0]),
+            HandedStream(forces[0], forces[2], meters[1], handed.forces)
+            if handed
+            else InputStream(self.node, forces[1], forces[0], forces[2], qos_given, meters[1]),
         )
 
     def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
@@ -23,6 +23,51 @@ def stamp_of(data: bytes) -> int | None:
         return stamp_in(data)
     except ValueError:
         return None
+
+
+class HandOver:
+    """From one node to another in the same process: who takes a message, if somebody does."""
+
+    def __init__(self) -> None:
+        self.taker: Callable[[bytes], None] | None = None
+
+    def give(self, data: bytes) -> None:
+        """Hand a message over."""
+        if self.taker:
+            self.taker(data)
+
+
+class HandedInputs(NamedTuple):
+    """Both inputs of a node, by another one in the same process."""
+
+    angles: HandOver
+    forces: HandOver
+
+
+class HandedStream:
+    """An input that comes from a node in the same process, and not over its topic: nothing is to be waited for."""
+
+    reliability, publishers = "handed over", 1
+
+    def __init__(self, topic: str, on_data: Callable[[bytes], None], meter: InputMeter, source: HandOver) -> None:
+        """`meter` counts what `source` gives."""
+        self.topic, self.meter = topic, meter
+        self._on_data, self._source = on_data, source
+
+    def open(self) -> None:
+        """Take."""
+        self._source.taker = self._on_message
+
+    def close(self) -> None:
+        """Take no more."""
+        self._source.taker = None
+
+    def adapt(self) -> None:
+        """There is nothing to be adapted to."""
+
+    def _on_message(self, data: bytes) -> None:
+        self._on_data(data)
+        self.meter.count(stamp_of(data))
 
 
 class InputStream:
@@ -109,3 +154,7 @@ class InputStream:
 
     def _on_incompatible_qos(self, event: Any) -> None:
         self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user
+
+
+Inputs = tuple[InputStream | HandedStream, InputStream | HandedStream]
+"""Of angles and of forces"""

@@ -19,14 +19,15 @@ NO_EVENTS = (
 )
 
 
-def executor_of(node: Node) -> Executor:
-    """The quickest executor that there is, with a node in it; the node's log tells if it is not the events executor.
+def executor_of(*nodes: Node) -> Executor:
+    """The quickest executor that there is, with nodes in it; the first one's log tells if it is not the events one.
 
     It is for `spin_once(timeout_sec=...)` in a loop: in `spin`, and without a time-out, the events executor of Jazzy's
     wheels burns a processor and delivers nothing.
     """
     if Quickest is SingleThreadedExecutor:
-        node.get_logger().warning(NO_EVENTS)
+        nodes[0].get_logger().warning(NO_EVENTS)
     executor = Quickest()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     return executor

@@ -62,9 +62,9 @@ def node(ros_arguments: tuple[str, ...]) -> None:
         click.echo(click.get_current_context().get_help())
         return
     from knee_contact_ros.node.contact_session import CONTACT_NODE
-    from knee_contact_ros.node.node import run_node
+    from knee_contact_ros.node.node import run_nodes
 
-    if code := run_node(list(ros_arguments), CONTACT_NODE):
+    if code := run_nodes(list(ros_arguments), [CONTACT_NODE]):
         sys.exit(code)
 
 

@@ -25,10 +25,11 @@ load_parameter_files = click.option(
 @click.command(
     context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
     add_help_option=False,
-    options_metavar="[--ros-args ...]",
+    options_metavar="[--with-contact] [--ros-args ...]",
 )
+@click.option("--with-contact", is_flag=True, help="Run the contact node in the same process: quicker by a hop.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
-def load(ros_arguments: tuple[str, ...]) -> None:
+def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     """Run the ROS 2 node that estimates the joint reaction force.
 
     It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. Takes
@@ -38,9 +39,14 @@ def load(ros_arguments: tuple[str, ...]) -> None:
         click.echo(click.get_current_context().get_help())
         return
     from knee_contact_ros.node.load_session import LOAD_NODE
-    from knee_contact_ros.node.node import run_node
+    from knee_contact_ros.node.node import run_nodes
 
-    if code := run_node(list(ros_arguments), LOAD_NODE):
+    kinds = [LOAD_NODE]
+    if with_contact:
+        from knee_contact_ros.node.sensors_to_contact import load_and_contact
+
+        kinds = [*load_and_contact()]
+    if code := run_nodes(list(ros_arguments), kinds):
         sys.exit(code)
 
 
