@@ -14,7 +14,7 @@ SECOND = 1e-9
 FEWEST = 4
 """Angles in the window, from which on a motion is told"""
 MOST = 200
-"""Angles in the window, at most: of more, those in between are passed over"""
+"""Angles in the window, at most: time is cut into so many cells a window, and the last one in a cell counts"""
 
 
 class Turning(NamedTuple):
@@ -46,7 +46,7 @@ class MotionFilter:
     def __init__(self, window: float) -> None:
         """`window` [s] is how far back the parabola looks; 0: the joints are taken to be still."""
         self._window = round(window / SECOND)
-        self._apart = self._window // MOST
+        self._cell = -(-self._window // (MOST - 1))
         self._held: deque[tuple[int, float, float, float]] = deque()
 
     def forget(self) -> None:
@@ -58,8 +58,9 @@ class MotionFilter:
         if self._window == 0:
             return STILL
         held = self._held
-        if not held or stamp - held[-1][0] >= self._apart:
-            held.append((stamp, joints.flexion, joints.hip, joints.ankle))
+        if held and stamp // self._cell == held[-1][0] // self._cell:
+            held.pop()
+        held.append((stamp, joints.flexion, joints.hip, joints.ankle))
         while stamp - held[0][0] > self._window:
             held.popleft()
         if len(held) < FEWEST or 2 * (held[-1][0] - held[0][0]) < self._window:
