@@ -14,8 +14,8 @@ SECOND = 1e-9
 """[s] of a nanosecond"""
 FEWEST = 4
 """Angles in the window, from which on a motion is told"""
-MOST = 200
-"""Angles in the window, at most: time is cut into so many cells a window, and the last one in a cell counts"""
+MOST = 1000
+"""Angles in the window, at most (7 us): time is cut into so many cells a window, and the last one in a cell counts"""
 
 
 class Turning(NamedTuple):
