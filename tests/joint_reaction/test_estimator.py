@@ -150,6 +150,16 @@ def test_the_axial_force_is_all_that_presses(level: str, draw: Random) -> None:
     assert min(parts[1:]) >= 0.0
 
 
+@each_level
+@given(draw=draws)
+def test_forces_hold_the_moment_each_by_its_own_arm(level: str, draw: Random) -> None:
+    joints = angles(draw)._replace(flexion=0.0)
+    found = at_once(level, joints, ground(draw))
+    flexing = 0.02616 * found.hamstrings_force + 0.02220 * found.gastrocnemius_force
+    held = PERSON.moment_arm_scale * (0.04463 * found.quadriceps_force - flexing)
+    assert held == pytest.approx(found.knee_moment, abs=1e-10)  # roundings of some kN m
+
+
 def unknown(estimate: Estimate) -> set[str]:
     return {name for name, value in estimate._asdict().items() if math.isnan(value)}
 
