@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.joint_reaction.leg import GRAVITY, Leg
-from knee_contact_ros.joint_reaction.motion import STILL, Motion, Turning
+from knee_contact_ros.joint_reaction.motion import STANDING, STILL, Motion, Turning
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 
 
@@ -71,17 +71,16 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
 
     Args:
         leg: the person's.
-        joints: with the hip, or the ankle. Without the ankle the foot is at a right angle to the shank.
+        joints: with the hip, or the ankle. Without the ankle the foot is at a right angle to the shank
+            and turns with it.
         motion: of the joints; it counts where the hip is measured.
         ground: with a torque.
     """
     shank = inclination(joints)
-    foot = shank + joints.ankle if math.isfinite(joints.ankle) else shank
-    hip, hip_angle = (motion.hip, joints.hip) if math.isfinite(joints.hip) else (Turning(0.0, 0.0), 0.0)
-    if not math.isfinite(joints.hip):
-        motion = STILL
-    of_shank = Turning(hip.rate - motion.flexion.rate, hip.acceleration - motion.flexion.acceleration)
-    of_foot = Turning(of_shank.rate + motion.ankle.rate, of_shank.acceleration + motion.ankle.acceleration)
+    hip_angle, (bent, hip, turned) = (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)
+    foot, turned = (shank + joints.ankle, turned) if math.isfinite(joints.ankle) else (shank, STANDING)
+    of_shank = Turning(hip.rate - bent.rate, hip.acceleration - bent.acceleration)
+    of_foot = Turning(of_shank.rate + turned.rate, of_shank.acceleration + turned.acceleration)
 
     down = Plane(math.sin(shank), -math.cos(shank))
     to_knee = Plane(math.sin(hip_angle), -math.cos(hip_angle)).times(leg.thigh_length)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -13,8 +14,8 @@ SECOND = 1e-9
 """[s] of a nanosecond"""
 FEWEST = 4
 """Angles in the window, from which on a motion is told"""
-MOST = 200
-"""Angles in the window, at most: of more, those in between are passed over"""
+MOST = 1000
+"""Angles in the window, at most (7 us): time is cut into so many cells a window, and the last one in a cell counts"""
 
 
 class Turning(NamedTuple):
@@ -34,20 +35,27 @@ class Motion(NamedTuple):
     ankle: Turning
 
 
-STILL = Motion(*[Turning(0.0, 0.0)] * 3)
+STANDING = Turning(0.0, 0.0)
+STILL = Motion(STANDING, STANDING, STANDING)
 
 
 class MotionFilter:
     """Fits a parabola to the last angles by least squares: its slope at their middle, and its curvature.
 
-    So both are half a window late. A window of twice the length has a sixth of the noise in the curvature.
+    So both are half a window late. A window of twice the length has a sixth of the noise in the curvature. The bits
+    depend on stamps and angles in the window alone: cells and epochs are those of the clock, and the sums over the
+    rows, which are kept, are made anew at every stamp.
     """
 
     def __init__(self, window: float) -> None:
         """`window` [s] is how far back the parabola looks; 0: the joints are taken to be still."""
         self._window = round(window / SECOND)
-        self._apart = self._window // MOST
-        self._held: deque[tuple[int, float, float, float]] = deque()
+        self._cell = -(-self._window // (MOST - 1))
+        self._held: deque[int] = deque()  # stamps in the window
+        # A row for each: powers of its time, from the epoch's beginning and in windows, and its angles. New rows go
+        # behind the others; an epoch is as long as a window, and as it begins, what is held moves to the front.
+        self._rows = np.empty((2 * MOST, 6))
+        self._end = self._epoch = 0
 
     def forget(self) -> None:
         """Begin anew."""
@@ -55,26 +63,45 @@ class MotionFilter:
 
     def at(self, stamp: int, joints: Joints) -> Motion:
         """Take the angles at a stamp [ns], later than all before; give the motion, still until enough is known."""
-        if self._window == 0:
+        window, cell, held = self._window, self._cell, self._held
+        if window == 0:
             return STILL
-        held = self._held
-        if not held or stamp - held[-1][0] >= self._apart:
-            held.append((stamp, joints.flexion, joints.hip, joints.ankle))
-        while stamp - held[0][0] > self._window:
+        while held and stamp - held[0] > window:
             held.popleft()
-        if len(held) < FEWEST or 2 * (held[-1][0] - held[0][0]) < self._window:
+        if held and stamp // cell == held[-1] // cell:
+            held.pop()
+            self._end -= 1
+        if not held or stamp - self._epoch >= window:
+            self._begin_epoch(stamp - stamp % window)
+        time = (stamp - self._epoch) / window
+        self._rows[self._end] = 1.0, time, time * time, joints.flexion, joints.hip, joints.ankle
+        self._end += 1
+        held.append(stamp)
+        if len(held) < FEWEST or 2 * (stamp - held[0]) < window:
             return STILL
         return self._parabola()
 
+    def _begin_epoch(self, epoch: int) -> None:
+        many = len(self._held)
+        angles = self._rows[self._end - many : self._end, 3:]
+        times = (np.array(self._held, dtype=np.int64) - epoch) / self._window
+        self._rows[:many] = np.column_stack([np.ones(many), times, times * times, angles])
+        self._end, self._epoch = many, epoch
+
     def _parabola(self) -> Motion:
-        begin = self._held[0][0]
-        times = np.array([SECOND * (one[0] - begin) for one in self._held])
-        angles = np.array([one[1:] for one in self._held])
-        times -= times.sum() / len(times)
-        square = times * times
-        bend = square - (square * times).sum() / square.sum() * times - square.sum() / len(times)  # orthogonal to both
-        slopes = (times[:, None] * angles).sum(axis=0) / square.sum()
-        curvatures = (bend[:, None] * angles).sum(axis=0) / (bend * bend).sum()
-        slopes -= curvatures * (square * times).sum() / square.sum()
-        numbers = zip(np.nan_to_num(slopes).tolist(), np.nan_to_num(2.0 * curvatures).tolist(), strict=True)
-        return Motion(*[Turning(*pair) for pair in numbers])
+        """Least squares by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
+        rows, window = self._rows[self._end - len(self._held) : self._end], self._window * SECOND
+        ones, firsts, seconds = (rows[:, :3].T @ rows).tolist()
+        number, first, second = ones[:3]
+        mean = first / number
+        spread = second - mean * first
+        tilt = (seconds[1] - mean * second) / spread
+        level = (second - tilt * first) / number
+        bend = seconds[2] - tilt * seconds[1] - level * second
+        motion = []
+        for one, by_time, by_square in zip(ones[3:], firsts[3:], seconds[3:], strict=True):
+            curvature = (by_square - tilt * by_time - level * one) / bend
+            slope = (by_time - mean * one) / spread + (2.0 * mean - tilt) * curvature
+            known = math.isfinite(slope)
+            motion.append(Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING)
+        return Motion(*motion)
