@@ -1,6 +1,6 @@
 """Both nodes in one process, `knee_load` and `knee_contact`: the one hands its inputs and answers to the other.
 
-A hop over a topic takes longer than estimate and contact together (decision 58). All topics are published as before.
+A hop over a topic takes longer than estimate and contact together (decision 60). All topics are published as before.
 """
 
 from __future__ import annotations
