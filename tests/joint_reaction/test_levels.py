@@ -76,6 +76,14 @@ def test_the_knee_moment_takes_foot_and_shank_as_one_body_whatever_the_ankle_doe
 
 
 @given(draw=draws)
+def test_without_the_hip_the_knee_moment_is_that_above_a_flat_foot(draw: Random) -> None:
+    sensed = (angles(draw)._replace(hip=UNKNOWN), motion(draw), ground(draw))
+    found, flat = LEVELS["knee_moment"].dynamics(LEG, *sensed), net_moments(LEG, *sensed)
+    assert found._replace(plantarflexion=0.0) == flat._replace(plantarflexion=0.0)
+    assert math.isnan(found.plantarflexion)
+
+
+@given(draw=draws)
 def test_the_ankle_moment_is_inverse_dynamics_as_it_is(draw: Random) -> None:
     sensed = (angles(draw), motion(draw), ground(draw))
     assert LEVELS["ankle_moment"].dynamics(LEG, *sensed) == net_moments(LEG, *sensed)
