@@ -107,9 +107,9 @@ class LoadSession(Session):
         begin = clock()
         messages = self.pipeline.compute(pair)
         reaction, estimate = messages
+        self._takers.forces.give(reaction)  # whoever takes it publishes what somebody waits for
         self._reaction.publish(reaction)
         end = clock()
-        self._takers.forces.give(reaction)
         latency = end - pair.load.arrived
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
