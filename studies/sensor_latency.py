@@ -3,8 +3,8 @@
     python -m studies.sensor_latency [--rate HZ] [--rounds N] [--duration S]
 
 Three ways in turn, each started anew for every round, all recording to MCAP: the contact node alone, fed with the joint
-reaction; the load node and the contact node in one process (`load --with-contact`), fed with joints and ground force; the
-two in a process each. Leave the machine alone meanwhile, and read the ratios.
+reaction; the load node and the contact node in one process (`load --with-contact`), fed with joints and ground force;
+the two in a process each. Leave the machine alone meanwhile, and read the ratios.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from knee_contact_ros.tools.latency.samples import Sample
 
 CONFIG = share_folder() / "config"
 JOINTS = ("hip", "knee", "ankle")
+COMMAND = ("-m", "knee_contact_ros.cli.main")
 
 
 def sensor_samples(rate: float, first: int, factor: float = 1.0) -> Iterator[Sample]:
@@ -59,26 +60,21 @@ class Way(NamedTuple):
 
 def start(commands: tuple[tuple[str, ...], ...], work: Path, patience: float) -> AbstractContextManager[Child]:
     """Nodes that record, each command in a process; the first one is given."""
-    files = [
-        "--params-file",
-        str(CONFIG / "load" / "inverse_dynamics.yaml"),
-        "--params-file",
-        str(CONFIG / "healthy.yaml"),
-    ]
+    files = [CONFIG / "load" / "inverse_dynamics.yaml", CONFIG / "healthy.yaml"]
     records = [f"{node}:record.path:={work / node}.mcap" for node in ("knee_load", "knee_contact")]
-    rest = ["--ros-args", *files, *(word for record in records for word in ("-p", record))]
+    rest = ["--ros-args", *(word for file in files for word in ("--params-file", str(file)))]
+    rest += [word for record in records for word in ("-p", record)]
 
     @contextmanager
     def started() -> Iterator[Child]:
         with ExitStack() as opened:
-            yield [
+            children = [
                 opened.enter_context(
-                    child_process(
-                        "a node", ["-m", "knee_contact_ros.cli.main", *command, *rest], work / f"{number}.log", patience
-                    )
+                    child_process("a node", [*COMMAND, *words, *rest], work / f"{number}.log", patience)
                 )
-                for number, command in enumerate(commands)
-            ][0]
+                for number, words in enumerate(commands)
+            ]
+            yield children[0]
 
     return started()
 
@@ -88,16 +84,13 @@ def way(name: str, *commands: tuple[str, ...], feed: Feed) -> Way:
     return Way(Candidate(name, "", partial(start, commands)), feed)
 
 
-ALONE = way("contact node alone", ("node",), feed=Feed(JOINT_REACTION_FORCE, partial(sensor_samples, factor=-2.0)))
+REACTIONS = Feed(JOINT_REACTION_FORCE, partial(sensor_samples, factor=-2.0))
+SENSORS = Feed(GROUND_REACTION_FORCE, sensor_samples)
+ALONE = way("contact node alone", ("node",), feed=REACTIONS)
 WAYS = (
     ALONE,
-    way("load and contact, one process", ("load", "--with-contact"), feed=Feed(GROUND_REACTION_FORCE, sensor_samples)),
-    way(
-        "load and contact, two processes",
-        ("load",),
-        ("node",),
-        feed=Feed(GROUND_REACTION_FORCE, sensor_samples, (2, 1, 1)),
-    ),
+    way("load and contact, one process", ("load", "--with-contact"), feed=SENSORS),
+    way("load and contact, two processes", ("load",), ("node",), feed=SENSORS._replace(peers=(2, 1, 1))),
 )
 
 
@@ -119,18 +112,12 @@ def main(rate: float, rounds: int, duration: float) -> None:
         os.environ.update(environment)
         for number in range(rounds):
             for one in WAYS:
-                found[one.candidate.name] += measured(
-                    one, Path(folder) / f"{number} {one.candidate.name}", rate, duration
-                )
-    base = figures(found[ALONE.candidate.name])
-    rows = [
-        [
-            name,
-            *(f"{time:.3f}" for time in figures(each)[:3]),
-            *(f"{part:.2f}" for part in ratios(figures(each), base)[:3]),
-        ]
-        for name, each in found.items()
-    ]
+                name = one.candidate.name
+                found[name] += measured(one, Path(folder) / f"{number} {name}", rate, duration)
+    alone, rows = figures(found[ALONE.candidate.name]), []
+    for name, each in found.items():
+        times, parts = figures(each), ratios(figures(each), alone)
+        rows.append([name, *(f"{time:.3f}" for time in times[:3]), *(f"{part:.2f}" for part in parts[:3])])
     click.echo(f"{machine.describe(DISTRIBUTIONS)}; {rate:g} Hz, {rounds} rounds of {duration:g} s")
     click.echo(tabulate(rows, ["", "median [ms]", "p99", "p99.9", "median over alone", "p99", "p99.9"]))
 
