@@ -139,7 +139,7 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
     """What the pipeline makes of messages."""
     pipeline, answers = Pipeline(parameters(), compiled=False), []
     for topic, _, data in inputs:
-        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         answers += list(feed(data))
     answers += list(pipeline.finish())
     return [(f"/{topic}", data) for answer in answers for topic, _, data in answer.records[-2:]]
