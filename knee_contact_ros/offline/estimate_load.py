@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
@@ -28,12 +29,12 @@ FEWEST_BETWEEN_NEWS = 1000
 
 def estimate_load(
     bag: Path, parameters: LoadParameters, output: Path | None, advance: Callable[[int, int], None],
-    overwrite: bool = False, names: Names = OWN_NAMES,
+    overwrite: bool = False, names: Names = OWN_NAMES, keep: Callable[[int, Estimate], object] | None = None,
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
     The messages are those that the node would publish, bit for bit. `advance` is called now and then with the number of
-    messages done and in all; `names` are those of the inputs in the bag.
+    messages done and in all; `names` are those of the inputs in the bag; `keep` is given every estimate, and its stamp.
 
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. `output` is then not there.
@@ -52,12 +53,13 @@ def estimate_load(
             topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
             recorder = AnswerWriter(writer, load_provenance_record(parameters, bag), topics, LOAD_PROVENANCE)
         summary = LoadSummary(pipeline.level, parameters.calibrated)
+        takers = [summary.add, *([keep] if keep else [])]
         for number, message in enumerate(inputs.messages(), start=1):
             take = pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
-            _keep(take(message.data), pipeline, recorder, summary)
+            _keep(take(message.data), pipeline, recorder, takers)
             if number % FEWEST_BETWEEN_NEWS == 0:
                 advance(number, inputs.reader.count)
-        _keep(pipeline.finish(), pipeline, recorder, summary)
+        _keep(pipeline.finish(), pipeline, recorder, takers)
         advance(inputs.reader.count, inputs.reader.count)
         summary.refused, summary.damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
         if recorder:
@@ -80,12 +82,14 @@ def named_joints(parameters: LoadParameters) -> dict[str, str]:
 
 
 def _keep(
-    answers: Iterable[Answer], pipeline: LoadPipeline, recorder: AnswerWriter | None, summary: LoadSummary
-) -> None:
+    answers: Iterable[Answer], pipeline: LoadPipeline, recorder: AnswerWriter | None,
+    takers: Sequence[Callable[[int, Estimate], object]],
+) -> None:  # fmt: skip
     for answer in answers:
         if recorder:
             if pipeline.frame.turn_note:
                 recorder.note(FORCE_TURNED, pipeline.frame.told())
             recorder.write(answer.records)
         assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
-        summary.add(answer.records[-1][1], pipeline.estimate)
+        for taker in takers:
+            taker(answer.records[-1][1], pipeline.estimate)

@@ -6,13 +6,14 @@ import warnings
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.topics import LOAD_INPUTS
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.in_memory import in_python, in_python_words
@@ -23,6 +24,8 @@ from knee_contact_ros.system.resources import expanded
 from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]
+DTYPE = np.dtype([("stamp", np.int64), *((name, kind) for name, kind in get_type_hints(Estimate).items())])
+"""Of the result"""
 
 
 def estimate_load(
@@ -58,14 +61,17 @@ def estimate_load(
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None
+        rows: list[tuple[Any, ...]] = []
         with progress("Estimating") as advance:
-            summary = estimate(path, parameters, written, advance, overwrite, names)
+            summary = estimate(
+                path, parameters, written, advance, overwrite, names, lambda stamp, each: rows.append((stamp, *each))
+            )
         doubts = others_beside(path)
         if summary.damage:
             doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
         for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
-    return summary.rows()
+    return np.array(rows, DTYPE)
 
 
 def _parts(params: Any) -> list[Any]:
