@@ -61,6 +61,6 @@ def test_constants_are_those_of_the_package() -> None:
         assert getattr(LoadEstimate, name.upper()) == way.level
     known = [bit for bit in Status if hasattr(LoadEstimate, bit.name or "")]
     assert [getattr(LoadEstimate, bit.name or "") for bit in known] == known
-    assert LoadEstimate.UNUSABLE == sum(known) & UNUSABLE
+    assert sum(known) & UNUSABLE == LoadEstimate.UNUSABLE
     fields = [name for name in LoadEstimate.get_fields_and_field_types() if name != "header"]
     assert fields == list(Estimate._fields)
