@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
-from knee_contact_ros.cohort.outcomes import outcomes
+from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
 from knee_contact_ros.compiled.choice import telling_of, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.types import ROW, Rows, Status
@@ -75,6 +75,18 @@ def compute(
             found[case.number] = answer
     seconds = (time.perf_counter() - begun) / max(len(cases), 1)
     return [one._replace(seconds=seconds) for one in found if one]
+
+
+def outcomes_of(computed: Sequence[Computed], side: int) -> NDArray[Any]:
+    """Outcomes of all cases in a compartment (0: the only or the medial one), rows of `OF_A_RUN`, shape (k,).
+
+    Not a number where a case has none.
+    """
+    rows = np.full(len(computed), np.nan, OF_A_RUN)
+    for i, one in enumerate(computed):
+        if side < len(one.sides):
+            rows[i] = one.sides[side]
+    return rows
 
 
 def _at_an_end(cases: Sequence[Values]) -> set[int]:

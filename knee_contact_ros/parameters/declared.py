@@ -141,9 +141,9 @@ class NodeReading(Generic[P]):
         """Check dotted values, each alone and with each other; errors begin with `where`."""
         return self.checked(self.nested(self.completed(values), where), where)
 
-    def nested(self, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-        """Dotted values by section and name; those that every node has are left out."""
-        known, nested = self.known(), dict[str, Any]()
+    def nested(self, values: Mapping[str, Any], where: str, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Dotted values by section and name; those that every node has are left out. `known` saves asking again."""
+        known, nested = known or self.known(), dict[str, Any]()
         for name, value in values.items():
             if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
                 continue
