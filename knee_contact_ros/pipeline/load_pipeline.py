@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from knee_contact_ros.joint_reaction.estimator import Estimate, Estimator
 from knee_contact_ros.joint_reaction.inverse_dynamics import inclination
+from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.messages.estimate_out import encode_estimate
@@ -40,13 +41,17 @@ class LoadPipeline(Intake):
         """The ground force."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
+    def sensed(self, pair: PairedSample) -> tuple[Joints, Ground]:
+        """What the leg's sensors told at one stamp."""
+        joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
+        assert wrench is not None  # noqa: S101  (by `ground_sample`)
+        return joints, ground_of(wrench, self.parameters.ground, joints, inclination(joints))
+
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
         if pair.status & TIME_RESET:
             self._estimator.start_anew()
-        load, joints = pair.load, joints_of(pair.angle, pair.others)
-        assert load.wrench is not None  # noqa: S101  (by `ground_sample`)
-        ground = ground_of(load.wrench, self.parameters.ground, joints, inclination(joints))
+        load, (joints, ground) = pair.load, self.sensed(pair)
         self.estimate = estimate = self._estimator.at(load.stamp, joints, ground, pair.status)
         self.ticks += 1
         frame = self.parameters.frame.tibia
