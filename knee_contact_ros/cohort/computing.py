@@ -19,7 +19,9 @@ from knee_contact_ros.pipeline.compartment import aside, put_aside
 from knee_contact_ros.system.errors import UsageError
 
 TOGETHER = 16_384
-"""Answers that are held at once: some 5 MB, for processors' caches"""
+"""Answers that are held at once: some 4 MB, for processors' caches"""
+LARGEST = 16 * TOGETHER
+"""The same of cases in step (`compiled/lanes.py`), where fewer would leave lanes empty"""
 
 
 class Computed(NamedTuple):
@@ -106,7 +108,7 @@ def _kind(side: Side) -> tuple[Any, ...]:
 
 def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Computed]:
     """Cases of one kind, in blocks."""
-    count = max(1, TOGETHER // len(recording.steps)) * max(how.threads, 1)
+    count = _at_once(len(recording.steps), how) * max(how.threads, 1)
     found = []
     for begin in range(0, len(cases), count):
         part = cases[begin : begin + count]
@@ -123,6 +125,16 @@ def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Compu
                 put_aside(rows_of_side, place)
             found.append(Computed(case.parameters, tuple(row[i] for row in rows), kept, "", 0.0))
     return found
+
+
+def _at_once(answers: int, how: _How) -> int:
+    """Cases with so many answers each that a thread computes at once."""
+    count = max(1, TOGETHER // answers)
+    if not how.compiled:
+        return count
+    from knee_contact_ros.compiled.transposed import LANES  # half a second to import
+
+    return count - count % LANES if count >= LANES else max(count, min(LANES, LARGEST // answers))
 
 
 def _answers(recording: Recording, sides: list[Side], how: _How) -> Rows:

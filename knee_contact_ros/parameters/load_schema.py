@@ -147,4 +147,4 @@ def _check(parameters: LoadParameters, where: str) -> None:
         raise UsageError(f"{where}parameter ankle.assisted: True is not allowed; ankle.joint_name is empty")
 
 
-LOAD_READING = NodeReading("knee_load", LoadParameters, _check)
+LOAD_READING = NodeReading("knee_load", LoadParameters, _check, folder="load")

@@ -17,7 +17,7 @@ from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.leg_samples import ground_of, ground_sample, joints_of, leg_sample
 from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample
-from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
+from knee_contact_ros.pipeline.synchronise import INPUT_HELD, STALE_INPUT, TIME_RESET, PairedSample
 
 
 class LoadPipeline(Intake):
@@ -49,10 +49,13 @@ class LoadPipeline(Intake):
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
-        if pair.status & TIME_RESET:
+        unseen = bool(pair.status & (INPUT_HELD | STALE_INPUT))
+        if unseen or pair.status & TIME_RESET:
             self._estimator.start_anew()
         load, (joints, ground) = pair.load, self.sensed(pair)
         self.estimate = estimate = self._estimator.at(load.stamp, joints, ground, pair.status)
+        if unseen:  # the next angle tells where the joints are, and not how they came there
+            self._estimator.start_anew()
         self.ticks += 1
         frame = self.parameters.frame.tibia
         force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
@@ -74,5 +77,11 @@ class LoadPipeline(Intake):
 
     def retune(self, parameters: LoadParameters) -> None:
         """Go on with other numbers, between two ticks."""
+        if _offsets(parameters) != _offsets(self.parameters):  # what the angles jump by is no motion
+            self._estimator.start_anew()
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator.go_on_with(self.level, parameters.person.constants, parameters.trust)
+
+
+def _offsets(parameters: LoadParameters) -> tuple[float, ...]:
+    return parameters.knee.offset, parameters.hip.offset, parameters.ankle.offset
