@@ -19,6 +19,11 @@ from knee_contact_ros.pipeline.leg_samples import ground_of, ground_sample, join
 from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample
 from knee_contact_ros.pipeline.synchronise import INPUT_HELD, STALE_INPUT, TIME_RESET, PairedSample
 
+UNSEEN = INPUT_HELD | STALE_INPUT
+"""Bits of a sample whose joints were not seen: the next one tells where they are, and not how they came there"""
+ANEW = UNSEEN | TIME_RESET
+"""Bits of a sample before which the motion is to be forgotten; behind it, it is with `UNSEEN`"""
+
 
 class LoadPipeline(Intake):
     """Samples, pairing and estimator in one line."""
@@ -49,12 +54,11 @@ class LoadPipeline(Intake):
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
-        unseen = bool(pair.status & (INPUT_HELD | STALE_INPUT))
-        if unseen or pair.status & TIME_RESET:
+        if pair.status & ANEW:
             self._estimator.start_anew()
         load, (joints, ground) = pair.load, self.sensed(pair)
         self.estimate = estimate = self._estimator.at(load.stamp, joints, ground, pair.status)
-        if unseen:  # the next angle tells where the joints are, and not how they came there
+        if pair.status & UNSEEN:
             self._estimator.start_anew()
         self.ticks += 1
         frame = self.parameters.frame.tibia

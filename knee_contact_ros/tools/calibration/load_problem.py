@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
 from knee_contact_ros.joint_reaction.leg import leg_of
 from knee_contact_ros.joint_reaction.levels import LEVELS, Way
@@ -17,6 +16,7 @@ from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.parameters.reading import known_parameters
+from knee_contact_ros.pipeline.load_pipeline import ANEW, UNSEEN
 from knee_contact_ros.pipeline.synchronise import SECOND
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.calibration.problem import STEP, Problem
@@ -104,12 +104,14 @@ def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: 
 
 
 def motions_of(parameters: LoadParameters, measured: Referenced) -> tuple[Motion, ...]:
-    """How the joints turn at every sample."""
+    """How the joints turn at every sample, as the load pipeline sees it."""
     seen, motions = MotionFilter(parameters.motion_window), []
     for sample in measured.samples:
-        if sample.status & Status.TIME_RESET:
+        if sample.status & ANEW:
             seen.forget()
         motions.append(seen.at(sample.stamp, sample.joints))
+        if sample.status & UNSEEN:
+            seen.forget()
     return tuple(motions)
 
 

@@ -26,7 +26,8 @@ from knee_contact_ros.system.errors import UsageError
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 AXIAL_FORCE = "axial_force"
-REFERENCE = f"/{JOINT_REACTION_FORCE}"
+OWN_NAME, ROLE = f"/{JOINT_REACTION_FORCE}", "/reference"
+"""The reference's topic, unless it is another one; and what it is called here, as no other force may stand in for it"""
 
 
 class Referenced(NamedTuple):
@@ -61,8 +62,8 @@ def referenced(
     Raises:
         UsageError: the bag cannot be used, a topic is missing, or no sample is left.
     """
-    stamps, axial, refused = _reference(bag, names)
     sensed = sensed_in(bag, parameters, names, advance)
+    stamps, axial, refused = _reference(bag, names.get(OWN_NAME, OWN_NAME))
     if not sensed.samples:
         raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
     column = interpolated(stamps, axial, sensed, round(parameters.pairing.max_gap * SECOND))
@@ -75,7 +76,7 @@ def referenced(
         raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(left_out)})")
     return Referenced(
         str(bag), bag_digest(bag), tuple(sensed.samples), {AXIAL_FORCE: column}, left_out,
-        (*_own(bag, names), *_damage(bag, sensed)),
+        (*_own(bag, names.get(OWN_NAME, OWN_NAME)), *_damage(bag, sensed)),
     )  # fmt: skip
 
 
@@ -97,14 +98,14 @@ def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int
     return np.where(later & (exact | between), found, np.nan)
 
 
-def _reference(bag: Path, names: Names) -> tuple[Stamps, Floats, Counter[str]]:
+def _reference(bag: Path, topic: str) -> tuple[Stamps, Floats, Counter[str]]:
     """Stamps [ns], increasing, and axial forces [N] of the reference; and what of it is refused, by reason.
 
     Raises:
         UsageError: there is none.
     """
     decoder, kept, refused, last = Decoder(deserialize), [], Counter[str](), -1
-    with BagReader(bag, {REFERENCE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, names) as reader:
+    with _opened(bag, topic) as reader:
         for message in reader.raw_messages():
             try:
                 sample = load_sample(decoder.force(message.data, JOINT_REACTION_FORCE)[0])
@@ -117,15 +118,21 @@ def _reference(bag: Path, names: Names) -> tuple[Stamps, Floats, Counter[str]]:
             last = sample.stamp
             kept.append((sample.stamp, sample.axial))
     if not kept:
-        raise UsageError(f"bag {bag}: no reference on {names.get(REFERENCE, REFERENCE)} ({_counted(refused)})")
+        raise UsageError(f"bag {bag}: no message on {topic} can be a reference ({_counted(refused)})")
     return np.array([stamp for stamp, _ in kept]), np.array([axial for _, axial in kept]), refused
 
 
-def _own(bag: Path, names: Names) -> list[str]:
+def _opened(bag: Path, topic: str) -> BagReader:
+    try:
+        return BagReader(bag, {ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
+    except UsageError as error:
+        raise UsageError(f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction") from None
+
+
+def _own(bag: Path, topic: str) -> list[str]:
     """Told where the reference is an estimate of our own, as `load_estimate` beside it says."""
-    topic = names.get(REFERENCE, REFERENCE)
     estimate = topic.removesuffix(JOINT_REACTION_FORCE) + LOAD_ESTIMATE
-    if not topic.endswith(REFERENCE):
+    if not topic.endswith(OWN_NAME):
         return []
     try:
         BagReader(bag, {estimate: MESSAGE_TYPES[LOAD_ESTIMATE]}).close()

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.messages.cdr import JOINT_STATE, JointState, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.parameters.load_schema import LOAD_READING
 
 Floats = NDArray[np.float64]
 TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.tone": 0.25}
@@ -88,9 +87,9 @@ def write_sensors(
 def true_load(folder: Path, flexion: Floats, ground: Floats, *params: Any) -> dict[int, float]:
     """What the knee bears [N] by stamp: the load pipeline's own answer with the true constants."""
     bag = write_sensors(folder / "true.mcap", flexion, ground)
-    found = estimate_load(bag, LOAD_READING.load([*params, {**BODY, **TRUE}]), None, lambda *_: None)
+    found = estimate_load(bag, [*params, {**BODY, **TRUE}])
     bag.unlink()
-    return dict(zip(found.stamps, found.axial.tolist(), strict=True))
+    return dict(zip(found["stamp"].tolist(), found["axial_force"].tolist(), strict=True))
 
 
 def trial(

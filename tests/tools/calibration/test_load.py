@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros import UsageError, calibrate
+from knee_contact_ros import UsageError, calibrate, estimate_load
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.tools.calibration import run as calibrate_run
 from tests.tools.calibration.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, noise, trial, walk, write_sensors
@@ -55,10 +54,10 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     found = fitted(bag, FREE, *how, with_intervals=False)
     for name, true in TRUE.items():
         assert found.values[name] == pytest.approx(true, rel=1e-6)  # a search ends at 1e-10 of its coordinates
-    estimated = estimate_load(bag, LOAD_READING.load([*how, BODY, found.to_parameters()]), None, lambda *_: None)
-    np.testing.assert_array_equal(found.predicted["axial_force"], estimated.axial)
-    assert estimated.calibrated
-    assert estimated.estimates[0].standard_deviation == pytest.approx(0.01 * WEIGHT)  # the least that is allowed
+    estimated = estimate_load(bag, [*how, BODY, found.to_parameters()])
+    np.testing.assert_array_equal(found.predicted["axial_force"], estimated["axial_force"])
+    assert estimated["calibrated"].all()
+    assert estimated["standard_deviation"][0] == pytest.approx(0.01 * WEIGHT)  # the least that is allowed
     assert f"level {level}" in found.remarks[0]
 
 
@@ -104,6 +103,10 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(t
     assert "samples: 349 fitted, left out 25 flagged, 26 without a reference" in found.remarks
     assert found.residuals["axial_force"].shape == (400,)
     assert found.values["person.tone"] == pytest.approx(0.25, rel=0.1)  # interpolated over 30 ms, it is a bit off
+    how = ["load/inverse_dynamics", BODY, TRUE]  # at every sample, flagged ones and those behind them, too
+    predicted = calibrate(bag, how, ["person.tone"], with_intervals=False, starts=1)
+    estimated = estimate_load(bag, [*how, predicted.to_parameters()])
+    np.testing.assert_array_equal(predicted.predicted["axial_force"], estimated["axial_force"])
 
 
 def test_the_command_writes_parameters_that_the_load_node_takes(
@@ -134,7 +137,7 @@ def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixtu
     free, output = ("--free", "person.tone", "--starts", 1, "--no-intervals"), ("--output", tmp_path / "me.yaml")
     assert run(bag, *free, *output) == 2
     assert "has no topic /joint_reaction_force" in (said := capsys.readouterr().err)
-    assert "of this type it has /implant/force: say --remap joint_reaction_force:=/implant/force" in said
+    assert "its topics: /ground_reaction_force, /implant/force, /joint_states; --remap joint_reaction_force:=" in said
     assert run(bag, *free, *output, "--remap", "joint_reaction_force:=/implant/force") == 0
     found = fitted(bag, ["person.tone"], remap={"joint_reaction_force": "/implant/force"}, with_intervals=False)
     assert found.values["person.tone"] > 0.0
@@ -177,13 +180,17 @@ def short(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("bag", "arguments", "reason"),
     [
-        (without_reference, FREE, "has no topic /joint_reaction_force (geometry_msgs/msg/WrenchStamped); its topics: "),
+        (
+            without_reference,
+            FREE,
+            "; its topics: /ground_reaction_force, /joint_states; --remap joint_reaction_force:=TOPIC names a measured",
+        ),
         (
             elsewhere,
             FREE,
             "no sample can be fitted to the reference (150 without a reference)",
         ),
-        (of_nothing, FREE, "no reference on /joint_reaction_force (2 not_finite)"),
+        (of_nothing, FREE, "no message on /joint_reaction_force can be a reference (2 not_finite)"),
         (short, FREE, "1 samples can be fitted, for 3 parameters; more are needed than parameters are free"),
         (whole, ["person.ton"], "--free person.ton: it is no parameter that can be fitted; did you mean person.tone?"),
         (whole, ["contact.stiffness"], "it is one of the contact, which is fitted to a table; to a bag person.mass, "),
