@@ -30,6 +30,11 @@ BODY = ("person.mass", "person.height")
 LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
 """Of what `standard_deviation` may be, in body weights"""
 
+OTHER_TRIALS = (
+    "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
+    "times as large (docs/calibration.md)"
+)
+
 
 @dataclass(frozen=True)
 class LoadProblem(Problem):
@@ -63,13 +68,15 @@ class LoadProblem(Problem):
     def remarks(self, place: Floats) -> list[str]:
         """What is left in body weights, the correlation with the reference, and the samples that were left out."""
         reference, answer = self.measured.answers[AXIAL_FORCE], self.answers(place)[AXIAL_FORCE]
-        known = np.isfinite(reference)
-        size, level, left_out = self.relative_rms(place), self.parameters.chosen_level, self.measured.left_out
-        told = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count or "refused" not in reason)
+        known, left_out = np.isfinite(reference), self.measured.left_out
         correlation = _correlation(reference[known], answer[known])
         alike = f", r {correlation:.3f}" if np.isfinite(correlation) else ""
-        return [f"{AXIAL_FORCE}: RMS {size:.3f} body weights{alike}, level {level}",
-                f"samples: {self.measured.number} fitted, left out {told}"]  # fmt: skip
+        told = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count or "refused" not in reason)
+        return [
+            f"that is {self.relative_rms(place):.3f} body weights{alike}, level {self.parameters.chosen_level}",
+            f"samples: {self.measured.number} fitted; left out: {told}",
+            OTHER_TRIALS,
+        ]
 
     def also(self, place: Floats) -> dict[str, Any]:
         """`calibrated`, and `standard_deviation` in body weights: the RMS of what is left, within its range."""

@@ -19,10 +19,6 @@ from knee_contact_ros.tools.calibration.reference import AXIAL_FORCE
 
 UNITS = ANSWERS | {AXIAL_FORCE: "N"}
 """Of what is measured"""
-MEANINGS = {
-    "standard_deviation": "  # [body weight] RMS of what is left of the data above; in another trial of this person, "
-    "expect more"
-}
 
 
 class CalibrateOptions(NamedTuple):
@@ -99,11 +95,8 @@ def parameter_file(found: Calibration, asked: CalibrateOptions) -> str:
 
 
 def _entries(values: Mapping[str, Any], indent: str) -> list[str]:
-    """Lines of parameters; behind some of them what they mean."""
-    return [
-        f"{indent}{name}: {'true' if value is True else f'{value:.9e}'}{MEANINGS.get(name, '')}"
-        for name, value in values.items()
-    ]
+    """Lines of parameters."""
+    return [f"{indent}{name}: {'true' if value is True else f'{value:.9e}'}" for name, value in values.items()]
 
 
 def interval_text(found: Calibration, name: str) -> str:

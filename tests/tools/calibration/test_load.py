@@ -100,7 +100,7 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(t
     assert found.measured.left_out == {"flagged": 25, "without a reference": 26}
     assert np.flatnonzero(np.isnan(column)).tolist() == [*range(100, 126), *range(201, 226)]
     assert found.measured.number == 400 - 25 - 26
-    assert "samples: 349 fitted, left out 25 flagged, 26 without a reference" in found.remarks
+    assert "samples: 349 fitted; left out: 25 flagged, 26 without a reference" in found.remarks
     assert found.residuals["axial_force"].shape == (400,)
     assert found.values["person.tone"] == pytest.approx(0.25, rel=0.1)  # interpolated over 30 ms, it is a bit off
     how = ["load/inverse_dynamics", BODY, TRUE]  # at every sample, flagged ones and those behind them, too
@@ -127,7 +127,7 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     text = output.read_text(encoding="utf-8")
     assert "insole.yaml, person.mass 70.0" in text
     assert "# Data: trial.mcap, sha256 " in text
-    assert "in another trial" in text
+    assert "# Standard_deviation is the RMS of what is left of these data; in another trial of the same person" in text
     assert main(["estimate-load", str(bag), "--params", str(output), "--output", str(tmp_path / "out.mcap")]) == 0
     assert "fitted to this person's knee" in capsys.readouterr().out
 
