@@ -74,7 +74,8 @@ def _noise(minimum: Minimum) -> list[str]:
     misfits = minimum.problem.misfits(minimum.place)
     for name in sorted(minimum.given & misfits.keys()) if minimum.loss == "linear" else ():
         scaled = misfits[name] / minimum.noise[name]
-        total, number = float((scaled**2).sum()), len(scaled)
+        part = minimum.independent  # of the samples are worth something
+        total, number = part * float((scaled**2).sum()), part * len(scaled)
         if chi2.sf(total, number) < UNLIKELY:
             told.append(f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given: the model does "
                         "not describe it, or the noise is larger; the intervals are too narrow")  # fmt: skip

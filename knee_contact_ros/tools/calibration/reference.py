@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag_files import in_a_line
+from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.topic_names import Names
@@ -76,7 +76,7 @@ def referenced(
         raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(left_out)})")
     return Referenced(
         str(bag), bag_digest(bag), tuple(sensed.samples), {AXIAL_FORCE: column}, left_out,
-        (*_own(bag, names.get(OWN_NAME, OWN_NAME)), *_damage(bag, sensed)),
+        (*_own(bag, names.get(OWN_NAME, OWN_NAME)), *others_beside(bag), *_damage(bag, sensed)),
     )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ class CalibrateOptions(NamedTuple):
 
     data: Path
     params: Sequence[Path]
-    """None: the healthy knee; of a bag the load node's defaults"""
+    """Empty: the healthy knee; of a bag the load node's defaults"""
     values: Mapping[str, Any]
     free: Sequence[str]
     sigma: Sequence[str]
