@@ -57,7 +57,7 @@ CONTENTS = {
     ],
     "Model": [
         "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
-        "docs/assistance", "docs/studies/README",
+        "docs/load-validation", "docs/assistance", "docs/studies/README",
     ],
     "API": ["docs/api/README", "docs/api/python", "docs/api/message", "docs/api/parameters", "docs/api/commands"],
     "Project": ["CONTRIBUTING", "docs/from-source", "QUALITY_DECLARATION", "docs/decisions/README", "CHANGELOG"],

@@ -54,8 +54,10 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     recorded = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
     numbers = {
         "machine": machine(),
-        "most": f"{torques[-1]:g}", "limit": f"{FORCE_LIMIT:g}", "deviation": f"{deviation * weight:.0f}",
-        "weights": f"{deviation:.2f}", "shown": f"{torques[SHOWN]:g}",
+        "most": f"{torques[-1]:g}", "limit": f"{FORCE_LIMIT:g}", "floor": f"{deviation.floor:g}",
+        "part": f"{deviation.part:g}",
+        "deviation": f"{deviation.at(constant[0].axial.max(), weight):.0f}",
+        "shown": f"{torques[SHOWN]:g}",
         "rows": "\n".join(f"| {torques[i]:g} | {cells(constant[i])} | {cells(law[i])} |" for i in TABLE),
         "slope": f"{(middle[0] - middle[SHOWN]) / torques[SHOWN]:.1f}",
         "least": f"{middle[best]:.0f}", "best": f"{torques[best]:g}",

@@ -114,26 +114,27 @@ def person() -> LoadParameters:
 def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: LoadParameters) -> Walk:
     """Estimate, assist and compute, sample by sample: the torque of a sample follows from the contact before it.
 
-    Then once more with the load a standard deviation off throughout, under the same torques: who assists sees the
+    Then once more with the load a standard deviation of every sample off, under the same torques: who assists sees the
     estimate alone. What muscles do at rest presses on (`person.tone`): no load falls below that by a deviation.
     """
     estimator = Estimator(
         parameters.chosen_level, parameters.person.constants, parameters.motion_window, parameters.trust
     )
-    stream, contact, deviation = model.stream(), 0.0, 0.0
-    torques, axial, force = [], [], []
+    stream, contact = model.stream(), 0.0
+    torques, axial, force, off = [], [], [], []
     for sample in samples:
         torques.append(law(sample, contact))
         joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
         estimate = estimator.at(sample.stamp, joints, Ground((0.0, sample.vertical, 0.0), NO_TORQUE))
         stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)
-        contact, deviation = float(stream.answer["contact_force"][0]), estimate.standard_deviation
+        contact = float(stream.answer["contact_force"][0])
         axial.append(estimate.axial_force)
+        off.append(estimate.standard_deviation)
         force.append(contact)
     time = np.array([sample.stamp for sample in samples]) * SECOND
-    flexion, loads = np.array([sample.flexion for sample in samples]), np.array(axial)
+    flexion, loads, deviations = np.array([sample.flexion for sample in samples]), np.array(axial), np.array(off)
     least = np.minimum(loads, parameters.person.tone * parameters.person.constants.weight)
-    runs = [model.run(time, flexion, SHARE * np.maximum(loads + by * deviation, least)) for by in (-1.0, 0.0, 1.0)]
+    runs = [model.run(time, flexion, SHARE * np.maximum(loads + by * deviations, least)) for by in (-1.0, 0.0, 1.0)]
     below, middle, above = ((float(run.contact_force.max()), float(run.penetration_depth.max())) for run in runs)
     peaks = Peaks(*zip(below, middle, above, strict=True))
     return Walk(time, np.array(torques), loads, np.array(force), peaks)

@@ -21,7 +21,7 @@ CONTRACT = {
     "hip.joint_name": "", "hip.sign": 1.0, "hip.offset": 0.0,
     "ground.components": "vertical", "ground.axes": "ground", "ground.ankle_x": 0.0, "ground.ankle_y": 0.0,
     "frame.ground": "", "frame.tibia": "tibia", "person.mass": 75.16, "person.height": 1.75,
-    "person.moment_arm_scale": 1.2, "person.co_contraction": 0.2, "person.tone": 0.2,
+    "person.moment_arm_scale": 1.5, "person.co_contraction": 0.2, "person.tone": 0.3,
     "calibrated": False, "standard_deviation": 0.0, "motion_window": 0.05, "pairing.wait": 0.1, "autostart": True,
     "record.path": "",
 }  # fmt: skip

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.cdr import (
     JOINT_STATE,
@@ -312,11 +313,15 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
 
 @pytest.mark.parametrize(
     ("values", "deviation"),
-    [({}, 0.6), ({"calibrated": True}, 0.45), ({"standard_deviation": 0.1}, 0.1)],
+    [
+        ({}, LEVELS["ground_force"].error.uncalibrated),
+        ({"calibrated": True}, LEVELS["ground_force"].error.calibrated),
+        ({"standard_deviation": 0.1}, Deviation(0.1, 0.0)),
+    ],
 )
-def test_how_sure_an_estimate_is(values: dict[str, Any], deviation: float) -> None:
+def test_how_sure_an_estimate_is(values: dict[str, Any], deviation: Deviation) -> None:
     found = once(values | {"person.mass": 50.0})
-    assert found.standard_deviation == pytest.approx(deviation * 50.0 * 9.80665, rel=1e-15)
+    assert found.standard_deviation == pytest.approx(deviation.at(found.axial_force, 50.0 * 9.80665), rel=1e-15)
     assert found.calibrated == ("calibrated" in values)
 
 
