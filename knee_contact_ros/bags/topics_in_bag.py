@@ -21,7 +21,7 @@ OTHER_FORCE = {
     JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load makes joint reaction forces of its"),
     GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve takes, and replay without --sensors, its"),
 }
-"""The force that must not be taken for one of ours, though it has its type; and what to do with it"""
+"""The other input that has a force's type, but must not be taken for it; and what to do with it"""
 
 
 def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
@@ -59,12 +59,13 @@ def ways_out(connections: Sequence[Connection], topic: str) -> str:
             return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
     alike = sorted(name for name, type_there in there.items() if type_there == MESSAGE_TYPES.get(own))
     if own in (*INPUTS, *LOAD_INPUTS) and topic not in alike:
-        other, way_out = OTHER_FORCE.get(own, ("", ""))
-        fitting = [name for name in alike if not (other and name.endswith(f"/{other}"))]
+        not_this = tuple(f"/{known}" for known in MESSAGE_TYPES if known != own)
+        fitting = [name for name in alike if not name.endswith(not_this)]
         if fitting:
             return f"of this type it has {listed(fitting)}: say --remap {own}:={fitting[0]}"
-        if alike:
-            return f"{way_out} {alike[0]}"
+        other, way_out = OTHER_FORCE.get(own, ("", ""))
+        if others := [name for name in alike if name.endswith(f"/{other}")]:
+            return f"{way_out} {others[0]}"
     return f"its topics: {listed(sorted(there)) or 'none'}"
 
 

@@ -210,6 +210,7 @@ STATE, WRENCH = INPUT_TYPES.values()
             "no topic /joint_reaction_force (geometry_msgs/msg/WrenchStamped); "
             "knee-contact estimate-load makes joint reaction forces of its /left/ground_reaction_force",
         ),
+        ([(ANGLE, STATE), ("/knee_contact/wrench", WRENCH)], "its topics: /joint_states, /knee_contact/wrench"),
         (
             [(ANGLE, STATE), ("/ground_reaction_force", WRENCH), ("/sensed", WRENCH)],
             "of this type it has /sensed: say --remap joint_reaction_force:=/sensed",

@@ -36,6 +36,8 @@ OTHERWISE = [
     ("records within each other", "recover"),
     ("a profile that is named", "report"),
     ("metadata that is a pipe", "report"),
+    ("escape codes in topics", "estimate-load"),
+    ("messages that are none", "estimate-load"),
 ]
 """Where other commands have ways of their own"""
 SEEN = [

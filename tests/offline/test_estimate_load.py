@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE
+from knee_contact_ros.bags.answer_recorder import AnswerWriter
+from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, read_bag
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.topic_names import names_in_bag
-from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter
+from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.cli.main import INTERRUPTED, main
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
@@ -122,6 +123,25 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
     assert kept == [m for m in raw(estimated) if m.topic in (ANGLES, REACTION)]
+
+
+def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
+    """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
+    pipeline, folder = LoadPipeline(LOAD_READING.load({})), tmp_path / "parts"
+    record = load_provenance_record(LOAD_READING.load({}))
+    with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
+        writer = AnswerWriter(bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE)
+        for message in WALK:
+            for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
+                writer.write(answer.records)
+        writer.finish(pipeline.ending())
+    assert len(list(folder.glob("*.mcap"))) == 3
+    assert read_provenance(folder) is None
+    assert main(["solve", str(folder), "--output", str(tmp_path / "contact.mcap")]) == 0
+    assert len(raw(tmp_path / "contact.mcap", {"/knee_contact": MESSAGE_TYPES["knee_contact"]})) == 240
+    assert len(raw(folder)) == 960
+    estimate(folder, tmp_path / "again.mcap", {})
+    assert raw(tmp_path / "again.mcap") == raw(folder)
 
 
 def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, estimated: Path, tmp_path: Path) -> None:

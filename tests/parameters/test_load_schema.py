@@ -107,7 +107,7 @@ def test_what_is_not_allowed_is_refused_in_one_line(values: dict[str, Any], word
 
 def test_shipped_files_load_and_say_their_level(config: Path) -> None:
     names = {f"load/{path.stem}": path for path in shipped_parameter_files("load")}
-    assert set(names) == {"load/insole", "load/inverse_dynamics"}
+    assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics"}
     for name, path in names.items():
         first, level = path.read_text().splitlines()[0], load(name).chosen_level
         assert first.startswith(f"# Level {level}: "), name
@@ -118,9 +118,12 @@ def test_shipped_files_load_and_say_their_level(config: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("inverse_dynamic", r"\(load/insole, load/inverse_dynamics\); did you mean load/inverse_dynamics\?$"),
-        ("load/insol", r"\(load/insole, load/inverse_dynamics\); did you mean load/insole\?$"),
-        ("xyz", r"the package's own \(load/insole, load/inverse_dynamics\)$"),
+        (
+            "inverse_dynamic",
+            r"\(load/gait2354, load/insole, load/inverse_dynamics\); did you mean load/inverse_dynamics\?$",
+        ),
+        ("load/insol", r"\(load/gait2354, load/insole, load/inverse_dynamics\); did you mean load/insole\?$"),
+        ("xyz", r"the package's own \(load/gait2354, load/insole, load/inverse_dynamics\)$"),
     ],
 )
 def test_a_missing_file_is_refused_with_those_for_this_node(name: str, words: str) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import UNUSABLE, Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
 from knee_contact_ros.messages.answer import Answer
@@ -29,7 +29,7 @@ from knee_contact_ros.messages.transforms import Transform
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.pipeline.frames import FROM_REP_103
 from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
-from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, joint_state, walk
 
 ROUNDING = 1e-8
 """[N] or [N m]: moments of 1e3 N m are rounded by 1e-13 in each of some ten steps, muscles divide them by 0.01 m"""
@@ -391,6 +391,40 @@ def test_whatever_is_taken_gives_a_finite_estimate(
     for estimate in estimates(pipeline(WHOLE_LEG | {"motion_window": 0.01}), stream):
         assert all(map(math.isfinite, estimate))
         assert min(estimate.quadriceps_force, estimate.hamstrings_force, estimate.gastrocnemius_force) >= 0.0
+
+
+def restarting(seed: int, topic: str) -> list[tuple[float, RawMessage]]:
+    """A sensor's messages, each with when it comes: it pauses now and then, and its clock goes back, or far ahead."""
+    rng, stamp, clock, messages = random.Random(f"{seed} {topic}"), 0, 0, list[tuple[float, RawMessage]]()
+    step = rng.choice([1, 5, 10]) * MS
+    for _ in range(150):
+        walking = encode_joint_state(joint_state(stamp)) if topic == ANGLES else encode_wrench_stamped(ground(stamp))
+        messages.append((clock, RawMessage(topic, stamp, walking)))
+        stamp, clock = stamp + step, clock + step
+        if rng.random() < 0.02:
+            stamp = rng.choice([0, stamp + 500 * MS, max(0, stamp - 300 * MS), 10**15])
+        if rng.random() < 0.01:
+            clock += rng.choice([50, 200, 900]) * MS
+    return messages
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=25)
+def test_whatever_sensors_do_an_estimate_that_is_usable_has_the_angle_of_its_stamp(seed: int) -> None:
+    """The leg walks by its stamps, so each of them has one angle, whichever start of a sensor it comes from."""
+    pipe, found, before = pipeline({}), list[tuple[int, Estimate]](), 0.0
+    for clock, message in sorted(restarting(seed, ANGLES) + restarting(seed, FORCE), key=lambda one: one[0]):
+        found += by_stamp(take(pipe, [message])).items()
+        for pair in pipe.synchroniser.give_up() if clock - before > 100 * MS else ():  # as the node does
+            pipe.compute(pair)
+            assert pipe.estimate
+            found.append((pair.load.stamp, pipe.estimate))
+        before = clock
+    assert found
+    for stamp, estimate in found:
+        if not estimate.status & UNUSABLE:
+            # A straight line over 0.1 s is off by at most (0.1 s)^2 / 8 times 0.3 (2 pi / 1.1 s)^2: 0.0122 rad
+            assert estimate.flexion_angle == pytest.approx(joint_state(stamp).position[1], abs=0.0125)
 
 
 def test_a_stream_at_10_khz_is_answered_as_one_at_1_khz() -> None:
