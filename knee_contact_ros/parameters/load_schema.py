@@ -64,7 +64,7 @@ class LoadFrames(Section):
 
 
 class PersonParameters(Section):
-    """Whose knee it is. What a person's muscles do is not measured: `knee-contact calibrate-load` fits it."""
+    """Whose knee it is. What a person's muscles do is not measured: `knee-contact calibrate` fits it to a bag."""
 
     mass: float = Field(75.16, ge=10.0, le=400.0, description="[kg]")
     height: float = Field(1.75, ge=0.8, le=2.5, description="[m]")
