@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
+from knee_contact_ros.joint_reaction.motion import STILL
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
 from knee_contact_ros.offline.sensed import Sensed
 from knee_contact_ros.parameters.load_schema import LOAD_READING
@@ -91,7 +92,9 @@ def walking(count: int) -> tuple[Sensed, ...]:
         stance = max(math.sin(math.pi * phase / 0.62), 0.0) if phase < 0.62 else 0.0
         vertical = WEIGHT * (0.8 * stance**0.3 + 0.35 * humps * stance)
         joints = Joints(0.15 + 0.25 * bent + 0.95 * swung, UNKNOWN, UNKNOWN)
-        samples.append(Sensed(round(place * STEP * 1e9), joints, Ground((0.0, vertical, 0.0), (UNKNOWN,) * 3), 0))
+        samples.append(
+            Sensed(round(place * STEP * 1e9), joints, STILL, Ground((0.0, vertical, 0.0), (UNKNOWN,) * 3), 0)
+        )
     return tuple(samples)
 
 

@@ -1,4 +1,4 @@
-"""Sample by sample from what a leg's sensors tell to the joint reaction of its knee."""
+"""From what a leg's sensors tell of a moment to the joint reaction of its knee."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple, get_type_hints
 
 from knee_contact_ros.joint_reaction.leg import leg_of
 from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
-from knee_contact_ros.joint_reaction.motion import MotionFilter
+from knee_contact_ros.joint_reaction.motion import Motion
+from knee_contact_ros.joint_reaction.plausibility import is_implausible
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 
@@ -36,6 +37,10 @@ PACKING = struct.Struct("<" + "".join(CODES[kind.__name__] for kind in get_type_
 """The bytes of an estimate, as CDR has them where a multiple of 8 B is reached"""
 
 
+IMPLAUSIBLE = 32
+"""Bit of `status`, as of `LoadEstimate.msg`: see `plausibility.py`"""
+
+
 class Trust(NamedTuple):
     """How far an estimate is to be trusted."""
 
@@ -46,32 +51,24 @@ class Trust(NamedTuple):
 
 
 class Estimator:
-    """One knee; of samples before it remembers the last angles only."""
+    """One knee; nothing is remembered from one sample to the next."""
 
-    def __init__(self, level: str, person: Person, window: float, trust: Trust) -> None:
-        """An estimator of one of `LEVELS`, for a person, that sees motion in a window [s] (`MotionFilter`)."""
-        self._motion = MotionFilter(window)
-        self.go_on_with(level, person, trust)
-
-    def go_on_with(self, level: str, person: Person, trust: Trust) -> None:
-        """Go on with other constants, between two samples."""
+    def __init__(self, level: str, person: Person, trust: Trust) -> None:
+        """An estimator of one of `LEVELS`, for a person."""
         self._way, self._person, self._calibrated = LEVELS[level], person, trust.calibrated
         self._leg = leg_of(person.mass, person.height)
         measured = self._way.error.calibrated if trust.calibrated else self._way.error.uncalibrated
         self._deviation = Deviation(trust.deviation, 0.0) if trust.deviation else measured
 
-    def start_anew(self) -> None:
-        """Forget the angles before."""
-        self._motion.forget()
-
-    def at(self, stamp: int, joints: Joints, ground: Ground, status: int = 0) -> Estimate:
-        """The joint reaction at a stamp [ns], later than all before; `status` are bits that it is to carry."""
-        motion = self._motion.at(stamp, joints)
+    def at(self, joints: Joints, motion: Motion, ground: Ground, status: int = 0) -> Estimate:
+        """The joint reaction of a moment; `status` are bits that it is to carry."""
         net = self._way.dynamics(self._leg, joints, motion, ground)
         reaction = reaction_of(self._person, joints, net, ground.force[1])
-        muscles = reaction.muscles
+        muscles, weight = reaction.muscles, self._person.weight
+        if is_implausible(joints, ground, reaction.axial, weight):
+            status |= IMPLAUSIBLE
         return Estimate(
-            joints.flexion, reaction.axial, self._deviation.at(reaction.axial, self._person.weight), net.compression,
+            joints.flexion, reaction.axial, self._deviation.at(reaction.axial, weight), net.compression,
             muscles.quadriceps, muscles.hamstrings, muscles.gastrocnemius,
             reaction.extension, reaction.plantarflexion, net.frontal, joints.knee_assistance,
             self._way.level, self._calibrated, status,

@@ -52,6 +52,7 @@ class MotionFilter:
         self._window = round(window / SECOND)
         self._cell = -(-self._window // (MOST - 1))
         self._held: deque[int] = deque()  # stamps in the window
+        self._motion = STILL
         # A row for each: powers of its time, from the epoch's beginning and in windows, and its angles. New rows go
         # behind the others; an epoch is as long as a window, and as it begins, what is held moves to the front.
         self._rows = np.empty((2 * MOST, 6))
@@ -60,12 +61,26 @@ class MotionFilter:
     def forget(self) -> None:
         """Begin anew."""
         self._held.clear()
+        self._motion = STILL
 
-    def at(self, stamp: int, joints: Joints) -> Motion:
-        """Take the angles at a stamp [ns], later than all before; give the motion, still until enough is known."""
+    def now(self, stamp: int) -> Motion:
+        """The motion at a stamp [ns], not before the last angles; still if they are older than the window."""
+        return self._motion if self._held and stamp - self._held[-1] <= self._window else STILL
+
+    def see(self, stamp: int, joints: Joints) -> Motion:
+        """Take the angles measured at a stamp [ns]; give the motion, still until enough is known.
+
+        A stamp that is not later than all before begins anew.
+        """
+        self._motion = self._seen(stamp, joints)
+        return self._motion
+
+    def _seen(self, stamp: int, joints: Joints) -> Motion:
         window, cell, held = self._window, self._cell, self._held
         if window == 0:
             return STILL
+        if held and stamp <= held[-1]:
+            held.clear()
         while held and stamp - held[0] > window:
             held.popleft()
         if held and stamp // cell == held[-1] // cell:

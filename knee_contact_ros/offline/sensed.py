@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.bags.topic_names import Names
+from knee_contact_ros.joint_reaction.motion import Motion
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
@@ -24,6 +25,7 @@ class Sensed(NamedTuple):
     stamp: int
     """[ns] of the ground force"""
     joints: Joints
+    motion: Motion
     ground: Ground
     status: int
     """Bits of `Status`"""
@@ -60,5 +62,5 @@ def sensed_in(
                 advance(number, inputs.reader.count)
         pairs += pipeline.synchroniser.finish()
         damage = list(inputs.reader.damage)
-    samples = [Sensed(pair.load.stamp, *pipeline.sensed(pair), pair.status) for pair in pairs]
+    samples = [Sensed(pair.load.stamp, *pipeline.sense(pair), pair.status) for pair in pairs]
     return SensedBag(samples, pipeline.synchroniser.refused, damage)

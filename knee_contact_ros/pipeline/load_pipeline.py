@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from knee_contact_ros.joint_reaction.estimator import Estimate, Estimator
 from knee_contact_ros.joint_reaction.inverse_dynamics import inclination
+from knee_contact_ros.joint_reaction.motion import Motion, MotionFilter
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_wrench_stamped
@@ -17,12 +18,7 @@ from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.leg_samples import ground_of, ground_sample, joints_of, leg_sample
 from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample
-from knee_contact_ros.pipeline.synchronise import INPUT_HELD, STALE_INPUT, TIME_RESET, PairedSample
-
-UNSEEN = INPUT_HELD | STALE_INPUT
-"""Bits of a sample whose joints were not seen: the next one tells where they are, and not how they came there"""
-ANEW = UNSEEN | TIME_RESET
-"""Bits of a sample before which the motion is to be forgotten; behind it, it is with `UNSEEN`"""
+from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
 
 
 class LoadPipeline(Intake):
@@ -34,7 +30,8 @@ class LoadPipeline(Intake):
         super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame, deserialize)
         self.parameters = parameters
         self.level = parameters.chosen_level
-        self._estimator = Estimator(self.level, parameters.person.constants, parameters.motion_window, parameters.trust)
+        self._motion = MotionFilter(parameters.motion_window)
+        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
         self.estimate: Estimate | None = None
         """The last one"""
 
@@ -46,20 +43,24 @@ class LoadPipeline(Intake):
         """The ground force."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
-    def sensed(self, pair: PairedSample) -> tuple[Joints, Ground]:
-        """What the leg's sensors told at one stamp."""
+    def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
+        """What the leg's sensors tell; to be called for every pair, in their order, as its angles are seen here.
+
+        The motion is that of the angles as they were measured: one that is interpolated or held tells nothing of it.
+        """
+        if pair.status & TIME_RESET:
+            self._motion.forget()
+        for angle in pair.angles:
+            self._motion.see(angle.stamp, joints_of(angle.angle, angle.others))
         joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
         assert wrench is not None  # noqa: S101  (by `ground_sample`)
-        return joints, ground_of(wrench, self.parameters.ground, joints, inclination(joints))
+        ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
+        return joints, self._motion.now(pair.load.stamp), ground
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
-        if pair.status & ANEW:
-            self._estimator.start_anew()
-        load, (joints, ground) = pair.load, self.sensed(pair)
-        self.estimate = estimate = self._estimator.at(load.stamp, joints, ground, pair.status)
-        if pair.status & UNSEEN:
-            self._estimator.start_anew()
+        load = pair.load
+        self.estimate = estimate = self._estimator.at(*self.sense(pair), pair.status)
         self.ticks += 1
         frame = self.parameters.frame.tibia
         force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
@@ -82,9 +83,9 @@ class LoadPipeline(Intake):
     def retune(self, parameters: LoadParameters) -> None:
         """Go on with other numbers, between two ticks."""
         if _offsets(parameters) != _offsets(self.parameters):  # what the angles jump by is no motion
-            self._estimator.start_anew()
+            self._motion.forget()
         self.parameters, self.level = parameters, parameters.chosen_level
-        self._estimator.go_on_with(self.level, parameters.person.constants, parameters.trust)
+        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
 
 
 def _offsets(parameters: LoadParameters) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.joint_reaction.estimator import Estimator
+from knee_contact_ros.joint_reaction.motion import STILL
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
 from knee_contact_ros.messages.ros_types import stamp_to_ns
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
@@ -117,15 +118,13 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
     Then once more with the load a standard deviation of every sample off, under the same torques: who assists sees the
     estimate alone. What muscles do at rest presses on (`person.tone`): no load falls below that by a deviation.
     """
-    estimator = Estimator(
-        parameters.chosen_level, parameters.person.constants, parameters.motion_window, parameters.trust
-    )
+    estimator = Estimator(parameters.chosen_level, parameters.person.constants, parameters.trust)
     stream, contact = model.stream(), 0.0
     torques, axial, force, off = [], [], [], []
     for sample in samples:
         torques.append(law(sample, contact))
         joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
-        estimate = estimator.at(sample.stamp, joints, Ground((0.0, sample.vertical, 0.0), NO_TORQUE))
+        estimate = estimator.at(joints, STILL, Ground((0.0, sample.vertical, 0.0), NO_TORQUE))
         stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)
         contact = float(stream.answer["contact_force"][0])
         axial.append(estimate.axial_force)

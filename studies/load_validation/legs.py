@@ -138,7 +138,7 @@ def nets_of(time: Floats, joints: list[Joints], grounds: list[Ground]) -> dict[s
     found: dict[str, list[NetMoments]] = {level: [] for level in LEVELS}
     leg, seen = leg_of(MASS, HEIGHT), MotionFilter(WINDOW)
     for stamp, one, ground in zip(np.rint(time * SECOND).astype(np.int64).tolist(), joints, grounds, strict=True):
-        motion = seen.at(stamp, one)
+        motion = seen.see(stamp, one)
         for level, way in LEVELS.items():
             found[level].append(way.dynamics(leg, one, motion, ground))
     return found

@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from knee_contact_ros.core.types import UNUSABLE, Status
 from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator, Trust
 from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.joint_reaction.motion import MotionFilter
 from knee_contact_ros.joint_reaction.reaction import Level, Person
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
 from tests import ROOT
@@ -38,8 +39,18 @@ def store() -> Any:
     return store
 
 
-def estimator(level: str, person: Person = PERSON, window: float = WINDOW, trust: Trust = UNCALIBRATED) -> Estimator:
-    return Estimator(level, person, window, trust)
+class Seeing:
+    """An estimator that is told the joints at every stamp, with what it sees of their motion."""
+
+    def __init__(self, estimator: Estimator, window: float) -> None:
+        self.estimator, self.motion = estimator, MotionFilter(window)
+
+    def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
+        return self.estimator.at(joints, self.motion.see(stamp, joints), sensed, status)
+
+
+def estimator(level: str, person: Person = PERSON, window: float = WINDOW, trust: Trust = UNCALIBRATED) -> Seeing:
+    return Seeing(Estimator(level, person, trust), window)
 
 
 def at_once(level: str, joints: Joints, sensed: Ground, person: Person = PERSON) -> Estimate:
@@ -96,27 +107,6 @@ def test_bits_are_the_same_whatever_came_before_the_window(level: str) -> None:
         if samples[-1][0] - stamp <= round(1e9 * WINDOW):
             expected = other.at(stamp, joints, sensed[stamp])
     assert same(found, expected)
-
-
-@each_level
-def test_started_anew_it_is_as_new(level: str) -> None:
-    samples, one, other = walking(100), estimator(level), estimator(level)
-    for stamp, joints in samples:
-        one.at(stamp + 7 * MS, joints, STANCE)
-    one.start_anew()
-    for stamp, joints in samples:
-        assert same(one.at(stamp, joints, STANCE), other.at(stamp, joints, STANCE))
-
-
-@each_level
-def test_going_on_with_other_constants_keeps_the_motion(level: str) -> None:
-    samples, heavier = walking(100), Person(90.0, 1.7, 1.1, 0.1, 0.02)
-    one, other = estimator("ankle_moment"), estimator(level, heavier, trust=Trust(True, 0.2))
-    for stamp, joints in samples[:-1]:
-        one.at(stamp, joints, STANCE)
-        other.at(stamp, joints, STANCE)
-    one.go_on_with(level, heavier, Trust(True, 0.2))
-    assert same(one.at(*samples[-1], STANCE), other.at(*samples[-1], STANCE))
 
 
 @pytest.mark.parametrize(("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)])

@@ -27,7 +27,7 @@ steps = st.lists(st.integers(2 * MS, 12 * MS), min_size=15, max_size=40)
 def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
     """At every sample of a stream."""
     told = MotionFilter(window)
-    return [told.at(*sample) for sample in samples]
+    return [told.see(*sample) for sample in samples]
 
 
 def last(samples: Samples) -> Motion:
@@ -128,18 +128,18 @@ def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) ->
 def test_bits_do_not_depend_on_how_far_the_angles_went_before() -> None:
     samples, told = walking(200), MotionFilter(WINDOW)
     for number in range(1000):
-        told.at(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
-    found = [told.at(*sample) for sample in samples]
+        told.see(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
+    found = [told.see(*sample) for sample in samples]
     assert found[-1] == last(samples)
 
 
 def test_it_forgets() -> None:
     samples, told = walking(200), MotionFilter(WINDOW)
     for sample in samples:
-        told.at(*sample)
+        told.see(*sample)
     told.forget()
     again, fresh = [(stamp - 3000 * MS, joints) for stamp, joints in samples], MotionFilter(WINDOW)
-    assert [told.at(*sample) for sample in again] == [fresh.at(*sample) for sample in again]
+    assert [told.see(*sample) for sample in again] == [fresh.see(*sample) for sample in again]
 
 
 def test_it_is_still_until_half_a_window_is_known() -> None:
@@ -196,6 +196,6 @@ def test_any_rate_has_room(step: int) -> None:
     """Down to a nanosecond apart; rows go to the front in time."""
     told = MotionFilter(1e-9 * step * (MOST + 250))
     for number in range(5 * MOST):
-        told.at(EPOCH + 17 + number * step, Joints(0.3, 0.2, 0.1))
+        told.see(EPOCH + 17 + number * step, Joints(0.3, 0.2, 0.1))
         assert len(told._held) <= MOST
         assert told._end <= len(told._rows)

@@ -291,6 +291,31 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
     assert max(abs(found[stamp].axial_force - whole[stamp].axial_force) for stamp in after) <= inertia
 
 
+@pytest.mark.parametrize("apart", [20, 50, 70, 90])
+def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
+    """Angles so many ms apart are interpolated for the forces between: no estimate is off by more than by no motion.
+
+    And by what interpolation itself does to the angles, which the one without motion has too.
+    """
+    messages = [one for one in walk(300) if one.topic == FORCE or one.log_time % (apart * MS) == 0]
+    slow, whole = by_stamp(take(pipeline(), messages)), by_stamp(take(pipeline(), walk(300)))
+    still = by_stamp(take(pipeline(WHOLE_LEG | {"motion_window": 0.0}), messages))
+    without = max(abs(still[stamp].axial_force - whole[stamp].axial_force) for stamp in still)
+    assert max(abs(slow[stamp].axial_force - whole[stamp].axial_force) for stamp in slow) <= without
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"positions": {"knee": 25.0 / 6.0}}, {"force": (0.0, -400.0, 0.0)}, {"force": (0.0, 9000.0, 0.0)}],
+    ids=["degrees", "upside down", "another person"],
+)
+def test_what_no_leg_does_is_flagged(wrong: dict[str, Any]) -> None:
+    pose = POSE | wrong.pop("positions", {})
+    pipe = pipeline()
+    found = estimates(pipe, [state(0, **pose), force(0, **wrong), state(5 * MS, **POSE), force(5 * MS)])
+    assert [estimate.status for estimate in found] == [Status.IMPLAUSIBLE, 0]
+
+
 def test_another_offset_is_no_motion() -> None:
     pipe, messages = pipeline(), walk(200)
     take(pipe, messages[:200])

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
 from knee_contact_ros.joint_reaction.leg import leg_of
 from knee_contact_ros.joint_reaction.levels import LEVELS, Way
-from knee_contact_ros.joint_reaction.motion import Motion, MotionFilter
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.parameters.reading import known_parameters
-from knee_contact_ros.pipeline.load_pipeline import ANEW, UNSEEN
 from knee_contact_ros.pipeline.synchronise import SECOND
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.calibration.problem import STEP, Problem
@@ -44,15 +42,13 @@ class LoadProblem(Problem):
     parameters: LoadParameters
     way: Way
     """The level"""
-    motions: tuple[Motion, ...]
-    """At every sample, n: they depend on nothing that is free"""
     nets: tuple[NetMoments, ...]
-    """Likewise; empty where mass or height is free"""
+    """At every sample, n; empty where mass or height is free"""
 
     def answers(self, place: Floats) -> dict[str, Floats]:
         """The estimate `axial_force` [N] at every sample, shape (n,): the estimator's, bit for bit."""
         person = self.person(place)
-        nets = self.nets or net_moments_of(self.way, person, self.measured, self.motions)
+        nets = self.nets or net_moments_of(self.way, person, self.measured)
         both = zip(self.measured.samples, nets, strict=True)
         axial = [reaction_of(person, each.joints, net, each.ground.force[1]).axial for each, net in both]
         return {AXIAL_FORCE: np.array(axial)}
@@ -103,31 +99,17 @@ def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: 
     if measured.number <= len(unknowns):
         raise UsageError(f"bag {measured.source}: {measured.number} samples can be fitted, for {len(unknowns)} "
                          "parameters; more are needed than parameters are free")  # fmt: skip
-    way, motions = LEVELS[parameters.chosen_level], motions_of(parameters, measured)
+    way = LEVELS[parameters.chosen_level]
     nets: tuple[NetMoments, ...] = ()
     if not any(unknown.name in BODY for unknown in unknowns):
-        nets = net_moments_of(way, parameters.person.constants, measured, motions)
-    return LoadProblem(measured, unknowns, np.full(len(unknowns), STEP), parameters, way, motions, nets)
+        nets = net_moments_of(way, parameters.person.constants, measured)
+    return LoadProblem(measured, unknowns, np.full(len(unknowns), STEP), parameters, way, nets)
 
 
-def motions_of(parameters: LoadParameters, measured: Referenced) -> tuple[Motion, ...]:
-    """How the joints turn at every sample, as the load pipeline sees it."""
-    seen, motions = MotionFilter(parameters.motion_window), []
-    for sample in measured.samples:
-        if sample.status & ANEW:
-            seen.forget()
-        motions.append(seen.at(sample.stamp, sample.joints))
-        if sample.status & UNSEEN:
-            seen.forget()
-    return tuple(motions)
-
-
-def net_moments_of(
-    way: Way, person: Person, measured: Referenced, motions: tuple[Motion, ...]
-) -> tuple[NetMoments, ...]:  # fmt: skip
+def net_moments_of(way: Way, person: Person, measured: Referenced) -> tuple[NetMoments, ...]:
     """What the leg of a person holds at every sample."""
-    leg, both = leg_of(person.mass, person.height), zip(measured.samples, motions, strict=True)
-    return tuple(way.dynamics(leg, each.joints, motion, each.ground) for each, motion in both)
+    leg = leg_of(person.mass, person.height)
+    return tuple(way.dynamics(leg, each.joints, each.motion, each.ground) for each in measured.samples)
 
 
 def fittable_in(parameters: LoadParameters) -> Fittable:
