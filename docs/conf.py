@@ -48,7 +48,7 @@ html_show_sphinx = False
 CONTENTS = {
     "Begin": ["docs/README", "docs/tutorial"],
     "Use": [
-        "docs/installing", "docs/python", "docs/node", "docs/conventions", "docs/bags", "docs/recording",
+        "docs/installing", "docs/python", "docs/node", "docs/load", "docs/conventions", "docs/bags", "docs/recording",
         "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
     ],
     "Subjects": [
@@ -57,7 +57,7 @@ CONTENTS = {
     ],
     "Model": [
         "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
-        "docs/studies/README",
+        "docs/load-validation", "docs/assistance", "docs/studies/README",
     ],
     "API": ["docs/api/README", "docs/api/python", "docs/api/message", "docs/api/parameters", "docs/api/commands"],
     "Project": ["CONTRIBUTING", "docs/from-source", "QUALITY_DECLARATION", "docs/decisions/README", "CHANGELOG"],
@@ -78,18 +78,21 @@ def all_beside() -> str:
 
 
 def parameters() -> str:
-    """Every parameter with its default and limits, from where they are declared."""
-    from knee_contact_ros.parameters.reading import known_parameters
+    """Every parameter of both nodes with its default and limits, from where they are declared."""
+    from knee_contact_ros.parameters.load_schema import LOAD_READING
+    from knee_contact_ros.parameters.reading import READING
 
     def allowed(limits: Any) -> str:
         numbers = f"{limits.least:g} to {limits.most:g}" if isfinite(limits.least) else ""
         return "; ".join(filter(None, (numbers, limits.words)))
 
-    rows = []
-    for name, (default, meaning, limits) in known_parameters().items():
-        texts = dict.fromkeys(filter(None, (meaning, allowed(limits))))
-        rows.append(f"| `{name}` | `{default!r}` | {'<br>'.join(texts)} |")
-    return "\n".join(["\n| parameter | default | meaning, and what is allowed |", "|---|---|---|", *rows, ""])
+    tables = []
+    for reading in (READING, LOAD_READING):
+        tables += [f"\n## {reading.node}\n\n| parameter | default | meaning, and what is allowed |", "|---|---|---|"]
+        for name, (default, meaning, limits) in reading.known().items():
+            texts = dict.fromkeys(filter(None, (meaning, allowed(limits))))
+            tables.append(f"| `{name}` | `{default!r}` | {'<br>'.join(texts)} |")
+    return "\n".join([*tables, ""])
 
 
 ADDED: dict[str, Callable[[], str]] = {

@@ -8,8 +8,10 @@ contact force depends on the person and on the device, and what it goes by is a 
 The command is a `std_msgs/Float64MultiArray` with one number [N m], on `<controller>/commands`: that is what the effort
 controllers of ros2_control listen to (`effort_controllers/JointGroupEffortController`, or
 `forward_command_controller/ForwardCommandController` with the interface `effort`). Remap the topic to your controller.
-They keep the last command they got, for ever. So this node ends with a command of 0; but if it is killed or its machine
-fails, only a watchdog in the drive can end the torque.
+The number is the size of the assist, >= 0: where the joint's position grows with flexion and the assist extends, a
+controller needs it with the other sign. They keep the last command they got, for
+ever. So this node ends with a command of 0; but if it is killed or its machine fails, only a watchdog in the drive can
+end the torque.
 
 Run it beside the node, or see it at work with `knee-contact demo --companion`:
 

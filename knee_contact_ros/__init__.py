@@ -1,8 +1,8 @@
 """Live tibiofemoral contact from streamed gait.
 
-`load_model` gives the model, `solve` the answers to a recorded gait, `uncertainty` how far they may be off, `sweep`
-what many knees come to, `sensitivity` which parameter matters, and `calibrate` parameters from what was measured, all
-without ROS; docs/python.md shows them.
+`load_model` gives the model, `solve` the answers to a recorded gait, `estimate_load` a load for it from sensors,
+`uncertainty` how far they may be off, `sweep` what many knees come to, `sensitivity` which parameter matters, and
+`calibrate` parameters from what was measured, all without ROS; docs/python.md shows them.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
 __version__ = "0.2.0"
-__all__ = ["Results", "UsageError", "calibrate", "load_model", "sensitivity", "solve", "sweep", "uncertainty"]
+__all__ = [
+    "Results", "UsageError", "calibrate", "estimate_load", "load_model", "sensitivity", "solve", "sweep", "uncertainty",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from knee_contact_ros.cohort.in_memory import sweep
     from knee_contact_ros.offline.in_memory import solve
+    from knee_contact_ros.offline.load_in_memory import estimate_load
     from knee_contact_ros.offline.uncertainty.in_memory import uncertainty
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.results import Results
@@ -30,6 +33,7 @@ _PLACES = {
     "Results": "results",
     "UsageError": "system.errors",
     "calibrate": "tools.calibration.in_memory",
+    "estimate_load": "offline.load_in_memory",
     "load_model": "parameters.build",
     "sensitivity": "tools.sensitivity.in_memory",
     "solve": "offline.in_memory",

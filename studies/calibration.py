@@ -22,9 +22,10 @@ from scipy.stats import t as student
 
 from knee_contact_ros import calibrate
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.tools.calibration.contact_problem import problem_of
+from knee_contact_ros.tools.calibration.contact_unknowns import fittable_of
 from knee_contact_ros.tools.calibration.in_memory import Calibration
 from knee_contact_ros.tools.calibration.measured import measured_from
-from knee_contact_ros.tools.calibration.problem import problem_of
 from knee_contact_ros.tools.calibration.unknowns import unknowns_of
 from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
@@ -157,7 +158,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     case = case_of(name)
     parameters, table = load_parameters([case.parameters]), made(name, case, np.random.default_rng(0))
     measured = measured_from(table, parameters.drive)
-    problem = problem_of(parameters, measured, unknowns_of(list(case.free), parameters, measured), True)
+    problem = problem_of(parameters, measured, unknowns_of(list(case.free), fittable_of(parameters, measured)), True)
     problem = problem.with_steps_for(problem.start, case.noise)
     slopes = problem.jacobian(problem.start, case.noise)
     spread = np.linalg.inv(slopes.T @ slopes)

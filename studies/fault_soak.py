@@ -30,8 +30,8 @@ from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import SECOND, decode_joint_state
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
-from knee_contact_ros.offline.demo import RECORDING, node_process
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.tools.latency.candidates import PARAMETERS

@@ -42,6 +42,12 @@ def right_bag() -> Path:
 
 
 @pytest.fixture(scope="session")
+def sensors_bag() -> Path:
+    """What sensors of that leg tell, likewise."""
+    return share_folder() / "bags" / "gait2354_right_sensors"
+
+
+@pytest.fixture(scope="session")
 def reference_data() -> Path:
     """Answers of an independent solver and the tables that the bags were made from; not part of the project."""
     if not REFERENCE_DATA.is_dir():

@@ -11,8 +11,8 @@ import knee_contact_ros
 
 
 def test_dir_names_what_is_public_and_all_of_it_is_there() -> None:
-    public = ["Results", "UsageError", "__version__", "calibrate", "load_model", "sensitivity", "solve", "sweep"]
-    assert dir(knee_contact_ros) == [*public, "uncertainty"]
+    public = ["Results", "UsageError", "__version__", "calibrate", "estimate_load", "load_model", "sensitivity"]
+    assert dir(knee_contact_ros) == [*public, "solve", "sweep", "uncertainty"]
     assert all(getattr(knee_contact_ros, name) for name in dir(knee_contact_ros))
     with pytest.raises(AttributeError, match="no attribute 'load_modell'"):
         _ = knee_contact_ros.load_modell

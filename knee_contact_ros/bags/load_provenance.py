@@ -8,9 +8,9 @@ from pathlib import Path
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE
 
-LOAD_PROVENANCE = "knee_load"
-"""Name of the metadata record; by that of a contact node it would be computed again as one"""
+__all__ = ["LOAD_PROVENANCE", "load_provenance_record"]
 
 
 def load_provenance_record(

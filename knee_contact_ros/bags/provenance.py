@@ -16,7 +16,7 @@ from knee_contact_ros.bags.writer import CONTINUED
 from knee_contact_ros.parameters.curves import curve_files, read_curve, stored_texts
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.sinks.protocol import PROVENANCE
+from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import open_regular, sha256_of
 
@@ -110,7 +110,7 @@ def read_provenance(bag: Path) -> Provenance | None:
     found = next((values for name, values in records if name == PROVENANCE), None)
     if found is None:
         part = next((values for name, values in records if name == CONTINUED), None)
-        if part is not None:
+        if part is not None and not any(name == LOAD_PROVENANCE for name, _ in records):
             first = part.get("first", "another file")
             raise UsageError(
                 f"{bag} goes on with {first}, which has the parameters: give the whole folder, or --params"

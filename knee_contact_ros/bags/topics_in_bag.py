@@ -7,9 +7,21 @@ from pathlib import Path
 
 from knee_contact_ros.bags.stored_bag import Connection
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.messages.topics import (
+    GROUND_REACTION_FORCE,
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    LOAD_INPUTS,
+    MESSAGE_TYPES,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
+
+OTHER_FORCE = {
+    JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load makes joint reaction forces of its"),
+    GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve takes, and replay without --sensors, its"),
+}
+"""The other input that has a force's type, but must not be taken for it; and what to do with it"""
 
 
 def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
@@ -41,14 +53,19 @@ def find_topic(bag: Path, connections: Sequence[Connection], topic: str, type_na
 def ways_out(connections: Sequence[Connection], topic: str) -> str:
     """What to type to get an input that is not there under its name, or what else the bag has."""
     there = {absolute(connection.topic): connection.type for connection in connections}
-    inputs = next((all_ for all_ in (INPUTS, LOAD_INPUTS) if topic.removeprefix("/") in all_), ())
-    if inputs:
-        if spaces := namespaces(there, inputs):
+    own = topic.removeprefix("/")
+    for inputs in (INPUTS, LOAD_INPUTS):
+        if own in inputs and (spaces := namespaces(there, inputs)):
             return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
-        type_name = MESSAGE_TYPES[topic.removeprefix("/")]
-        alike = sorted(name for name, type_there in there.items() if type_there == type_name)
-        if alike and topic not in alike:
-            return f"of this type it has {listed(alike)}: say --remap {topic.removeprefix('/')}:={alike[0]}"
+    alike = sorted(name for name, type_there in there.items() if type_there == MESSAGE_TYPES.get(own))
+    if own in (*INPUTS, *LOAD_INPUTS) and topic not in alike:
+        not_this = tuple(f"/{known}" for known in MESSAGE_TYPES if known != own)
+        fitting = [name for name in alike if not name.endswith(not_this)]
+        if fitting:
+            return f"of this type it has {listed(fitting)}: say --remap {own}:={fitting[0]}"
+        other, way_out = OTHER_FORCE.get(own, ("", ""))
+        if others := [name for name in alike if name.endswith(f"/{other}")]:
+            return f"{way_out} {others[0]}"
     return f"its topics: {listed(sorted(there)) or 'none'}"
 
 

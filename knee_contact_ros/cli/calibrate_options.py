@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
-from knee_contact_ros.cli.options import together
+from knee_contact_ros.cli.options import DEFAULT_PARAMETERS, together
 from knee_contact_ros.cli.output_option import Output
 
+calibrate_parameter_files = click.option(
+    "--params",
+    "parameter_files",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Parameter file; can be given several times, the later one wins. A name that is not found here is looked up "
+    f"among the package's own. [default: {DEFAULT_PARAMETERS}; with a BAG the load node's defaults]",
+)
 calibrate_options = together(
     click.option(
         "--free",
         multiple=True,
         required=True,
         metavar="NAME[=LOW:HIGH]",
-        help="Parameter to fit, as contact.stiffness, in its own range or a narrower one; once per parameter.",
+        help="Parameter to fit, as contact.stiffness or person.tone, in its range or a narrower one; once for each.",
     ),
     click.option(
         "--sigma",

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 from knee_contact_ros.tools.calibration.in_memory import Calibration
-from knee_contact_ros.tools.calibration.measured import ANSWERS
+from knee_contact_ros.tools.calibration.run import UNITS
 
 
 def show_calibration(found: Calibration, output: Path) -> None:
@@ -26,7 +26,9 @@ def show_calibration(found: Calibration, output: Path) -> None:
     Console(width=WIDTH).print(table, highlight=False)
     for name, misfit in found.rms.items():
         known = "noise given" if name in found.given else "noise found"
-        say(f"{name}: RMS {misfit:.4g} {ANSWERS[name]} left, {known} {found.noise[name]:.4g} {ANSWERS[name]}")
+        say(f"{name}: RMS {misfit:.4g} {UNITS[name]} left, {known} {found.noise[name]:.4g} {UNITS[name]}")
+    for remark in found.remarks:
+        say(remark)
     say("")
     say(f"Parameters: {output}")
     warn(found.warnings)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.offline.estimate_load import LoadSummary
+from knee_contact_ros.offline.load_summary import LoadSummary
 from knee_contact_ros.offline.summary_table import counts
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.system.printable import printable
@@ -22,7 +20,8 @@ NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating any
 def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
     """Print the joint reaction's peak and mean, its parts there, and how sure it is."""
     console, weight = Console(width=WIDTH), parameters.person.constants.weight
-    peak = summary.estimates[int(np.argmax(summary.axial))]
+    peak = summary.peak
+    assert peak is not None  # noqa: S101  (there is an estimate)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("", "[N]", "[BW]"):
         table.add_column(heading.replace("[", "\\["), justify="right" if heading else "left", no_wrap=True)
@@ -38,8 +37,7 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
     figures = Table(box=None, show_header=False, pad_edge=False)
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
-    duration = (summary.stamps[-1] - summary.stamps[0]) / NANOSECONDS
-    figures.add_row("estimates", f"{len(summary.estimates)} over {duration:.2f} s")
+    figures.add_row("estimates", f"{len(summary.axial)} over {summary.duration:.2f} s")
     figures.add_row("level", summary.level)
     figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
     for name, value in rows.items():

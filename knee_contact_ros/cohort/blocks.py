@@ -83,21 +83,31 @@ def keys_of(study: Study) -> list[str]:
         UsageError: see `knees_of`.
     """
     files = Files()
-    return [key for knee in knees_of(study) for key, _ in _keyed(study, knee, knee.group.numbers, files)]
+    return [case.key for knee in knees_of(study) for case in _keyed(study, knee, knee.group.numbers, files)]
 
 
-def _keyed(study: Study, knee: Knee, numbers: range, files: Files) -> Iterator[tuple[str, Parameters | None]]:
-    """Key and parameters of each case; None if these are not allowed."""
+class Keyed(NamedTuple):
+    """A case, as the client knows it: its parameters are the workers'."""
+
+    number: int
+    key: str
+    files: tuple[str, ...]
+    """Names of those that its parameters name"""
+
+
+def _keyed(study: Study, knee: Knee, numbers: range, files: Files) -> Iterator[Keyed]:
+    """Cases by their numbers; those whose parameters are not allowed, too."""
     varied = variations_of(knee.parameters)
     for number in numbers:
         values = dict(zip(study.names, study.row(number), strict=True))
-        parameters: Parameters | None = None
+        named: tuple[str, ...] = ()
         try:
             parameters = varied(values)
             key = case_key(knee.bag.digest, parameters, files.texts(parameters))
+            named = tuple(curve_files(parameters).values())
         except UsageError:
             key = refused_key(knee.bag.digest, knee.parameters, values)
-        yield key, parameters
+        yield Keyed(number, key, named)
 
 
 class Missing:
@@ -118,26 +128,24 @@ class Missing:
             parts = [missing[begin : begin + size] for begin in range(0, len(missing), size)]
             yield from (self._block(knee, part) for part in _from_anywhere(parts))
 
-    def _missing(self, knee: Knee, numbers: range) -> list[tuple[int, str, Parameters | None]]:
-        """Numbers, keys and parameters of the cases that are not there."""
+    def _missing(self, knee: Knee, numbers: range) -> list[Keyed]:
+        """The cases that are not there."""
         missing = []
-        for number, (key, parameters) in zip(numbers, _keyed(self._study, knee, numbers, self._files), strict=True):
-            if key in self._there:
+        for case in _keyed(self._study, knee, numbers, self._files):
+            if case.key in self._there:
                 self.there += 1
             else:
-                self._there.add(key)
-                missing.append((number, key, parameters))
+                self._there.add(case.key)
+                missing.append(case)
         return missing
 
-    def _block(self, knee: Knee, missing: list[tuple[int, str, Parameters | None]]) -> Block:
-        keys = tuple(key for _, key, _ in missing)
+    def _block(self, knee: Knee, cases: list[Keyed]) -> Block:
+        keys = tuple(case.key for case in cases)
         self._files.texts(knee.parameters)
-        named = set()
-        for parameters in (knee.parameters, *(one for _, _, one in missing if one)):
-            named |= set(curve_files(parameters).values())
+        named = set(curve_files(knee.parameters).values()).union(*(case.files for case in cases))
         files = tuple((name, self._files.known[name]) for name in sorted(named))
         values = json.dumps(all_values(knee.parameters))
-        rows = tuple(self._study.row(number) for number, _, _ in missing)
+        rows = tuple(self._study.row(case.number) for case in cases)
         return Block(
             self._aim, Source(knee.bag.place, knee.bag.digest, values, files), (knee.group.bag, knee.group.params),
             tuple(self._study.names), rows, keys, shard_name(keys),

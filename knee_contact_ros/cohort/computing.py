@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
-from knee_contact_ros.cohort.outcomes import outcomes
+from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
 from knee_contact_ros.compiled.choice import telling_of, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.types import ROW, Rows, Status
@@ -19,7 +19,9 @@ from knee_contact_ros.pipeline.compartment import aside, put_aside
 from knee_contact_ros.system.errors import UsageError
 
 TOGETHER = 16_384
-"""Answers that are held at once: some 5 MB, for processors' caches"""
+"""Answers that are held at once: some 4 MB, for processors' caches"""
+LARGEST = 16 * TOGETHER
+"""The same of cases in step (`compiled/lanes.py`), where fewer would leave lanes empty"""
 
 
 class Computed(NamedTuple):
@@ -75,6 +77,18 @@ def compute(
     return [one._replace(seconds=seconds) for one in found if one]
 
 
+def outcomes_of(computed: Sequence[Computed], side: int) -> NDArray[Any]:
+    """Outcomes of all cases in a compartment (0: the only or the medial one), rows of `OF_A_RUN`, shape (k,).
+
+    Not a number where a case has none.
+    """
+    rows = np.full(len(computed), np.nan, OF_A_RUN)
+    for i, one in enumerate(computed):
+        if side < len(one.sides):
+            rows[i] = one.sides[side]
+    return rows
+
+
 def _at_an_end(cases: Sequence[Values]) -> set[int]:
     """The first case, and those in which a number of a contact law is the least or the largest one."""
     ends = {0}
@@ -106,7 +120,7 @@ def _kind(side: Side) -> tuple[Any, ...]:
 
 def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Computed]:
     """Cases of one kind, in blocks."""
-    count = max(1, TOGETHER // len(recording.steps)) * max(how.threads, 1)
+    count = _at_once(len(recording.steps), how) * max(how.threads, 1)
     found = []
     for begin in range(0, len(cases), count):
         part = cases[begin : begin + count]
@@ -123,6 +137,16 @@ def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Compu
                 put_aside(rows_of_side, place)
             found.append(Computed(case.parameters, tuple(row[i] for row in rows), kept, "", 0.0))
     return found
+
+
+def _at_once(answers: int, how: _How) -> int:
+    """Cases with so many answers each that a thread computes at once."""
+    count = max(1, TOGETHER // answers)
+    if not how.compiled:
+        return count
+    from knee_contact_ros.compiled.transposed import LANES  # half a second to import
+
+    return count - count % LANES if count >= LANES else max(count, min(LANES, LARGEST // answers))
 
 
 def _answers(recording: Recording, sides: list[Side], how: _How) -> Rows:

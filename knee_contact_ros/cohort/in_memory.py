@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.topic_names import names_in_bag
-from knee_contact_ros.cohort.computing import compute
+from knee_contact_ros.cohort.computing import Computed, compute, outcomes_of
 from knee_contact_ros.cohort.knees import Files, Knees, Recording, checked_names, knees_in
 from knee_contact_ros.cohort.outcomes import OF_A_RUN
 from knee_contact_ros.core.types import ROW
@@ -37,8 +37,10 @@ class Cohort:
     """The same of the lateral compartment, where both are modelled"""
     failed: NDArray[Any]
     """Why a case has no outcome; empty texts otherwise, shape (k,)"""
-    series: NDArray[Any] | None
-    """All answers, rows of `Contact`, shape (k, n), if they were asked for"""
+    series: NDArray[Any] | None = None
+    """All answers, rows of `Contact`, shape (k, n), if they were asked for; of the medial compartment if both are"""
+    lateral_series: NDArray[Any] | None = None
+    """Likewise those of the lateral one, where both are modelled; zeros where a case has none"""
 
     def to_pandas(self) -> pd.DataFrame:
         """A row for each case: values, outcomes, lateral outcomes and why it failed."""
@@ -86,21 +88,21 @@ def sweep(
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
             knees = knees_in(expanded(str(gait)), parameters, Files(), names)
     computed = compute(knees, cases, series=series, threads=threads)
-    sides = max((len(one.sides) for one in computed), default=1)
-    rows = [np.full(len(cases), np.nan, OF_A_RUN) for _ in range(max(sides, 1))]
-    for i, one in enumerate(computed):
-        for own, found in zip(rows, one.sides, strict=False):
-            own[i] = found
-    answers = None
-    if series:
-        answers = np.zeros((len(cases), len(knees.recording.steps)), ROW)
-        for i, one in enumerate(computed):
-            for whole in one.series[:1]:
-                answers[i] = whole
+    sides = range(max([1, *(len(one.sides) for one in computed)]))
+    medial, *lateral = (outcomes_of(computed, side).view(np.recarray) for side in sides)
+    kept = [_series(computed, side, len(knees.recording.steps)) for side in sides if series]
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
-    lateral = rows[1].view(np.recarray) if len(rows) > 1 else None
     failed = np.array([one.failed for one in computed])
-    return Cohort(varied, rows[0].view(np.recarray), lateral, failed, answers)
+    return Cohort(varied, medial, lateral[0] if lateral else None, failed, *kept)
+
+
+def _series(computed: Sequence[Computed], side: int, number: int) -> NDArray[Any]:
+    """Answers of all cases in a compartment, shape (k, number); zeros where a case has none."""
+    rows = np.zeros((len(computed), number), ROW)
+    for own, one in zip(rows, computed, strict=True):
+        if side < len(one.series):
+            own[:] = one.series[side]
+    return rows
 
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:

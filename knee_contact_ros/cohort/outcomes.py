@@ -44,6 +44,11 @@ OUTCOMES = (
 """In the order of the table"""
 OF_A_RUN = np.dtype([(outcome.name, np.float64) for outcome in OUTCOMES])
 """Rows of outcomes"""
+LARGEST = {
+    "peak_force": "contact_force", "peak_depth": "penetration_depth", "error_bound": "error_estimate",
+    "force_error_bound": "force_error_estimate",
+}  # fmt: skip
+"""Outcomes that are the largest value of an answer's field"""
 
 
 def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list[ContactPatch | None]) -> NDArray[Any]:
@@ -60,37 +65,41 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
     """
     found = np.zeros(len(answers), OF_A_RUN)
     weights = 0.5 * (steps + np.append(steps[1:], 0.0))
-    force, depth = answers["contact_force"], answers["penetration_depth"]
-    touching = answers["contact_state"] != ContactState.SEPARATED
-    found["peak_force"], found["peak_depth"] = force.max(axis=1), depth.max(axis=1)
+    asked_often = "contact_force", "contact_state", "status"
+    force, state, status = (np.ascontiguousarray(answers[name]) for name in asked_often)
+    touching = state != ContactState.SEPARATED
+    for name, field in LARGEST.items():
+        found[name] = answers[field].max(axis=1)
     found["impulse"], found["contact_time"] = _over_time(force, weights), _over_time(touching, weights)
-    found["bone_time"] = _over_time(answers["contact_state"] == ContactState.BONE, weights)
+    found["bone_time"] = _over_time(state == ContactState.BONE, weights)
     goes_on = steps[1:] > 0.0
     lasts = touching[:, 1:] & touching[:, :-1] & goes_on
     point = answers["contact_point"]
     way = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
-    found["path_length"] = [np.sum(own, where=touched) for own, touched in zip(way, lasts, strict=True)]
+    found["path_length"] = np.sum(way, axis=1, where=lasts)
     found["sliding_distance"] = _over_time(np.abs(answers["sliding_velocity"]) * touching, weights)
     if goes_on.any():
         rates = np.diff(force, axis=1)[:, goes_on] / steps[1:][goes_on]
         found["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
-    found["error_bound"] = answers["error_estimate"].max(axis=1)
-    found["force_error_bound"] = answers["force_error_estimate"].max(axis=1)
-    status = answers["status"]
     for name, bit in (("not_converged", Status.NOT_CONVERGED), ("implausible", Status.IMPLAUSIBLE)):
         found[name] = np.count_nonzero(status & np.uint8(bit), axis=1)
     found["ticks"], found["evaluations"] = answers.shape[1], answers["evaluations"].sum(axis=1)
-    cartilage = answers["cartilage_depth"].max(axis=1)
-    for i, (law, patch) in enumerate(zip(laws, patches, strict=True)):
-        deepest = float(found["peak_depth"][i])
-        found["peak_pressure"][i] = np.nan if patch is None else peak_pressure(law, patch, deepest)
-        found["peak_strain"][i] = np.nan if patch is None else cartilage[i] / patch.thickness
+    found["peak_pressure"] = [
+        np.nan if patch is None else peak_pressure(law, patch, deepest)
+        for law, patch, deepest in zip(laws, patches, found["peak_depth"].tolist(), strict=True)
+    ]
+    thickness = np.array([np.nan if patch is None else patch.thickness for patch in patches])
+    found["peak_strain"] = answers["cartilage_depth"].max(axis=1) / thickness
     return found
 
 
 def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
-    """Integrals of each run, shape (k,): with the same bits however many are beside it, as `@` has not."""
-    return np.array([np.sum(own * weights) for own in values])
+    """Integrals of each run, shape (k,): sums of its own products, with the same bits however many are beside it.
+
+    A product of matrix and vector (`@`) has other last bits with other numbers of rows.
+    """
+    integrals: Floats = np.sum(values * weights, axis=1)
+    return integrals
 
 
 def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:

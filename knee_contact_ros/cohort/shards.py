@@ -44,9 +44,6 @@ def note_of(content: Mapping[str, Any]) -> tuple[str, str]:
     return f"{STUDY}{hashlib.sha256(text.encode()).hexdigest()[:16]}.json", text
 
 
-NOTHING = pa.table({"case": pa.array([], pa.string())})
-
-
 class Shards:
     """Files of a study in a folder."""
 

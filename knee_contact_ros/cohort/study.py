@@ -100,17 +100,22 @@ class Sample(_Part):
 
     def points(self) -> NDArray[np.float64]:
         """Shape (n, names)."""
+        parts = self._parts()
+        return np.column_stack([axis.at(parts[:, i]) for i, axis in enumerate(self.axes)])
+
+    def _parts(self) -> NDArray[np.float64]:
+        """The points of a box whose sides reach from 0 to 1."""
+        size = len(self.ranges)
+        if self.method == "random":
+            return np.random.default_rng(self.seed).random((self.n, size))
         from scipy.stats import qmc  # a quarter of a second to import
 
-        axes, size = self.axes, len(self.ranges)
-        if self.method == "random":
-            parts = np.random.default_rng(self.seed).random((self.n, size))
-        elif self.method == "sobol":
+        if self.method == "sobol":
             doubled = math.ceil(math.log2(self.n)) if self.n > 1 else 0
-            parts = qmc.Sobol(size, seed=self.seed).random_base2(doubled)[: self.n]
+            found = qmc.Sobol(size, seed=self.seed).random_base2(doubled)[: self.n]
         else:
-            parts = qmc.LatinHypercube(size, seed=self.seed).random(self.n)
-        return np.column_stack([axis.at(parts[:, i]) for i, axis in enumerate(axes)])
+            found = qmc.LatinHypercube(size, seed=self.seed).random(self.n)
+        return np.asarray(found)
 
     @property
     def axes(self) -> list[Spaced]:

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from knee_contact_ros.cohort.computing import Computed
+from knee_contact_ros.cohort.computing import Computed, outcomes_of
 from knee_contact_ros.cohort.knees import Knees, Values, may_vary
 from knee_contact_ros.cohort.outcomes import OUTCOMES
 from knee_contact_ros.core.types import FLAT, TOLD
-from knee_contact_ros.parameters.lateral import has_both
+from knee_contact_ros.parameters.lateral import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.reading import all_values, known_parameters
 
 LATERAL = "lateral_"
@@ -59,21 +60,27 @@ def table_of(
     """Cases of one recording and one knee, as they were computed."""
     number = len(cases)
     columns: dict[str, Any] = {"case": list(keys), "bag": [bag] * number, "params": [" + ".join(params)] * number}
-    common = all_values(knees.parameters)
-    if has_both(knees.parameters) or any("load.compartment" in values for values in cases):
-        full = [all_values(one.parameters) if one.parameters else common | dict(values)
-                for one, values in zip(computed, cases, strict=True)]  # fmt: skip
-        columns |= {name: [one[name] for one in full] for name in common if may_vary(name)}
-    else:
-        columns |= {name: [values.get(name, common[name]) for values in cases] for name in common if may_vary(name)}
+    columns |= _values_of(knees, cases, computed)
     for place, side in enumerate(("", LATERAL)):
-        for one in OUTCOMES:
-            columns[side + one.name] = np.array(
-                [found.sides[place][one.name] if place < len(found.sides) else np.nan for found in computed]
-            )
+        rows = outcomes_of(computed, place)
+        columns |= {side + one.name: rows[one.name] for one in OUTCOMES}
     columns["failed"] = [found.failed for found in computed]
     columns["seconds"] = [found.seconds for found in computed]
     return pa.table({name: columns[name] for name in schema().names}, schema=schema())
+
+
+def _values_of(knees: Knees, cases: Sequence[Values], computed: Sequence[Computed]) -> dict[str, Any]:
+    """Columns of the parameters that a study may vary, by name; what all cases have in common is looked up once."""
+    columns: dict[str, Any] = {}
+    varied = {name for values in cases for name in values}
+    for name, common in all_values(knees.parameters).items():
+        if {name, name.removeprefix(LATERAL_KNEE)} & varied:
+            own = attrgetter(name)
+            columns[name] = [own(one.parameters) if one.parameters else values.get(name, common)
+                             for one, values in zip(computed, cases, strict=True)]  # fmt: skip
+        elif may_vary(name):
+            columns[name] = pa.repeat(pa.scalar(common, schema().field(name).type), len(cases))
+    return columns
 
 
 def series_of(keys: Sequence[str], computed: Sequence[Computed]) -> pa.Table:

@@ -12,7 +12,7 @@ import sys
 from typing import NamedTuple
 
 from knee_contact_ros.core.integrators.base import Stage, StateError, Step
-from knee_contact_ros.core.kernel_source import in_kernel
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
@@ -59,16 +59,23 @@ def response(spring: float, drag: float, h: float) -> tuple[float, float, float]
     discriminant = half_rate * half_rate - spring
     square = discriminant * h * h
     if abs(square) <= NEAR_ZERO:
-        decay, even, odd = math.exp(-half_rate * h), 1.0, 1.0
-        for over_even, over_odd in SERIES:
-            even, odd = 1.0 + square * over_even * even, 1.0 + square * over_odd * odd
-        return decay * even, decay * h * odd, half_rate
+        even, odd = response_by_series(square, half_rate, h)
+        return even, odd, half_rate
     root = math.sqrt(abs(discriminant))
     if discriminant > 0.0:
         slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
         return 0.5 * (slow + fast), 0.5 * (slow - fast) / root, half_rate
     decay = math.exp(-half_rate * h)
     return decay * math.cos(root * h), decay * math.sin(root * h) / root, half_rate
+
+
+@always_inlined
+def response_by_series(square: float, half_rate: float, h: float) -> tuple[float, float]:
+    """The first two of `response` by a series; `square` is that of the root times the duration."""
+    decay, even, odd = math.exp(-half_rate * h), 1.0, 1.0
+    for over_even, over_odd in SERIES:
+        even, odd = 1.0 + square * over_even * even, 1.0 + square * over_odd * odd
+    return decay * even, decay * h * odd
 
 
 class CarriedError(NamedTuple):
@@ -111,8 +118,31 @@ def carry_on(
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
     if h * h * max(spring, drag * drag) > SLOW or not 0.5 < grown < 2.0:
         return propagated(error, middle, damping, mass, h)
-    shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     even, odd, half_rate = response(spring, drag, h)
+    return turned_between(error, spring, drag, grown, even, odd, half_rate)
+
+
+@always_inlined
+def carry_on_by_series(
+    error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
+) -> tuple[CarriedError, bool]:
+    """What `carry_on` gives in nearly all steps, without a branch; and whether it does here."""
+    per_mass = 1.0 / mass
+    spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
+    grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
+    half_rate = 0.5 * drag
+    square = (half_rate * half_rate - spring) * h * h
+    known = h * h * max(spring, drag * drag) <= SLOW and 0.5 < grown < 2.0 and abs(square) <= NEAR_ZERO
+    even, odd = response_by_series(square, half_rate, h)
+    return turned_between(error, spring, drag, max(grown, 0.5), even, odd, half_rate), known
+
+
+@always_inlined
+def turned_between(
+    error: CarriedError, spring: float, drag: float, grown: float, even: float, odd: float, half_rate: float
+) -> CarriedError:
+    """The error under both terms of Magnus' series: half of the second, the first, and half of the second again."""
+    shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
     left, right = a * grown + b * across, c * grown + d * across
     b, d = b * shrunk, d * shrunk
@@ -264,13 +294,18 @@ def either(error: CarriedError, other: CarriedError) -> CarriedError:
 @in_kernel
 def curved(error: CarriedError, depth: float, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
     """The error after a step of `h` [s] in a contact whose slope changes with the depth [m]."""
-    square = error.height * error.height + error.hh
-    if square <= BENT * BENT * depth * depth:
+    if meets_straight(error, depth):
         return error
     wrong = reach(error, math.inf)
     push = CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY))
     height, velocity = pushed_by(push, stiffness, damping, mass, h)
     return with_bound_aside(error, height, velocity)
+
+
+@always_inlined
+def meets_straight(error: CarriedError, depth: float) -> bool:
+    """Whether an error is so small against the depth [m] that the contact is straight to it."""
+    return error.height * error.height + error.hh <= BENT * BENT * depth * depth
 
 
 @in_kernel

@@ -24,7 +24,7 @@ from knee_contact_ros.core.integrators.esdirk4 import ORDER, STAGE_ORDER, STAGES
 from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
 from knee_contact_ros.core.integrators.free_flight import MAX_PEAK, PARTS, free_flight_step
 from knee_contact_ros.core.integrators.massless import massless_step
-from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
+from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at
 from knee_contact_ros.core.scene import Scene
 
@@ -165,7 +165,7 @@ def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: S
     return ratio if ratio < math.inf else math.inf
 
 
-@in_kernel
+@always_inlined
 def local_ratio(
     scene: Scene, load: float, state: FemurState, error: StateError, begin_force: float, force: float,
     stiffness: float, damping: float, leapt: float, h: float, landed: bool,

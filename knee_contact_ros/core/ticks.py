@@ -76,8 +76,7 @@ def run(
             if math.isnan(run_state.state.velocity):
                 run_state = following_surface(interval, run_state)
             angle_rate = interval.angle_rate
-            calm = backlog["count"] == 0 and run_state.adrift.stage == NONE
-            calm = calm and not in_doubt(scene, interval, run_state)
+            calm = backlog["count"] == 0 and is_calm(scene, interval, run_state)
             spent, again = 0, True
             if not calm:
                 interval, run_state, spent = take_on(scene, backlog, run_state, interval)
@@ -94,6 +93,12 @@ def run(
         write_answer(answers[i], scene, angle, angle_rate, load, result)
     kept["begun"], kept["angle"], kept["load"] = begun, last_angle, last_load
     write_run_state(kept["run_state"], run_state)
+
+
+@in_kernel
+def is_calm(scene: Scene, interval: Interval, run_state: RunState) -> bool:
+    """Whether the exact solution is where its estimate says, and stays there in an interval."""
+    return run_state.adrift.stage == NONE and not in_doubt(scene, interval, run_state)
 
 
 @in_kernel

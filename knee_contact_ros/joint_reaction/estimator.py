@@ -6,7 +6,7 @@ import struct
 from typing import NamedTuple, get_type_hints
 
 from knee_contact_ros.joint_reaction.leg import leg_of
-from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
 from knee_contact_ros.joint_reaction.motion import MotionFilter
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
@@ -42,7 +42,7 @@ class Trust(NamedTuple):
     calibrated: bool
     """Whether the person's constants were fitted to a measured knee of this person"""
     deviation: float = 0.0
-    """Standard deviation as part of the body weight; 0: as it was measured for the level"""
+    """Standard deviation as part of the body weight, whatever the force is; 0: as it was measured for the level"""
 
 
 class Estimator:
@@ -58,7 +58,7 @@ class Estimator:
         self._way, self._person, self._calibrated = LEVELS[level], person, trust.calibrated
         self._leg = leg_of(person.mass, person.height)
         measured = self._way.error.calibrated if trust.calibrated else self._way.error.uncalibrated
-        self._deviation = (trust.deviation or measured) * person.weight
+        self._deviation = Deviation(trust.deviation, 0.0) if trust.deviation else measured
 
     def start_anew(self) -> None:
         """Forget the angles before."""
@@ -71,7 +71,7 @@ class Estimator:
         reaction = reaction_of(self._person, joints, net, ground.force[1])
         muscles = reaction.muscles
         return Estimate(
-            joints.flexion, reaction.axial, self._deviation, net.compression,
+            joints.flexion, reaction.axial, self._deviation.at(reaction.axial, self._person.weight), net.compression,
             muscles.quadriceps, muscles.hamstrings, muscles.gastrocnemius,
             reaction.extension, reaction.plantarflexion, net.frontal, joints.knee_assistance,
             self._way.level, self._calibrated, status,

@@ -195,9 +195,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     try:
         with joining():
             nodes += [ManagedNode(kind, stop) for kind in kinds]
-        for node in nodes:
-            if node.node_parameters.read().autostart:
-                start(node)
+        start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
         while not stop.asked:
             spin(executor, nodes[0])
@@ -218,14 +216,16 @@ def spin(executor: Executor, node: ManagedNode) -> None:
         node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
 
 
-def start(node: ManagedNode) -> None:
-    """Configure and activate the node; it may be told to stop meanwhile.
+def start(nodes: Sequence[ManagedNode]) -> None:
+    """Configure the nodes, and activate them when all are ready; they may be told to stop meanwhile.
 
     Raises:
         UsageError: see `run_nodes`.
     """
     with suppress(KeyboardInterrupt):
-        node.configure()
-        node.trigger_configure()
-        if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
-            raise UsageError("the node could not be activated; its log says why")
+        for node in nodes:
+            node.configure()
+            node.trigger_configure()
+        for node in nodes:
+            if node.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+                raise UsageError("the node could not be activated; its log says why")

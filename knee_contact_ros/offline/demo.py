@@ -1,137 +1,163 @@
 """`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
 
-This process replays the bag and listens to the answers; the node computes, records and draws. The example of an assist
-controller can listen beside it, as a companion in a third process. The results appear under their names when all is
-done; an interrupted demo leaves nothing behind.
+What is played, and to which nodes, a `Source` says: a recorded joint reaction to the contact node (`Recorded`), or a
+leg's sensors to the load node before it (`demo_sensors.py`). The results appear under their names when all is done; an
+interrupted demo leaves nothing behind.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
+from typing import Protocol
 
 import click
 import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.cdr import stamp_in
-from knee_contact_ros.messages.ros_types import stamp_to_ns
-from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
-from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.offline.replay.keyboard import Command
-from knee_contact_ros.offline.replay.player import Player
-from knee_contact_ros.offline.replay.replay import Replayer
+from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.offline.stage import (
+    COMPANION_LOG,
+    LOAD_LOG,
+    LOAD_RECORDING,
+    NODE_LOG,
+    RECORDING,
+    RERUN_FILE,
+    Listener,
+    Play,
+    companion_process,
+    node_process,
+    play,
+)
 from knee_contact_ros.offline.summary import Summary, read_summary
-from knee_contact_ros.offline.summary_table import show_summary
+from knee_contact_ros.offline.summary_table import counts, show_summary
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.executor import executor_of
-from knee_contact_ros.system.output_files import partial_name
-from knee_contact_ros.system.processes import PATIENCE, Child, child_process
-from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.system.ros_graph import joining, private_graph
-from knee_contact_ros.system.terminal import progress, warn
+from knee_contact_ros.system.processes import Child
+from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.terminal import warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.view.picture import write_peak
 from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
 
-NODE_START = 300.0
-"""How long [s] the node may take to appear; it may have to compile first."""
-LOOK = 0.05
-"""How often [s] to look for files that are being completed"""
-LAST_ANSWERS = 3.0
-"""How long [s] to wait for the last answers once nothing more comes."""
-RECORDING = Path("recording") / "recording_0.mcap"
-RERUN_FILE = Path("knee_contact.rrd")
 PICTURE = Path("knee.png")
-NODE_LOG = Path("node.log")
-COMPANION_LOG = Path("companion.log")
-COMPANION_COMMANDS = "knee_effort_controller/commands"
+RESULTS = (RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG)
+"""Of all demos: those of an earlier one give way"""
 
 
-@dataclass
-class Listener:
-    """Counts what was published and what was answered, and how long each answer took."""
+class Source(Protocol):
+    """What is played, to which nodes, and what there is to say of it."""
 
-    published: dict[int, float] = field(default_factory=dict)
-    """Time [s] at which the force of a stamp [ns] was published"""
-    latencies: list[float] = field(default_factory=list)
-    """[s] from publishing a force to receiving its answer"""
-    torques: list[float] = field(default_factory=list)
-    """[N m] the companion's commands"""
-    heard: set[str] = field(default_factory=set)
-    """Inputs on which the node hears somebody, as it says itself"""
+    bag: Path
+    companion: bool
+    """Whether the example of an assist controller listens, too"""
+    inputs: Sequence[str]
+    """Topics of the bag, angles first"""
+    heard: Sequence[str]
+    """What the nodes must hear before it begins: as `Listener.heard`"""
+    parameters: Parameters
+    """Of the contact node"""
 
-    def on_published(self, message: RawMessage) -> None:
-        """Note a published input."""
-        if message.topic == f"/{JOINT_REACTION_FORCE}":
-            self.published[stamp_in(message.data)] = time.perf_counter()
+    def check(self) -> Doubts:
+        """Tell what a node could only refuse, and give what makes no sense in the parameters.
 
-    def on_contact(self, message: KneeContact) -> None:
-        """Note an answer."""
-        sent = self.published.get(stamp_to_ns(message.header.stamp))
-        if sent is not None:
-            self.latencies.append(time.perf_counter() - sent)
+        Raises:
+            UsageError: a bad profile, a joint that is not there, and the like.
+        """
 
-    def on_command(self, message: Float64MultiArray) -> None:
-        """Note a command of the companion."""
-        self.torques.append(message.data[0])
+    def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
+        """The nodes and the companion, which leave their files in a folder."""
 
-    def on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note what the node hears: it may find a publisher later than the publisher finds it."""
-        for status in message.status:
-            counts = [value.value for value in status.values if value.key == "publishers"]
-            if counts and counts != ["0"]:
-                self.heard.add(status.name.rpartition(" ")[2])
+    def changed(self, message: RawMessage, torque: float) -> RawMessage:
+        """An input as it is to be published while the companion commands a torque [N m]."""
 
-    @property
-    def missing(self) -> int:
-        """Forces without an answer so far."""
-        return len(self.published) - len(self.latencies)
+    def rows(self, work: Path, summary: Summary) -> dict[str, str]:
+        """Rows of the table that only this source has."""
+
+    def files(self, output: Path) -> dict[str, str]:
+        """Further results, and where they are."""
 
 
-def run_demo(bag: Path, parameter_files: list[Path], output: Path, rate: float, companion: bool) -> None:
-    """Run the demo, with or without the companion, and print its table.
+class Recorded:
+    """A recorded joint reaction, for the contact node alone."""
+
+    inputs: Sequence[str] = INPUTS
+    heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
+
+    def __init__(self, bag: Path, parameter_files: list[Path], companion: bool) -> None:
+        """Read the parameters.
+
+        Raises:
+            UsageError: they cannot be used.
+        """
+        self.bag, self.companion, self._files = bag, companion, parameter_files
+        self.parameters = load_parameters(parameter_files)
+
+    def check(self) -> Doubts:
+        """See `Source`."""
+        pipeline = Pipeline(self.parameters, compiled=False)
+        with BagReader(self.bag) as reader:
+            angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
+        try:
+            message, _ = pipeline.decoder.joint_state(angle)
+            angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
+        except RefusedSampleError as refused:
+            raise UsageError(f"bag {self.bag}: {refused} (parameters knee.*)") from None
+        return pipeline.doubts
+
+    def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
+        """See `Source`."""
+        return [node_process(self._files, work), *([companion_process(work, {})] if self.companion else [])]
+
+    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
+        """As it is: what was recorded does not change with assistance."""
+        return message
+
+    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
+        """None."""
+        return {}
+
+    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
+        """None."""
+        return {}
+
+
+def run_demo(source: Source, output: Path, rate: float) -> None:
+    """Run the demo and print its table.
 
     Raises:
-        UsageError: the bag, a parameter or the output folder cannot be used, ROS does not let us in, or the node or its
-            companion has failed.
+        UsageError: the bag, a parameter or the output folder cannot be used, ROS does not let us in, a node or the
+            companion has failed, or a node has answered nothing.
     """
-    parameters = load_parameters(parameter_files)
-    doubts = check_before(bag, parameters)
-    with BagReader(bag) as reader, work_folder(output) as work, private_graph() as environment:
+    doubts, types = source.check(), {f"/{topic}": MESSAGE_TYPES[topic] for topic in source.inputs}
+    with BagReader(source.bag, types) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        listener = Listener()
+        listener = Listener(source.inputs[1])
         with ExitStack() as opened:
-            processes = [opened.enter_context(node_process(parameter_files, work))]
-            if companion:
-                processes.append(opened.enter_context(companion_process(work)))
+            children = [opened.enter_context(process) for process in source.processes(work)]
 
             def all_are_alive() -> None:
-                for process in processes:
-                    process.check()
+                for child in children:
+                    child.check()
 
-            play(reader, rate, listener, all_are_alive, companion)
-        summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
+            how = Play(rate, source.inputs, source.heard, source.companion, source.changed)
+            play(reader, how, listener, all_are_alive)
+        summary = read_summary(work / RECORDING.parent, source.parameters.body_weight, doubts)
+        if not summary.ticks:
+            raise UsageError(f"bag {source.bag}: the node has answered nothing; refused: {counts(summary.refused)}")
+        rows = live_rows(listener, summary) | source.rows(work, summary)
         picture = draw_peak(work)
-        for result in (RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, COMPANION_LOG):
+        for result in RESULTS:
             replace(work / result, output / result)
-    show_summary(summary, live_rows(listener, summary), result_files(output, companion) | picture_row(output, picture))
+    files = source.files(output) | result_files(output, source.companion) | picture_row(output, picture)
+    show_summary(summary, rows, files)
     warn(summary.sentences)
     if viewer():
         offer(output / RERUN_FILE)
@@ -162,114 +188,13 @@ def offer(scene: Path) -> None:
             look_at(scene)
 
 
-def check_before(bag: Path, parameters: Parameters) -> Doubts:
-    """Tell what the node could only refuse: a bad profile, a bag without topics, a joint that is not there.
-
-    Returns what makes no sense in the parameters.
-
-    Raises:
-        UsageError: one of these.
-    """
-    pipeline = Pipeline(parameters, compiled=False)
-    with BagReader(bag) as reader:
-        angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
-    try:
-        message, _ = pipeline.decoder.joint_state(angle)
-        angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
-    except RefusedSampleError as refused:
-        raise UsageError(f"bag {bag}: {refused} (parameters knee.*)") from None
-    return pipeline.doubts
-
-
-def play(
-    reader: BagReader, rate: float, listener: Listener, all_are_alive: Callable[[], None], companion: bool
-) -> None:
-    """Replay the bag and collect the answers, and the companion's commands."""
-    with joining():
-        rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
-        node = Node("knee_contact_demo")
-    executor = executor_of(node)
-    try:
-        node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
-        node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
-        node.create_subscription(DiagnosticArray, "/diagnostics", listener.on_diagnostics, QoSProfile(depth=100))
-        messages = list(reader.raw_messages())
-        replayer = Replayer(node)
-
-        def spin(seconds: float) -> Sequence[Command]:
-            executor.spin_once(timeout_sec=seconds)
-            return ()
-
-        with progress("Starting the node (the first time it compiles, for half a minute or a minute)") as advance:
-            deadline = time.monotonic() + NODE_START
-            while not (
-                replayer.wait_for_subscribers(0.1, spin)
-                and node.count_publishers(KNEE_CONTACT)
-                and listener.heard == set(INPUTS)
-                and (not companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
-            ):
-                spin(0.1)
-                all_are_alive()
-                if time.monotonic() > deadline:
-                    raise UsageError(f"the node did not appear within {NODE_START:g} s")
-        with progress("Walking") as advance:
-            player = Player(replayer.publish, spin, rate=rate)
-            for number, (message, _) in enumerate(player.play(messages), start=1):
-                listener.on_published(message)
-                advance(number, len(messages))
-        wait_for_last_answers(listener, spin)
-        all_are_alive()
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown()
-
-
-def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -> None:
-    """Wait until every force is answered, or until nothing has come for a while."""
-    missing, since = listener.missing, time.monotonic()
-    while missing and time.monotonic() - since < LAST_ANSWERS:
-        spin(0.1)
-        if listener.missing != missing:
-            missing, since = listener.missing, time.monotonic()
-
-
-@contextmanager
-def node_process(parameter_files: list[Path], work: Path, patience: float = PATIENCE) -> Iterator[Child]:
-    """The node in a process of its own, which records, and draws if Rerun is installed, in the folder `work`.
-
-    See `child_process`.
-
-    On a busy machine its files are complete some time after it has ended: they are waited for.
-    """
-    arguments = ["-m", "knee_contact_ros.cli.main", "node", "--ros-args"]
-    for path in parameter_files:
-        arguments += ["--params-file", str(path)]
-    drawing = {"rerun.mode": "file", "rerun.path": work / RERUN_FILE} if viewer() else {}
-    for name, value in {"record.path": work / RECORDING, **drawing}.items():
-        arguments += ["-p", f'{name}:="{value}"']
-    with child_process("the node", arguments, work / NODE_LOG, patience) as node:
-        yield node
-    deadline = time.monotonic() + patience
-    while any(partial_name(work / name).exists() for name in (RECORDING, RERUN_FILE)) and time.monotonic() < deadline:
-        time.sleep(LOOK)
-
-
-@contextmanager
-def companion_process(work: Path) -> Iterator[Child]:
-    """The example of an assist controller in a process of its own."""
-    example = share_folder() / "examples" / "assist_as_needed.py"
-    arguments = [str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
-    with child_process("the companion", arguments, work / COMPANION_LOG) as companion:
-        yield companion
-
-
 def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
     """Rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
         median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
-        rows["latency"] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
+        name = "latency" if listener.force_topic == JOINT_REACTION_FORCE else "sensors to contact"
+        rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
     if listener.torques:
         highest = max(listener.torques)
         lowest = min(listener.torques[listener.torques.index(highest) :])

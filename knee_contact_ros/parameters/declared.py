@@ -76,6 +76,8 @@ class NodeReading(Generic[P]):
     """The other way: all dotted values without those that follow"""
     listed: Callable[[Mapping[str, Any]], list[str]] = list
     """Names of parameters for a person"""
+    folder: str = ""
+    """Where the package's own files for the node are, within those of the package"""
 
     def known(self) -> dict[str, Declaration]:
         """Every parameter by its dotted name."""
@@ -115,7 +117,7 @@ class NodeReading(Generic[P]):
         Raises:
             UsageError: as `load`.
         """
-        values = dotted(self._section(_read(name), str(name)))
+        values = dotted(self._section(_read(name, self.folder), str(name)))
         self.validated(values, f"{name}: ")
         return values
 
@@ -139,9 +141,9 @@ class NodeReading(Generic[P]):
         """Check dotted values, each alone and with each other; errors begin with `where`."""
         return self.checked(self.nested(self.completed(values), where), where)
 
-    def nested(self, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-        """Dotted values by section and name; those that every node has are left out."""
-        known, nested = self.known(), dict[str, Any]()
+    def nested(self, values: Mapping[str, Any], where: str, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Dotted values by section and name; those that every node has are left out. `known` saves asking again."""
+        known, nested = known or self.known(), dict[str, Any]()
         for name, value in values.items():
             if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
                 continue
@@ -202,14 +204,14 @@ class NodeReading(Generic[P]):
         return str(key).endswith(self.node)
 
 
-def _read(name: str | Path) -> Mapping[str, Any]:
-    """The content of a parameter file."""
+def _read(name: str | Path, folder: str) -> Mapping[str, Any]:
+    """The content of a parameter file; `folder` is that of the package's own for the node."""
     path = parameter_file(str(name))
-    if not path.exists() and path.name == str(name):
-        shipped = [path.stem for path in shipped_parameter_files()]
+    if not path.exists() and str(path.parent) in (".", folder):
+        shipped = {each.stem: str(Path(folder, each.stem)) for each in shipped_parameter_files(folder)}
         near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
-        reason = f"it is neither there nor one of the package's own ({', '.join(shipped)})"
-        reason += f"; did you mean {near[0]}?" if near else ""
+        reason = f"it is neither there nor one of the package's own ({', '.join(shipped.values())})"
+        reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
     return read_mapping(path)
 

@@ -43,7 +43,7 @@ def own_and_rest(known: Iterable[str]) -> list[str]:
     return [name for name in known if not name.startswith(LATERAL)] + [f"{LATERAL}* (as of femur, tibia and contact)"]
 
 
-def with_medial_values(values: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+def with_medial_values(values: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
     """Dotted values and, for each of the `known` lateral ones that is not among them, the medial compartment's."""
     following = {
         name: values[name.removeprefix(LATERAL)]

@@ -64,15 +64,15 @@ class LoadFrames(Section):
 
 
 class PersonParameters(Section):
-    """Whose knee it is. What a person's muscles do is not measured: `knee-contact calibrate-load` fits it."""
+    """Whose knee it is. What a person's muscles do is not measured: `knee-contact calibrate` fits it to a bag."""
 
     mass: float = Field(75.16, ge=10.0, le=400.0, description="[kg]")
     height: float = Field(1.75, ge=0.8, le=2.5, description="[m]")
-    moment_arm_scale: float = Field(1.2, ge=0.3, le=3.0, description="of the muscles' moment arms to published ones")
+    moment_arm_scale: float = Field(1.5, ge=0.3, le=3.0, description="of the muscles' moment arms to published ones")
     co_contraction: float = Field(
         0.2, ge=0.0, le=3.0, description="with how much antagonists pull at least, as part of the vertical ground force"
     )
-    tone: float = Field(0.2, ge=0.0, le=2.0, description="likewise at any time, as part of the body weight")
+    tone: float = Field(0.3, ge=0.0, le=2.0, description="likewise at any time, as part of the body weight")
 
     @property
     def constants(self) -> Person:
@@ -147,4 +147,4 @@ def _check(parameters: LoadParameters, where: str) -> None:
         raise UsageError(f"{where}parameter ankle.assisted: True is not allowed; ankle.joint_name is empty")
 
 
-LOAD_READING = NodeReading("knee_load", LoadParameters, _check)
+LOAD_READING = NodeReading("knee_load", LoadParameters, _check, folder="load")

@@ -7,10 +7,10 @@ samples and not on when a transform arrived, and a recording needs none to be co
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.messages.cdr import WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE
@@ -90,8 +90,15 @@ class StaticTransforms:
 
 def _pose(transform: Transform) -> Pose:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(transform.rotation).as_matrix(), transform.translation
+    pose[:3, :3], pose[:3, 3] = _rotations().from_quat(transform.rotation).as_matrix(), transform.translation
     return pose
+
+
+def _rotations() -> Any:
+    """SciPy's class of rotations."""
+    from scipy.spatial.transform import Rotation  # a fifth of a second to import; most forces are not turned
+
+    return Rotation
 
 
 class ForceFrame:
@@ -108,6 +115,8 @@ class ForceFrame:
         self._pose: Pose | None = None  # where that lies in the wanted one; None if nothing is turned
         self._candidate: Pose | None = None  # likewise, of the force that was turned last while no frame is held
         self._transforms = StaticTransforms()
+        if wanted:
+            _rotations()  # now, and not while a force waits
         own = isb_transform(wanted)
         if own:
             self._transforms.add(own)
@@ -178,7 +187,7 @@ class ForceFrame:
         return turned, encode_wrench_stamped(turned)
 
     def _turn_by(self, pose: Pose, frame: str) -> None:
-        turn, place = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist(), pose[:3, 3].tolist()
+        turn, place = _rotations().from_matrix(pose[:3, :3]).as_quat().tolist(), pose[:3, 3].tolist()
         self._pose = pose
         self.turn_note = {
             "from": printable(frame), "to": self.wanted,

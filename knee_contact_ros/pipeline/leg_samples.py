@@ -24,9 +24,8 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
     """
     knee, ankle = parameters.knee, parameters.ankle
     flexion = _angle(message, knee)
-    others = (
-        _angle(message, parameters.hip), _angle(message, ankle), -_torque(message, knee), -_torque(message, ankle),
-    )  # fmt: skip
+    angles = _angle(message, parameters.hip), _angle(message, ankle)
+    others = (*angles, _assistance(message, knee), _assistance(message, ankle))
     return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, flexion, data, None, delay, others)
 
 
@@ -46,15 +45,15 @@ def _angle(message: JointState, joint: MeasuredJoint) -> float:
     return angle
 
 
-def _torque(message: JointState, joint: ActuatedJoint) -> float:
-    """Torque [N m] of a joint's actuator in the sense of its angle; 0 if there is none."""
+def _assistance(message: JointState, joint: ActuatedJoint) -> float:
+    """Torque [N m] of a joint's actuator against the sense of its angle; 0 if there is none."""
     if not joint.assisted:
         return 0.0
-    torque = joint.sign * number_of(message, joint.joint_name, "effort")
-    if abs(torque) > LARGEST_TORQUE:
-        text = f"joint_states: effort of joint {joint.joint_name!r} is {torque:g} N m, beyond {LARGEST_TORQUE:g}"
+    effort = number_of(message, joint.joint_name, "effort")
+    if abs(effort) > LARGEST_TORQUE:
+        text = f"joint_states: effort of joint {joint.joint_name!r} is {effort:g} N m, beyond {LARGEST_TORQUE:g}"
         raise RefusedSampleError("out_of_range", text)
-    return torque
+    return 0.0 - joint.sign * effort  # of none it is 0, and not -0
 
 
 def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float) -> LoadSample:

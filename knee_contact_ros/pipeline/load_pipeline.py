@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from knee_contact_ros.joint_reaction.estimator import Estimate, Estimator
 from knee_contact_ros.joint_reaction.inverse_dynamics import inclination
+from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.messages.estimate_out import encode_estimate
@@ -16,7 +17,12 @@ from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.leg_samples import ground_of, ground_sample, joints_of, leg_sample
 from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample
-from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
+from knee_contact_ros.pipeline.synchronise import INPUT_HELD, STALE_INPUT, TIME_RESET, PairedSample
+
+UNSEEN = INPUT_HELD | STALE_INPUT
+"""Bits of a sample whose joints were not seen: the next one tells where they are, and not how they came there"""
+ANEW = UNSEEN | TIME_RESET
+"""Bits of a sample before which the motion is to be forgotten; behind it, it is with `UNSEEN`"""
 
 
 class LoadPipeline(Intake):
@@ -40,14 +46,20 @@ class LoadPipeline(Intake):
         """The ground force."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
+    def sensed(self, pair: PairedSample) -> tuple[Joints, Ground]:
+        """What the leg's sensors told at one stamp."""
+        joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
+        assert wrench is not None  # noqa: S101  (by `ground_sample`)
+        return joints, ground_of(wrench, self.parameters.ground, joints, inclination(joints))
+
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
-        if pair.status & TIME_RESET:
+        if pair.status & ANEW:
             self._estimator.start_anew()
-        load, joints = pair.load, joints_of(pair.angle, pair.others)
-        assert load.wrench is not None  # noqa: S101  (by `ground_sample`)
-        ground = ground_of(load.wrench, self.parameters.ground, joints, inclination(joints))
+        load, (joints, ground) = pair.load, self.sensed(pair)
         self.estimate = estimate = self._estimator.at(load.stamp, joints, ground, pair.status)
+        if pair.status & UNSEEN:
+            self._estimator.start_anew()
         self.ticks += 1
         frame = self.parameters.frame.tibia
         force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
@@ -69,5 +81,11 @@ class LoadPipeline(Intake):
 
     def retune(self, parameters: LoadParameters) -> None:
         """Go on with other numbers, between two ticks."""
+        if _offsets(parameters) != _offsets(self.parameters):  # what the angles jump by is no motion
+            self._estimator.start_anew()
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator.go_on_with(self.level, parameters.person.constants, parameters.trust)
+
+
+def _offsets(parameters: LoadParameters) -> tuple[float, ...]:
+    return parameters.knee.offset, parameters.hip.offset, parameters.ankle.offset

@@ -40,7 +40,7 @@ class AngleSample(NamedTuple):
     delay: int = 0
     """[ns] `pairing.angle_delay`"""
     others: tuple[float, ...] = ()
-    """What else the message tells of the leg's joints, [rad] or [N m]; as `joints_of_leg` orders it"""
+    """What else the message tells of the leg's joints, [rad] or [N m]; as `leg_sample` orders it"""
 
     @property
     def came_at(self) -> int:

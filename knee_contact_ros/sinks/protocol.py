@@ -21,6 +21,8 @@ complete"""
 
 PROVENANCE = "knee_contact"
 """Name of the metadata record that says how answers come about (`bags/provenance.py`)"""
+LOAD_PROVENANCE = "knee_load"
+"""Likewise of estimated joint reactions; by the other one they would be computed again as contacts"""
 
 
 class Knee(NamedTuple):

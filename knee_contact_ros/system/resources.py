@@ -49,9 +49,9 @@ def parameter_file(name: str) -> Path:
     return with_suffix if with_suffix.is_file() else path
 
 
-def shipped_parameter_files() -> list[Path]:
-    """The package's own parameter files, the default first."""
-    files = sorted((share_folder() / "config").glob("*.yaml"))
+def shipped_parameter_files(folder: str = "") -> list[Path]:
+    """The package's own parameter files in a folder of theirs, the default first."""
+    files = sorted((share_folder() / "config" / folder).glob("*.yaml"))
     return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
 
 

@@ -18,7 +18,7 @@ TOLERANCES = tuple(10.0 ** (-quarters / 4.0) for quarters in range(24, 41))
 """[m]"""
 PROMISED = 1e-8
 """[m]: what a user asks for who knows no reference"""
-TOGETHER = 42
+TOGETHER = 40
 """Knees whose answers are held at once, as `cohort/computing.py` does with this many ticks"""
 
 

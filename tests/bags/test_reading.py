@@ -14,7 +14,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, names_in_bag
 from knee_contact_ros.messages.topics import JOINT_STATES
 from knee_contact_ros.offline.bag_inputs import BagInputs
-from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.offline.joints import check_joints, wanted_joints
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, write_rosbag2, write_split
@@ -202,6 +202,20 @@ STATE, WRENCH = INPUT_TYPES.values()
             "it has inputs in the namespaces left, right: say --namespace left",
         ),
         (
+            [("/left/joint_states", STATE), ("/left/ground_reaction_force", WRENCH)],
+            "it has inputs in the namespaces left: say --namespace left",
+        ),
+        (
+            [(ANGLE, STATE), ("/left/ground_reaction_force", WRENCH)],
+            "no topic /joint_reaction_force (geometry_msgs/msg/WrenchStamped); "
+            "knee-contact estimate-load makes joint reaction forces of its /left/ground_reaction_force",
+        ),
+        ([(ANGLE, STATE), ("/knee_contact/wrench", WRENCH)], "its topics: /joint_states, /knee_contact/wrench"),
+        (
+            [(ANGLE, STATE), ("/ground_reaction_force", WRENCH), ("/sensed", WRENCH)],
+            "of this type it has /sensed: say --remap joint_reaction_force:=/sensed",
+        ),
+        (
             [("/exo/states", STATE), (FORCE, WRENCH)],
             "of this type it has /exo/states: say --remap joint_states:=/exo/states",
         ),
@@ -218,6 +232,13 @@ def test_what_is_there_instead_is_told_in_one_line(channels: list[tuple[str, str
         BagReader(empty(tmp_path / "bag.mcap", channels))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_joint_reaction_is_not_taken_for_a_ground_force(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="; knee-contact solve takes, and replay without --sensors, its /joint_react"):
+        BagReader(
+            empty(tmp_path / "bag.mcap", list(INPUT_TYPES.items())), {ANGLE: STATE, "/ground_reaction_force": WRENCH}
+        )
 
 
 def test_empty_and_foreign_topics_are_told(tmp_path: Path) -> None:
@@ -251,14 +272,14 @@ def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: 
     rows = [(i * 5_000_000, 0.1, 800.0) for i in range(5)]
     bag = make_bag(tmp_path / "bag.mcap", rows, joint="knee_r", heights=[0.03] * 5)
     with BagInputs(bag, JOINT_STATES, OWN_NAMES) as reader:
-        check_joints(reader, load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"}))
+        check_joints(reader, wanted_joints(load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"})))
         with pytest.raises(
             UsageError, match=r"no joint 'knee'; it has knee_r, knee_height \(parameter knee.joint_name"
         ):
-            check_joints(reader, load_parameters({}))
+            check_joints(reader, wanted_joints(load_parameters({})))
         wrong = {"knee.joint_name": "knee_r", "drive": "displacement", "knee.height_joint_name": "h"}
         with pytest.raises(UsageError, match=r"no joint 'h'; .* \(parameter knee.height_joint_name\)"):
-            check_joints(reader, load_parameters(wrong))
+            check_joints(reader, wanted_joints(load_parameters(wrong)))
 
 
 def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path: Path) -> None:
@@ -269,4 +290,4 @@ def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path:
     for message in [*hips, *gait]:
         mcap.write(channels[message.topic], message)
     with BagInputs(mcap.close(), JOINT_STATES, OWN_NAMES) as reader:
-        check_joints(reader, load_parameters({}))
+        check_joints(reader, wanted_joints(load_parameters({})))

@@ -52,7 +52,7 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
     sink = started.recorder(tmp_path / "live.mcap", wait=False)  # it takes answers before it is open
     with BagReader(right_bag) as bag:
         for topic, _, data in bag.raw_messages():
-            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(data):
+            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(data):
                 sink.put(each)
     for data in (b"", b""):
         list(pipeline.joint_state(data))  # refused

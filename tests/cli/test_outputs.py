@@ -16,6 +16,7 @@ FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "
     "arguments",
     [
         ["solve", "{bag}", "--output", "typo/out.mcap"],
+        ["estimate-load", "{bag}", "--output", "typo/out.mcap"],
         ["recover", "{file}", "typo/out.mcap"],
         ["view", "{bag}", "--save", "typo/out.rrd"],
         ["report", "{bag}", "--output", "typo/report"],
@@ -45,6 +46,7 @@ def test_a_misspelt_folder_is_not_made(
     ("arguments", "says"),
     [
         (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap"),
+        (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap"),
         (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
         (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
         (

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.bags.recover import Recovery, TopicCount
+from knee_contact_ros.cli import load_table
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cli.recovery_table import show_recovery
 from knee_contact_ros.offline import summary_table
@@ -20,10 +21,11 @@ from knee_contact_ros.tools.opensim.opensim_quality import Check as Quality
 from knee_contact_ros.tools.work_precision import run as trade
 from knee_contact_ros.tools.work_precision.problems import problems
 from tests.helpers.terminals import Terminal
+from tests.helpers.walking import walk, walking_bag
 from tests.tools.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (summary_table, show, latency, sys.modules[show_recovery.__module__])
+MODULES = (summary_table, load_table, show, latency, sys.modules[show_recovery.__module__])
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- ")
 """Files, and what is said in whole lines"""
 RULE = re.compile("─+")
@@ -64,6 +66,28 @@ def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 def test_solve(check: Check, right_bag: Path, tmp_path: Path, more: list[str]) -> None:
     """The last one says much: the share of the load, and what makes no sense."""
     check(lambda: main(["solve", str(right_bag), *more, "--overwrite", "--output", str(tmp_path / "out.mcap")]))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        [],
+        [
+            "--params",
+            "load/inverse_dynamics",
+            "-p",
+            "calibrated:=true",
+            "-p",
+            "pairing.max_gap:=0.001",
+            "-p",
+            "level:=auto",
+        ],
+    ],
+)
+def test_estimate_load(check: Check, tmp_path: Path, more: list[str]) -> None:
+    """The last one says much: every estimate but the first is flagged."""
+    bag = walking_bag(tmp_path / "walk.mcap", walk(40))
+    check(lambda: main(["estimate-load", str(bag), *more, "--overwrite", "--output", str(tmp_path / "out.mcap")]))
 
 
 def test_recover(check: Check, right_bag: Path, tmp_path: Path) -> None:

@@ -53,6 +53,23 @@ def test_processes_of_our_own_give_the_same_table_however_many(right_bag: Path, 
         assert names[0] == names[1]
 
 
+@pytest.mark.parametrize("values", [{}, {"load.compartment": "both"}], ids=["one", "both"])
+def test_the_bits_do_not_depend_on_the_size_of_the_blocks(
+    values: dict[str, Any], right_bag: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranges = {"contact.stiffness": [5e7, 1e8], "contact.damping": [0.0, 8e3], "contact.tibial_radius": [0.03, 0.09]}
+    asked = study(right_bag, values=values, sample={"method": "sobol", "n": 300, "ranges": ranges})
+    tables = []
+    for size in (300, 7, 64):
+        monkeypatch.setattr(blocks, "_size_of_block", lambda _knee, size=size: size)
+        folder = tmp_path / str(size)
+        assert computed(asked, folder, scheduler=address)[:3] == (0, 300, 0)
+        assert len(list(folder.glob("cases-*"))) == -(-300 // size)
+        tables.append(table(folder))
+    assert_same(tables[0], tables[1])
+    assert_same(tables[0], tables[2])
+
+
 def test_a_study_that_has_grown_computes_only_what_is_new(right_bag: Path, address: str, tmp_path: Path) -> None:
     small = study(right_bag, grid={"contact.damping": DAMPINGS[:3]})
     large = study(right_bag, grid={"femur.mass": [8.0, 9.3014], "contact.damping": DAMPINGS})

@@ -13,7 +13,7 @@ import knee_contact_ros
 from knee_contact_ros.cohort.computing import compute
 from knee_contact_ros.cohort.knees import Files, Knees, Recording, knees_in
 from knee_contact_ros.cohort.outcomes import OUTCOMES, outcomes
-from knee_contact_ros.core.types import FLAT, ContactState, Status
+from knee_contact_ros.core.types import FLAT, ROW, ContactState, Status
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests import ROOT
@@ -79,6 +79,26 @@ def test_outcomes_are_those_of_the_formulas(values: dict[str, Any]) -> None:
     assert (formulas["bone_time"] > 0.0) == bool(values == TWO_LAYERS)
 
 
+@pytest.mark.parametrize("number", [1, 2, 7, 8, 9, 127, 128, 129, 387, 8200])
+def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number: int) -> None:
+    """Sums of numbers are taken in an order of their own (pairwise), which must be that of a single row."""
+    random = np.random.default_rng(number)
+    answers, steps = np.zeros((43, number), ROW), random.uniform(0.001, 0.01, number)
+    for name in (name for name in FLAT.names or () if FLAT[name].kind == "f"):
+        answers.view(FLAT)[name] = random.normal(size=answers.shape) * 1e3
+    answers["contact_state"] = random.integers(0, 3, answers.shape)
+    steps[random.integers(0, number, 3)] = 0.0
+    knee = knee_contact_ros.load_model(TWO_LAYERS)
+    laws, patches = [knee.modes.law] * len(answers), [knee.patch] * len(answers)
+    whole = outcomes(answers, steps, laws, patches)
+    for size in (1, 2, 5, 42):
+        parts = [outcomes(answers[i : i + size], steps, laws[i : i + size], patches[i : i + size])
+                 for i in range(0, len(answers), size)]  # fmt: skip
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
+    weights = 0.5 * (steps + np.append(steps[1:], 0.0))
+    assert whole["impulse"].tolist() == [np.sum(one * weights) for one in answers["contact_force"]]
+
+
 def test_without_radii_that_fit_no_pressure_is_known() -> None:
     knee = knee_contact_ros.load_model({"contact.tibial_radius": 0.02})
     series = knee.run(TIME, ANGLE, LOAD)
@@ -137,6 +157,22 @@ def test_both_compartments_are_those_of_solve(right_bag: Path) -> None:
         alone["latency"] = 0.0
         assert bits(side) == bits(alone)
         assert row["peak_force"] == alone.contact_force.max()
+
+
+def test_from_python_both_compartments_keep_their_series(right_bag: Path) -> None:
+    values = {"contact.damping": [1e3, 5e3]}
+    found = knee_contact_ros.sweep(right_bag, values, "both_compartments", series=True)
+    assert found.series is not None
+    assert found.lateral_series is not None
+    assert found.lateral is not None
+    for i, damping in enumerate(values["contact.damping"]):
+        medial = knee_contact_ros.solve(right_bag, "both_compartments", {"contact.damping": damping})
+        assert medial.lateral is not None
+        for own, alone in ((found.series[i], medial), (found.lateral_series[i], medial.lateral)):
+            alone["latency"] = 0.0
+            assert bits(own) == bits(alone)
+        assert found.lateral.peak_force[i] == medial.lateral.contact_force.max()
+    assert knee_contact_ros.sweep(right_bag, values, "both_compartments").lateral_series is None
 
 
 def test_a_case_that_cannot_be_is_a_case_with_a_reason() -> None:

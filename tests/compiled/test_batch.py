@@ -25,18 +25,18 @@ NUMBERS: tuple[dict[str, Any], ...] = (
 """Of three knees: they share a kernel"""
 
 
-def one_by_one(models: list[KneeModel], heights: np.ndarray) -> np.ndarray:
+def one_by_one(models: list[KneeModel], heights: np.ndarray, loads: np.ndarray = LOADS) -> np.ndarray:
     """The answers of runs by the plain kernel, shape (k, n)."""
     answers = np.zeros((len(models), len(TIME)), ROW)
-    for model, load, own in zip(models, LOADS, answers, strict=True):
+    for model, load, own in zip(models, loads, answers, strict=True):
         ticks.run(model.scene, np.zeros(1, ticks.MEMORY), STEPS, ANGLE, load, heights, own)
     return answers
 
 
-def together(models: list[KneeModel], heights: np.ndarray, threads: int) -> np.ndarray:
+def together(models: list[KneeModel], heights: np.ndarray, threads: int, loads: np.ndarray = LOADS) -> np.ndarray:
     """The same by the batch."""
     answers = np.zeros((len(models), len(TIME)), ROW)
-    run_batch([model.scene for model in models], STEPS, ANGLE, LOADS, heights, answers, threads=threads)
+    run_batch([model.scene for model in models], STEPS, ANGLE, loads, heights, answers, threads=threads)
     return answers
 
 

@@ -14,11 +14,12 @@ import pytest
 
 from knee_contact_ros.cli.main import knee_contact
 from knee_contact_ros.parameters.declared import STANDARD_PARAMETERS
+from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import READING, known_parameters
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 
 FOLDER = share_folder() / "launch"
-FILES = ["knee_contact.launch.py", "replay.launch.py", "rviz.launch.py", "two_knees.launch.py"]
+FILES = ["knee_contact.launch.py", "knee_load.launch.py", "replay.launch.py", "rviz.launch.py", "two_knees.launch.py"]
 DOCUMENTED = {
     "launch": {"LaunchDescription"},
     "launch.actions": {
@@ -174,7 +175,8 @@ def test_parameters_are_the_nodes(name: str) -> None:
     names += [
         text(node.slice) for node in ast.walk(tree) if isinstance(node, ast.Subscript) and node.value.id == "given"
     ]
-    assert set(names) - FOR_OTHERS <= {*known_parameters(), *STANDARD_PARAMETERS}
+    known = LOAD_READING.known() if name == "knee_load.launch.py" else known_parameters()
+    assert set(names) - FOR_OTHERS <= {*known, *STANDARD_PARAMETERS}
     assert names or included
 
 
@@ -189,11 +191,11 @@ def test_commands_have_the_options_they_are_given(name: str) -> None:
         if options:
             (command,) = set(commands)
             ours = {option for parameter in knee_contact.commands[command].params for option in parameter.opts}
-            assert options <= (ROS_OPTIONS if command == "node" else ours)
+            assert options <= (ROS_OPTIONS if command in ("node", "load") else ours)
     nodes = [call for call in calls(tree, "Node") if text(keyword(call, "executable")) not in OTHERS]
     for call in nodes:  # which puts ROS arguments behind the command
-        assert ast.literal_eval(keyword(call, "arguments")) == ["node"]
-        assert text(keyword(call, "name")) == READING.node
+        (command,) = ast.literal_eval(keyword(call, "arguments"))
+        assert text(keyword(call, "name")) == {"node": READING.node, "load": LOAD_READING.node}[command]
     for call in [*nodes, *calls(tree, "ExecutableInPackage")]:
         assert ast.unparse(keyword(call, "package")) == "PACKAGE"
         assert text(keyword(call, "executable")) == "knee_contact"

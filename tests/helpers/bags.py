@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from mcap.writer import CompressionType
@@ -30,14 +30,14 @@ def write_rosbag2(
     compression: CompressionMode = CompressionMode.NONE,
     version: int = 9,
     name: Callable[[str], str] = named,
+    types: Mapping[str, str] = INPUT_TYPES,
 ) -> Path:
-    """A rosbag2 folder with other topics among ours."""
+    """A rosbag2 folder with other topics among ours, which are of these types."""
     writer = Writer(folder, version=version, storage_plugin=storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
         known = {
-            topic: writer.add_connection(name(topic), kind, typestore=typestore())
-            for topic, kind in INPUT_TYPES.items()
+            topic: writer.add_connection(name(topic), kind, typestore=typestore()) for topic, kind in types.items()
         }
         other = [writer.add_connection(topic, kind, typestore=typestore()) for topic, kind in OTHER.items()]
         for message in messages:

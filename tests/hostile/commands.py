@@ -21,6 +21,7 @@ for needed in (
     "tools.report.page",
     "bags.recover",
     "offline.solve",
+    "offline.estimate_load",
     *["offline.view"][:HAS_VIEWER],
 ):
     import_module(f"knee_contact_ros.{needed}")

@@ -19,6 +19,14 @@ COMMANDS: dict[str, Callable[[str, str], list[str]]] = {
     "report": lambda bag, output: ["report", bag, "--output", f"{output}/report"],
     "view": lambda bag, output: ["view", bag, "--save", f"{output}/out.rrd"],
     "recover": lambda bag, output: ["recover", bag, f"{output}/out.mcap"],
+    "estimate-load": lambda bag, output: [
+        "estimate-load",
+        bag,
+        "--output",
+        f"{output}/out.mcap",
+        "--remap",
+        "ground_reaction_force:=/joint_reaction_force",
+    ],
 }
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),
@@ -28,6 +36,8 @@ OTHERWISE = [
     ("records within each other", "recover"),
     ("a profile that is named", "report"),
     ("metadata that is a pipe", "report"),
+    ("escape codes in topics", "estimate-load"),
+    ("messages that are none", "estimate-load"),
 ]
 """Where other commands have ways of their own"""
 SEEN = [

@@ -131,14 +131,27 @@ def test_what_is_passed_through(level: str, number: int) -> None:
 def test_the_standard_deviation_is_the_levels_or_what_was_given(level: str) -> None:
     weight, error = 75.0 * 9.80665, LEVELS[level].error
 
-    def told(trust: Trust) -> float:
-        return estimator(level, trust=trust).at(EPOCH, Joints(0.4, 0.2, 0.1), STANCE).standard_deviation
+    def told(trust: Trust) -> tuple[float, float]:
+        found = estimator(level, trust=trust).at(EPOCH, Joints(0.4, 0.2, 0.1), STANCE)
+        return found.axial_force, found.standard_deviation
 
     rounding = 1e-15  # of products in another order
-    assert told(Trust(calibrated=False)) == pytest.approx(error.uncalibrated * weight, rel=rounding)
-    assert told(Trust(calibrated=True)) == pytest.approx(error.calibrated * weight, rel=rounding)
-    for calibrated in (False, True):
-        assert told(Trust(calibrated, 0.2)) == pytest.approx(0.2 * weight, rel=rounding)
+    for calibrated, measured in ((False, error.uncalibrated), (True, error.calibrated)):
+        axial, deviation = told(Trust(calibrated))
+        expected = math.sqrt((measured.floor * weight) ** 2 + (measured.part * axial) ** 2)
+        assert deviation == pytest.approx(expected, rel=4 * rounding)
+        assert told(Trust(calibrated, 0.2))[1] == pytest.approx(0.2 * weight, rel=rounding)
+
+
+@each_level
+def test_without_calibration_and_with_less_known_it_is_farther_off(level: str) -> None:
+    measured, least = LEVELS[level].error, LEVELS["ankle_moment"].error
+    for axial in (-100.0, 0.0, 300.0, 3000.0):
+        told = measured.calibrated.at(axial, 700.0)
+        assert 0.0 < told < measured.uncalibrated.at(axial, 700.0)
+        assert measured.calibrated.at(-axial, 700.0) == told
+        if axial < 1000.0:
+            assert told >= least.calibrated.at(axial, 700.0)
 
 
 @each_level
@@ -164,7 +177,14 @@ def unknown(estimate: Estimate) -> set[str]:
     return {name for name, value in estimate._asdict().items() if math.isnan(value)}
 
 
-OF_THE_KNEE = {"axial_force", "resultant_force", "quadriceps_force", "knee_moment", "frontal_moment"}
+OF_THE_KNEE = {
+    "axial_force",
+    "standard_deviation",
+    "resultant_force",
+    "quadriceps_force",
+    "knee_moment",
+    "frontal_moment",
+}
 FULL = Joints(0.4, 0.2, 0.1)
 
 

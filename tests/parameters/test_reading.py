@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import knee_contact_ros
+from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.reading import (
     READING,
     flat_parameters,
     known_parameters,
     load_parameters,
+    variations_of,
 )
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
 CONTRACT = {
@@ -129,6 +133,41 @@ def test_osteoarthritis_changes_the_law_alone(config: Path) -> None:
         assert {name for name in one if one[name] != other[name]} == changed | layer
         assert (other["contact.law"], other["contact.layer_depth"]) == ("two_layer_viscoelastic", 5.0e-4)
         assert (other["contact.stiffness_2"], other["contact.damp_first_layer"]) == (3.112e9, False)
+
+
+BOTH = {"load.compartment": "both", "lateral.contact.damping": 2e3}
+VARIED: list[dict[str, Any]] = [
+    {}, {"contact.damping": 10}, {"contact.damping": 1e3, "femur.mass": 8.0, "body_weight": 700.0, "load.share": 0.6},
+    {"lateral.contact.damping": 1.0, "contact.damping": 2.0}, {"lateral.femur.radius": 0.03}, {"femur.radius": 0.03},
+    {"load.compartment": "both", "contact.damping": 3e3}, {"load.compartment": "total"}, {"fidelity.budget": 300},
+    {"load.compartment": "both", "drive": "displacement"}, {"contact.damping": -1.0}, {"contact.damping": "5"},
+    {"femur.mass": 8.0, "contact.damping": float("nan")}, {"contact.dampin": 1.0}, {"contact": 1.0}, {"drive": "x"},
+    {"tibia.slope": 0.1, "tibia.geometry": "circle"}, {"tibia.geometry": "circle", "tibia.radius": 0.02},
+    {"lateral.tibia.geometry": "circle", "tibia.radius": 0.02}, {"fidelity.force_tolerance": 1e-10},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("common", [{}, BOTH, {"contact.law": "hertz"}], ids=["one", "both", "law"])
+def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(common: dict[str, Any]) -> None:
+    """Lateral values of a knee that has no lateral compartment mean nothing, and need not follow the medial ones."""
+    base = load_parameters(common)
+    before, varied = base.model_dump_json(), variations_of(base)
+    for values in VARIED:
+        found = [
+            told(lambda values=values: varied(values)),
+            told(lambda values=values: load_parameters([base, values])),
+        ]
+        assert found[0] == found[1], values
+    assert base.model_dump_json() == before
+
+
+def told(made: Callable[[], Parameters]) -> str:
+    """All that makes an answer of some parameters, or why there are none."""
+    try:
+        parameters = made()
+    except UsageError as error:
+        return str(error)
+    return parameters.model_dump_json(exclude=None if has_both(parameters) else {"lateral"})
 
 
 @pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml", "mri_knee.yaml"])

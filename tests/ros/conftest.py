@@ -60,13 +60,15 @@ WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.cli.main
 
 
 class NodeProcess:
-    """`knee-contact node` with its output."""
+    """`knee-contact node`, or another command that runs one, with its output."""
 
-    def __init__(self, *arguments: str, largest_file: int = resource.RLIM_INFINITY, without: str = "") -> None:
-        """`largest_file` [B] makes the disk look full, `without` a module look absent."""
+    def __init__(
+        self, *arguments: str, largest_file: int = resource.RLIM_INFINITY, without: str = "", kind: str = "node"
+    ) -> None:
+        """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command."""
         command = ["-c", WITHOUT.format(without)] if without else ["-m", "knee_contact_ros.cli.main"]
         self.process = subprocess.Popen(
-            [sys.executable, *command, "node", "--ros-args", *arguments],
+            [sys.executable, *command, kind, "--ros-args", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -165,15 +167,15 @@ def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
         peer.node.destroy_client(client)  # else the node knows of one more each time
 
 
-def change_state(peer: Peer, transition: int) -> bool:
+def change_state(peer: Peer, transition: int, node: str = "knee_contact") -> bool:
     """Ask the node for a transition of its life cycle; whether it succeeded."""
     request = ChangeState.Request(transition=Transition(id=transition))
-    return bool(call(peer, ChangeState, "/knee_contact/change_state", request).success)
+    return bool(call(peer, ChangeState, f"/{node}/change_state", request).success)
 
 
-def state_of(peer: Peer) -> int:
+def state_of(peer: Peer, node: str = "knee_contact") -> int:
     """The node's state in its life cycle."""
-    return int(call(peer, GetState, "/knee_contact/get_state", GetState.Request()).current_state.id)
+    return int(call(peer, GetState, f"/{node}/get_state", GetState.Request()).current_state.id)
 
 
 @pytest.fixture

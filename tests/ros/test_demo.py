@@ -8,13 +8,17 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.joint_reaction.moment_arms import QUADRICEPS, arm
+from knee_contact_ros.messages.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.work_folder import replace
 from knee_contact_ros.view.window import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
@@ -24,7 +28,9 @@ from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
-TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+LOADS = Path("load_recording") / "load_recording_0.mcap"
+RIGHT = share_folder() / "bags" / "gait2354_right"
+SCALE = LoadParameters().person.moment_arm_scale
 TIMEOUT = 400  # two nodes on a new machine compile first
 
 
@@ -34,8 +40,9 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def recorded(path: Path) -> list[tuple[str, int, str]]:
-    return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, TOPICS)]
+def recorded(path: Path, topics: Sequence[str] = RECORDED) -> list[tuple[str, int, str]]:
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}
+    return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, types)]
 
 
 def addresses(process: psutil.Process) -> set[str]:
@@ -44,7 +51,7 @@ def addresses(process: psutil.Process) -> set[str]:
 
 
 def test_it_needs_no_rerun() -> None:
-    code = "import sys; sys.modules['rerun'] = None; import knee_contact_ros.offline.demo"
+    code = "import sys; sys.modules['rerun'] = None; import knee_contact_ros.offline.demo_sensors"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=TIMEOUT)
 
 
@@ -93,31 +100,80 @@ def test_the_companion_gives_way_and_its_log_is_kept(tmp_path: Path) -> None:
     assert 2 <= times <= 2 + pauses  # once a stance, and once more after a busy machine's pause amid it
 
 
+def test_from_sensors_both_nodes_give_what_both_commands_give(tmp_path: Path, sensors_bag: Path) -> None:
+    done = run("demo", "--from-sensors", "--rate", "2", "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    words = " ".join(done.stdout.split())
+    assert "ticks 387 over 1.93 s dropped 0 sensors to contact" in words
+    assert "load's level ground_force calibrated no: for looking, not for gating anything" in words
+    assert "estimated load 1981.7 N (2.78 BW), standard deviation 533 N" in words
+    assert "recorded load 3227.5 N (4.53 BW), by OpenSim from muscles" in words
+    assert max(len(line.rstrip()) for line in done.stdout.split("\n\n")[0].splitlines()) <= 80
+    loads, contact = tmp_path / "loads.mcap", tmp_path / "contact.mcap"
+    for command in (
+        ["estimate-load", sensors_bag, "--params", "load/gait2354", "--output", loads],
+        ["solve", loads, "--output", contact],
+    ):
+        assert run(*command).returncode == 0
+    assert recorded(tmp_path / "out" / LOADS, LOAD_RECORDED) == recorded(loads, LOAD_RECORDED)
+    assert recorded(tmp_path / "out" / "recording") == recorded(contact)
+
+
+def test_the_companions_torque_assists_the_knee_that_it_listens_to(tmp_path: Path, sensors_bag: Path) -> None:
+    """Where extensors are needed its torque takes off the load what it takes off their moment."""
+    done = run("demo", "--from-sensors", "--companion", "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = re.search(r"largest contact +990.9 N without assistance, ([0-9.]+) N with it", done.stdout)
+    assert told
+    assert float(told[1]) < 1000.0
+    assert "warning             with an actuator's help people pull their muscles" in done.stdout
+    assert "giving way: the contact force is above 900 N" in (tmp_path / "companion.log").read_text()
+    types = {f"/{LOAD_ESTIMATE}": MESSAGE_TYPES[LOAD_ESTIMATE]}
+    live = [m.message for m in read_bag(tmp_path / LOADS, types)]
+    torque = re.search(r"assist torque +([0-9.]+) N m", done.stdout)
+    assert torque
+    assert max(one.assistance for one in live) == pytest.approx(float(torque[1]), abs=0.3)  # 0.2 N m at 200 Hz
+    run("estimate-load", sensors_bag, "--params", "load/gait2354", "--output", tmp_path / "loads.mcap")
+    alone = [m.message for m in read_bag(tmp_path / "loads.mcap", types)]
+    less = [
+        (one.axial_force - other.axial_force) * arm(QUADRICEPS, one.flexion_angle) * SCALE - other.assistance
+        for one, other in zip(alone, live, strict=True)
+        if other.assistance > 0.0 and other.quadriceps_force > 1.001 * one.hamstrings_force
+    ]
+    assert len(less) > 20
+    assert less == pytest.approx([0.0] * len(less), abs=1e-9)
+
+
 def test_the_log_of_an_earlier_companion_gives_way(tmp_path: Path) -> None:
     (tmp_path / "companion.log").touch()
     replace(tmp_path / "not there", tmp_path / "companion.log")
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("more", "nodes"), [([], 1), (["--from-sensors"], 2)])
+def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
+    tmp_path: Path, more: list[str], nodes: int
+) -> None:
     output = tmp_path / "out"
     demo = subprocess.Popen(
-        [*COMMAND, "demo", "--companion", "--rate", "0.1", "--output", output],
+        [*COMMAND, "demo", "--companion", "--rate", "0.1", "--output", output, *more],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     deadline = time.monotonic() + TIMEOUT
-    while not list(output.glob(".incomplete-*/recording/*.partial")):
+    while len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes:
         assert time.monotonic() < deadline
         time.sleep(0.1)
     processes = [psutil.Process(demo.pid), *psutil.Process(demo.pid).children(recursive=True)]
-    assert len(processes) == 4 + HAS_VIEWER  # with node, companion, recorder and viewer
-    while sum(map(bool, map(addresses, processes))) < 3:
+    assert len(processes) == 2 + 2 * nodes + HAS_VIEWER  # with companion, nodes and their recorders, and viewer
+    while sum(map(bool, map(addresses, processes))) < 2 + nodes:
         assert time.monotonic() < deadline
         time.sleep(0.1)
     time.sleep(1.0)
-    assert sorted(map(sorted, map(addresses, processes))) == [*[[]] * (1 + HAS_VIEWER), *[["127.0.0.1"]] * 3]
+    assert sorted(map(sorted, map(addresses, processes))) == [
+        *[[]] * (nodes + HAS_VIEWER), *[["127.0.0.1"]] * (2 + nodes)
+    ]  # fmt: skip
     demo.send_signal(signal.SIGINT)
     printed, errors = demo.communicate(timeout=TIMEOUT)
     assert demo.returncode == 130
@@ -139,6 +195,9 @@ def test_replay_says_when_nobody_listens(right_bag: Path) -> None:
         (["demo", "--bag", "nowhere"], "no bag at nowhere"),
         (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
         (["demo", "--rate", "0"], "0.01<=x<=100"),
+        (["demo", "--from-sensors", "--bag", str(RIGHT)], "has no topic /ground_reaction_force"),
+        (["demo", "--from-sensors", "--params", "load/gait2354"], "no parameters for node knee_contact"),
+        (["demo", "--load-params", "load/insole"], "--load-params is for --from-sensors"),
         (["replay", "nowhere"], "no bag at nowhere"),
         (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
         (["solve", "nowhere"], "Missing option '--output'"),

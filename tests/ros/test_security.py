@@ -34,11 +34,11 @@ def policy() -> ET.Element:
     return ET.parse(POLICY).getroot()  # noqa: S314 (our own file)
 
 
-def allowed_names() -> dict[str, set[str]]:
-    """Full names that the policy allows, by rule."""
+def allowed_names(node: str) -> dict[str, set[str]]:
+    """Full names that the policy allows a node, by rule."""
     names: dict[str, set[str]] = {rule: set() for rule in RULES}
-    (profile,) = policy().iter("profile")
-    assert (profile.get("ns"), profile.get("node")) == ("/", READING.node)
+    (profile,) = (profile for profile in policy().iter("profile") if profile.get("node") == node)
+    assert profile.get("ns") == "/"
     for group in profile:
         for rule, qualifier in group.attrib.items():
             assert rule in PRIVILEGES[group.tag]
@@ -46,30 +46,32 @@ def allowed_names() -> dict[str, set[str]]:
             for element in group:
                 assert element.tag + "s" == group.tag
                 assert element.text not in names[rule]
-                names[rule].add(
-                    "/" + re.sub("^(~/|/)", lambda m: f"{READING.node}/" if m[0] == "~/" else "", element.text)
-                )
+                names[rule].add("/" + re.sub("^(~/|/)", lambda m: f"{node}/" if m[0] == "~/" else "", element.text))
     return names
 
 
-def offered_names(peer: Peer) -> dict[str, set[str]]:
-    """What the running node has in the graph."""
+def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
+    """What a running node has in the graph."""
     names: dict[str, set[str]] = {}
     for rule, kind in RULES.items():
         ask = getattr(peer.node, f"get_{kind}_names_and_types_by_node")
-        names[rule] = {name for name, _ in ask(READING.node, "/")}
+        names[rule] = {name for name, _ in ask(node, "/")}
     return names
+
+
+def assert_policy_fits(peer: Peer, node: str, inputs: set[str]) -> None:
+    peer.wait_until(lambda: inputs <= offered_names(peer, node)["subscribe"])
+    peer.spin(0.5)
+    offered, allowed = offered_names(peer, node), allowed_names(node)
+    for rule in RULES:
+        assert offered[rule] - allowed[rule] == set(), f"{rule}: the node would be refused these"
+        assert allowed[rule] - offered[rule] == set(), f"{rule}: the node has no use for these"
 
 
 def test_the_policy_is_what_the_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
     start_node("-p", "use_sim_time:=true", "-p", "load.compartment:=both")
     peer.wait_for_node()
-    peer.wait_until(lambda: {"/joint_states", "/joint_reaction_force"} <= offered_names(peer)["subscribe"])
-    peer.spin(0.5)
-    offered, allowed = offered_names(peer), allowed_names()
-    for rule in RULES:
-        assert offered[rule] - allowed[rule] == set(), f"{rule}: the node would be refused these"
-        assert allowed[rule] - offered[rule] == set(), f"{rule}: the node has no use for these"
+    assert_policy_fits(peer, READING.node, {"/joint_states", "/joint_reaction_force"})
 
 
 def test_the_policy_has_the_form_that_sros2_reads() -> None:
@@ -77,10 +79,10 @@ def test_the_policy_has_the_form_that_sros2_reads() -> None:
     root = policy()
     assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
     (enclaves,) = root
-    (enclave,) = enclaves
-    (profiles,) = enclave
-    assert [enclaves.tag, enclave.tag, profiles.tag] == ["enclaves", "enclave", "profiles"]
-    assert enclave.attrib == {"path": "/knee_contact"}
+    for enclave, name in zip(enclaves, ("/knee_contact", "/knee_load"), strict=True):
+        (profiles,) = enclave
+        assert [enclaves.tag, enclave.tag, profiles.tag] == ["enclaves", "enclave", "profiles"]
+        assert enclave.attrib == {"path": name}
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@ def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, ri
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
     live = open_output(tmp_path / "live.rrd", Serving(0, False), [drawing_of(pipeline.model, "knee", 737.068)])
     for topic, _, message in raw_inputs(right_bag):
-        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         for answer in feed(message):
             live.write(answer.row)
     live.finish(Ending((), {}))
@@ -123,7 +123,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
         for topic, _, message in raw_inputs(right_bag):
-            feed = pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force
+            feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
             for answer in feed(message):
                 writer.write(answer.records)
                 if pipeline.ticks == 100:

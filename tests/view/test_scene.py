@@ -46,7 +46,7 @@ PLOTS = (*KNEE, *DETAILS)
 def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
     answers: list[Answer] = []
     for topic, _, message in raw_inputs(bag)[:most]:
-        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.joint_reaction_force)(message)
+        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(message)
     return answers
 
 

@@ -11,6 +11,7 @@ import click
 from knee_contact_ros.cli.options import (
     OptionalClockRate,
     found,
+    found_file,
     names_in_bag_options,
     parameter_files,
     timing_options,
@@ -21,6 +22,20 @@ from knee_contact_ros.cli.output_option import Output
 @click.command()
 @click.option("--bag", type=click.Path(path_type=Path), metavar="BAG", help="[default: the right leg's gait]")
 @parameter_files
+@click.option(
+    "--from-sensors",
+    is_flag=True,
+    help="Play an encoder and an insole to the load node, whose estimate the contact node answers; --companion "
+    "assists the knee.",
+)
+@click.option(
+    "--load-params",
+    "load_files",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
+)
 @click.option(
     "--output",
     type=Output(folder=True),
@@ -35,16 +50,33 @@ from knee_contact_ros.cli.output_option import Output
 @click.option(
     "--companion", is_flag=True, help="Run the example of an assist controller beside it: examples/assist_as_needed.py."
 )
-def demo(bag: Path | None, parameter_files: tuple[Path, ...], output: Path, rate: float, companion: bool) -> None:
+def demo(
+    bag: Path | None,
+    parameter_files: tuple[Path, ...],
+    from_sensors: bool,
+    load_files: tuple[Path, ...],
+    output: Path,
+    rate: float,
+    companion: bool,
+) -> None:
     """See the knee of a walking person.
 
     Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
     Rerun file and prints the peaks.
     """
-    from knee_contact_ros.offline.demo import run_demo
+    from knee_contact_ros.offline.demo import Recorded, Source, run_demo
+    from knee_contact_ros.offline.demo_sensors import LOAD_FILE, Sensors
     from knee_contact_ros.system.resources import share_folder
 
-    run_demo(bag or share_folder() / "bags" / "gait2354_right", found(parameter_files), output, rate, companion)
+    if load_files and not from_sensors:
+        raise click.UsageError("--load-params is for --from-sensors")
+    files = found(parameter_files)
+    source: Source
+    if from_sensors:
+        source = Sensors(bag, files, [found_file(name) for name in load_files or (Path(LOAD_FILE),)], companion)
+    else:
+        source = Recorded(bag or share_folder() / "bags" / "gait2354_right", files, companion)
+    run_demo(source, output, rate)
 
 
 @click.command(

@@ -18,7 +18,8 @@ load_parameter_files = click.option(
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Parameter file; can be given several times, the later one wins. A name that is not found here is looked up "
-    "among the package's own: load/insole, load/inverse_dynamics. [default: the knee and a vertical force]",
+    "among the package's own: load/insole, load/inverse_dynamics, load/gait2354. [default: the knee and a vertical "
+    "force]",
 )
 
 

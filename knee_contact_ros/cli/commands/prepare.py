@@ -7,12 +7,13 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.calibrate_options import calibrate_options
+from knee_contact_ros.cli.calibrate_options import calibrate_options, calibrate_parameter_files
 from knee_contact_ros.cli.options import (
     found,
+    found_file,
+    names_in_bag_options,
     opensim_results_options,
     opensim_run_options,
-    parameter_files,
     parameter_values,
     sensor_map_option,
 )
@@ -130,24 +131,31 @@ def fit_share(
 
 
 @click.command()
-@click.argument("table", type=click.Path(path_type=Path), metavar="TABLE.csv")
-@parameter_files
+@click.argument("data", type=click.Path(path_type=Path), metavar="TABLE.csv|BAG")
+@calibrate_parameter_files
 @parameter_values
 @calibrate_options
+@names_in_bag_options
 def calibrate(
-    table: Path, parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...], without: bool, **rest: Any
+    data: Path, parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...], without: bool, **rest: Any
 ) -> None:
     """Fit parameters to what was measured.
 
     TABLE.csv has the columns time [s], flexion_angle [rad], load [N] (or axial_load, of which load.share is borne; with
     drive displacement femoral_height [m]) and one or more measured ones: penetration_depth [m], contact_force [N],
-    gap [m]. Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them
-    as a parameter file for --params, to be given after the others.
+    gap [m]. Fitted are parameters of the contact.
+
+    BAG has what sensors of a leg tell, as for estimate-load, and beside it the measured /joint_reaction_force. Fitted
+    are the person's constants of the load node: person.moment_arm_scale, person.co_contraction, person.tone.
+
+    Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them as a
+    parameter file for --params, to be given after the others.
     """
     from knee_contact_ros.cli.calibration_table import show_calibration
     from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.tools.calibration.in_memory import is_bag
     from knee_contact_ros.tools.calibration.run import CalibrateOptions, run_calibrate
 
-    values = parameters_of(parameter_values)
-    asked = CalibrateOptions(table, found(parameter_files), values, with_intervals=not without, **rest)
+    files = [found_file(name) for name in parameter_files] if is_bag(data) else found(parameter_files)
+    asked = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
     show_calibration(run_calibrate(asked), rest["output"])

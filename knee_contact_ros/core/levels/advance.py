@@ -40,19 +40,48 @@ def advance(scene: Scene, interval: Interval, start: RunState, spent: int) -> Ti
     level = scene.level
     if level == PRESCRIBED_HEIGHT:
         return follow(scene, interval, start)
-    simpler = level == AUTO and not (bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0)
-    if level == QUASI_STATIC or (simpler and quasi_static_leaves_out(scene, interval, start) <= scene.tolerance):
+    if tries_quasi_static(scene, interval, start):
         result = quasi_static_tick(scene, interval, start, spent)
         if level == QUASI_STATIC or meets(scene, start, result):
             return result
         spent = result.evaluations
-    simpler = simpler and dynamic_is_stiff(scene, interval, start)
-    if level == FIRST_ORDER or (simpler and first_order_leaves_out(scene, start) <= scene.tolerance):
+    if tries_first_order(scene, interval, start):
         result = first_order_tick(scene, interval, start, spent)
         if level == FIRST_ORDER or (result.converged and meets(scene, start, result)):
             return result
         spent = result.evaluations
     return dynamic_tick(scene, interval, start, spent)
+
+
+@in_kernel
+def goes_straight_to_dynamic(scene: Scene, interval: Interval, start: RunState) -> bool:
+    """Whether a tick is computed by the dynamic level alone, and first of all."""
+    if scene.level == PRESCRIBED_HEIGHT or math.isnan(start.impact_speed):
+        return False
+    return not (tries_quasi_static(scene, interval, start) or tries_first_order(scene, interval, start))
+
+
+@in_kernel
+def tries_quasi_static(scene: Scene, interval: Interval, start: RunState) -> bool:
+    """Whether the quasi-static level is computed: because it is asked for, or promises enough."""
+    if scene.level != AUTO:
+        return scene.level == QUASI_STATIC
+    return may_be_simpler(interval, start) and quasi_static_leaves_out(scene, interval, start) <= scene.tolerance
+
+
+@in_kernel
+def tries_first_order(scene: Scene, interval: Interval, start: RunState) -> bool:
+    """The same of the first-order level."""
+    if scene.level != AUTO:
+        return scene.level == FIRST_ORDER
+    simpler = may_be_simpler(interval, start) and dynamic_is_stiff(scene, interval, start)
+    return simpler and first_order_leaves_out(scene, start) <= scene.tolerance
+
+
+@in_kernel
+def may_be_simpler(interval: Interval, start: RunState) -> bool:
+    """Whether a simpler level could answer at all."""
+    return not (bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0)
 
 
 @in_kernel

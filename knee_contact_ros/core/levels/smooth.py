@@ -1,27 +1,32 @@
 """The smooth ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
 
 A few equal explicit steps carry the femur over the interval, with the error control of `dynamic.py` at the first and
-the last of them. Where anything else turns up, this gives up and leaves the tick to it.
+the last of them. Where anything else turns up, this gives up and leaves the tick to it. Beginning, step and end are
+functions of their own, which `compiled/lanes.py` calls for several knees in step.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import RESERVE
-from knee_contact_ros.core.contact_modes import NOWHERE, enter
+from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, enter
 from knee_contact_ros.core.error_estimate import (
     UNKNOWN,
+    CarriedError,
     bounded,
     carry_on,
+    carry_on_by_series,
     curved,
     force_reach,
     holding,
+    meets_straight,
     reach,
     spectral_radius,
     with_step,
 )
-from knee_contact_ros.core.integrators.base import Motion, Stage, StateError
+from knee_contact_ros.core.integrators.base import FemurState, Motion, Stage, StateError
 from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS, Slope, fehlberg_stride
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
 from knee_contact_ros.core.prescribed import Interval, stretch_from, touch_at
@@ -32,67 +37,126 @@ FINEST = 10.0
 """Most steps of a tick that are tried here: fewer cost less than implicit ones"""
 
 
+class Way(NamedTuple):
+    """A smooth tick on its way."""
+
+    state: FemurState
+    error: CarriedError
+    slope: Slope
+    """The contact there"""
+    largest: StateError
+    """The largest estimated errors of its steps so far"""
+    leapt: float
+    """Their largest leap [m/s]; see `Step`"""
+    ratio: float
+    """Error of a step over its tolerance"""
+    held: float
+    """Rate [1/s] by which the contact at the beginning holds a velocity's error back"""
+    part: float
+    """Duration of a step [s]"""
+    parts: float
+    """Number of steps"""
+    smooth: bool
+    """Whether it is one as yet"""
+
+
 @always_inlined
 def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
     """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no smooth tick.
 
     `spent` are the evaluations that the tick has cost already.
     """
-    h, state, error = interval.duration, start.state, start.error
     until, _ = stretch_from(interval, 0.0)
-    law = scene.modes.law
-    if until < h or math.isnan(start.impact_speed) or law.layers[0].formula.remembers_impact():
+    remembers = scene.modes.law.layers[0].formula.remembers_impact()
+    if until < interval.duration or math.isnan(start.impact_speed) or remembers:
         return not_smooth(start, spent)
+    way, mode, looks = begun(scene, interval, start)
+    spent += looks
+    if not way.smooth:
+        return not_smooth(start, spent)
+    parts = int(way.parts)
+    if scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE:
+        return not_smooth(start, spent)
+    for i in range(parts):
+        way = strode(scene, interval, start, mode, way, float(i), False)
+        spent += EVALUATIONS
+        if not way.smooth:
+            return not_smooth(start, spent)
+    return arrived(scene, interval, start, way, spent)
+
+
+@always_inlined
+def begun(scene: Scene, interval: Interval, start: RunState) -> tuple[Way, ContactMode, int]:
+    """The contact at the beginning, and the steps that are to carry it from there; its mode; evaluations."""
+    h, state = interval.duration, start.state
     depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
     rate, load = surface_rate - cosine * state.velocity, interval.start_load
     entry = enter(scene.modes, depth, rate, load, start.impact_speed)
-    spent += 1 if entry.mode.layer >= 0 else 0
-    if not entry.mode.pressing:
-        return not_smooth(start, spent)
     stiffness, damping = cosine * cosine * entry.stiffness, cosine * cosine * entry.damping
     swift = spectral_radius(stiffness, damping, scene.mass)
-    parts = math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step))
-    if parts > FINEST or (scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE):
-        return not_smooth(start, spent)
-
-    motion = Motion(
-        interval=interval, modes=scene.modes, mode=entry.mode, impact_speed=start.impact_speed, mass=scene.mass,
-        known=NOWHERE,
-    )  # fmt: skip
+    parts = float(math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step)))
     begin = Stage(depth=depth, rate=rate, force=entry.force, stiffness=entry.stiffness, surface_rate=surface_rate)
     slope = Slope(
         acceleration=(cosine * entry.force - load) / scene.mass, stage=begin, stiffness=stiffness, damping=damping,
         cosine=cosine,
     )  # fmt: skip
-    part, held, leapt, middle, before = h / parts, holding(stiffness, damping, scene.mass), 0.0, slope, 0.0
-    largest, ratio = StateError(0.0, 0.0), 0.0
-    for i in range(parts):
-        stride, before = fehlberg_stride(motion, i * part, state, part, slope), slope.stage.force
-        spent += EVALUATIONS
-        middle, leapt = stride.middle, max(leapt, stride.leapt)
-        largest = StateError(
-            max(largest.height, abs(stride.error.height)), max(largest.velocity, abs(stride.error.velocity))
-        )
-        if i == 0 or i == parts - 1:  # all steps of a tick are alike
-            ratio = local_ratio(
-                scene, load, stride.state, largest, before, stride.end.stage.force, middle.stiffness, middle.damping,
-                leapt, part, start.impact_speed > 0.0,
-            )  # fmt: skip
-        if stride.crossing.boundary != NOWHERE or not ratio <= 1.0:
-            return not_smooth(start, spent)
-        error = carry_on(
-            error, slope.stiffness, middle.stiffness, stride.end.stiffness, middle.damping, scene.mass, part
-        )
-        error = with_step(error, stride.error, UNKNOWN, held)
-        error = curved(error, stride.end.stage.depth, middle.stiffness, middle.damping, scene.mass, part)
-        state, slope = stride.state, stride.end
+    way = Way(
+        state=state, error=start.error, slope=slope, largest=StateError(0.0, 0.0), leapt=0.0, ratio=0.0,
+        held=holding(stiffness, damping, scene.mass), part=h / parts, parts=parts,
+        smooth=entry.mode.pressing and parts <= FINEST,
+    )  # fmt: skip
+    return way, entry.mode, 1 if entry.mode.layer >= 0 else 0
 
-    factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
-    end = slope.stage
-    error, held = bounded(error), holding(slope.stiffness, slope.damping, scene.mass)
+
+@always_inlined
+def strode(
+    scene: Scene, interval: Interval, start: RunState, mode: ContactMode, way: Way, number: float, plain: bool
+) -> Way:
+    """The way behind its step of this number, counted from 0.
+
+    A `plain` one has hardly a branch: it is not smooth either where its error needs more than a series.
+    """
+    motion = Motion(
+        interval=interval, modes=scene.modes, mode=mode, impact_speed=start.impact_speed, mass=scene.mass,
+        known=NOWHERE,
+    )  # fmt: skip
+    h, slope, mass, ratio = way.part, way.slope, scene.mass, way.ratio
+    stride = fehlberg_stride(motion, number * h, way.state, h, slope)
+    middle, end, leapt = stride.middle, stride.end, max(way.leapt, stride.leapt)
+    largest = StateError(
+        max(way.largest.height, abs(stride.error.height)), max(way.largest.velocity, abs(stride.error.velocity))
+    )
+    if number == 0.0 or number == way.parts - 1.0:  # all steps of a tick are alike
+        ratio = local_ratio(
+            scene, interval.start_load, stride.state, largest, slope.stage.force, end.stage.force, middle.stiffness,
+            middle.damping, leapt, h, start.impact_speed > 0.0,
+        )  # fmt: skip
+    error, known = carry_on_by_series(
+        way.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h
+    )
+    if not (known or plain):
+        error = carry_on(way.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h)
+    error = with_step(error, stride.error, UNKNOWN, way.held)
+    if plain:
+        known = known and meets_straight(error, end.stage.depth)
+    else:
+        error = curved(error, end.stage.depth, middle.stiffness, middle.damping, mass, h)
+    smooth = stride.crossing.boundary == NOWHERE and ratio <= 1.0 and (known or not plain)
+    return Way(
+        state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, held=way.held, part=h,
+        parts=way.parts, smooth=smooth,
+    )  # fmt: skip
+
+
+@always_inlined
+def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: int) -> TickResult:
+    """The contact at the end of the interval."""
+    factor = 0.9 / math.sqrt(math.sqrt(max(way.ratio, 1e-4)))
+    slope, end, try_step = way.slope, way.slope.stage, way.part * factor
+    error, held = bounded(way.error), holding(slope.stiffness, slope.damping, scene.mass)
     return TickResult(
         run_state=RunState(
-            state=state, error=error, try_step=max(start.try_step, part * factor) if parts == 1 else part * factor,
+            state=way.state, error=error, try_step=max(start.try_step, try_step) if way.parts == 1.0 else try_step,
             impact_speed=start.impact_speed, impact_error=start.impact_error, fidelity=DYNAMIC,
             stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
             sinking=end.rate / slope.cosine, depth=end.depth, adrift=start.adrift,
@@ -100,7 +164,7 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
         depth=end.depth, rate=end.rate, force=end.force if scene.modes.allow_tension else max(end.force, 0.0),
         error_estimate=reach(error, held),
         force_error_estimate=force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
-        evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,
+        evaluations=spent, reached=interval.duration, converged=True, height=way.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 

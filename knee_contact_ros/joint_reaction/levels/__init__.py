@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
@@ -21,13 +22,26 @@ class Dynamics(Protocol):
         """Give it."""
 
 
-class Measured(NamedTuple):
-    """How far a level was off an instrumented knee: its error's RMS, as part of the body weight."""
+class Deviation(NamedTuple):
+    """Standard deviation of an axial force: of an error that is always there, and of one that grows with the force."""
 
-    calibrated: float
+    floor: float
+    """As part of the body weight"""
+    part: float
+    """Of the axial force"""
+
+    def at(self, axial: float, weight: float) -> float:
+        """[N] of an axial force [N], for a body weight [N]."""
+        return math.hypot(self.floor * weight, self.part * axial)
+
+
+class Measured(NamedTuple):
+    """How far a level was off an instrumented knee."""
+
+    calibrated: Deviation
     """With constants fitted to another trial of the same person"""
-    uncalibrated: float
-    """With the constants that are given here by default"""
+    uncalibrated: Deviation
+    """With constants of nobody in particular"""
 
 
 class Way(NamedTuple):
@@ -36,12 +50,12 @@ class Way(NamedTuple):
     level: Level
     dynamics: Dynamics
     error: Measured
-    """The larger one of both trials in `docs/load-validation.md`"""
+    """Of one man's knee, as `docs/load-validation.md` says; of OpenSim's walk estimates were farther off"""
 
 
 LEVELS = {
-    "ground_force": Way(Level.GROUND_FORCE, under_the_weight, Measured(0.45, 0.60)),
-    "knee_moment": Way(Level.KNEE_MOMENT, without_calf, Measured(0.35, 0.50)),
-    "ankle_moment": Way(Level.ANKLE_MOMENT, with_calf, Measured(0.35, 0.50)),
+    "ground_force": Way(Level.GROUND_FORCE, under_the_weight, Measured(Deviation(0.40, 0.10), Deviation(0.50, 0.20))),
+    "knee_moment": Way(Level.KNEE_MOMENT, without_calf, Measured(Deviation(0.15, 0.20), Deviation(0.20, 0.30))),
+    "ankle_moment": Way(Level.ANKLE_MOMENT, with_calf, Measured(Deviation(0.15, 0.20), Deviation(0.20, 0.30))),
 }
 """By name, from the one that needs least to the one that knows most"""

@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.calibration.losses import LOSSES, calibration, cost, noise_of
+from knee_contact_ros.tools.calibration.independence import independent_part
+from knee_contact_ros.tools.calibration.losses import LINEAR, LOSSES, calibration, cost, noise_of
 from knee_contact_ros.tools.calibration.problem import FAR, Noise, Problem
 
 Floats = NDArray[np.float64]
@@ -54,6 +55,8 @@ class Minimum:
     """Columns whose noise was given"""
     ends: tuple[tuple[Floats, float], ...]
     """Where each start ended, and the cost there"""
+    independent: float = 1.0
+    """Part of the measurements that counts: less than 1 where what is left is alike from sample to sample"""
 
     @property
     def residuals(self) -> Floats:
@@ -61,9 +64,14 @@ class Minimum:
         return self.problem.residuals(self.place, self.noise)
 
     @property
-    def freedom(self) -> int:
-        """Measurements less parameters."""
-        return self.problem.measured.number - len(self.place)
+    def freedom(self) -> float:
+        """Independent measurements less parameters, 1 or more."""
+        return max(self.independent * self.problem.measured.number - len(self.place), 1.0)
+
+    @property
+    def knows_noise(self) -> bool:
+        """Whether the noise of every column was given."""
+        return self.given >= self.problem.measured.answers.keys()
 
     def cost(self, place: Floats) -> float:
         """Half the sum of losses at a place."""
@@ -71,12 +79,10 @@ class Minimum:
 
     def calibration(self) -> float:
         """What a rise of twice the cost is to be multiplied with, to be a likelihood ratio."""
-        known = self.loss == "linear"
-        return 1.0 if known else calibration(LOSSES[self.loss], self.residuals) * self._part_free
-
-    @property
-    def _part_free(self) -> float:
-        return self.freedom / self.problem.measured.number
+        number = self.problem.measured.number
+        if self.loss != LINEAR:
+            return calibration(LOSSES[self.loss], self.residuals) * self.freedom / number
+        return self.independent if self.knows_noise else self.freedom / (number - len(self.place))
 
 
 def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Callable[[int, int], None]) -> Minimum:
@@ -101,7 +107,7 @@ def settled(minimum: Minimum) -> Minimum:
     """Search from there on, with the noise found anew, until both stay."""
     problem, loss = minimum.problem, minimum.loss
     place, noise = minimum.place, dict(minimum.noise)
-    part_free = minimum.freedom / problem.measured.number
+    part_free = 1.0 - len(minimum.place) / problem.measured.number
     for _ in range(TURNS):
         place = searched(problem, loss, noise, place)
         misfits, steady = problem.misfits(place), True
@@ -115,7 +121,8 @@ def settled(minimum: Minimum) -> Minimum:
         problem = finer
         if steady:
             break
-    return replace(minimum, problem=problem, place=place, noise=noise)
+    independent = independent_part(problem.misfits(place))
+    return replace(minimum, problem=problem, place=place, noise=noise, independent=independent)
 
 
 def searched(

@@ -46,12 +46,12 @@ def trades(minimum: Minimum, found: Sequence[Interval] | None) -> list[str]:
     slopes = minimum.problem.jacobian(minimum.place, minimum.noise)
     sizes = np.linalg.norm(slopes, axis=0)
     _, singular, directions = np.linalg.svd(slopes / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
-    for size, direction in zip(singular, directions, strict=True):
-        group = {int(index) for index in np.flatnonzero(np.abs(direction) > PART)}
-        if size < math.sqrt(1.0 - HIGH) and len(group) > 2 and not group <= paired:
-            names = [unknowns[index].name for index in sorted(group)]
-            told.append(f"{', '.join(names[:-1])} and {names[-1]} trade off: changed together, they leave nearly the "
-                        f"same answers; {_what_to_do(_wide(found, sorted(group)))}")  # fmt: skip
+    nothing = directions[singular < math.sqrt(1.0 - HIGH)]
+    group = {int(index) for index in np.flatnonzero(np.linalg.norm(nothing, axis=0) > PART)}
+    if len(group) > 2 and not group <= paired:
+        names = [unknowns[index].name for index in sorted(group)]
+        told.append(f"{', '.join(names[:-1])} and {names[-1]} trade off: changed together, they leave nearly the "
+                    f"same answers; {_what_to_do(_wide(found, sorted(group)))}")  # fmt: skip
     return told
 
 

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.offline.in_memory import in_python_words
-from knee_contact_ros.parameters.reading import Source, load_parameters
+from knee_contact_ros.bags.bag_files import BAG_FILES
+from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
+from knee_contact_ros.offline.in_memory import Name, in_python_words
+from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.tools.calibration.contact_problem import problem_of
+from knee_contact_ros.tools.calibration.contact_unknowns import fittable_of
 from knee_contact_ros.tools.calibration.doubts import doubts
 from knee_contact_ros.tools.calibration.fit import Minimum, fitted, settled
 from knee_contact_ros.tools.calibration.identifiability import correlation, trades
+from knee_contact_ros.tools.calibration.load_problem import fittable_in, load_problem_of
 from knee_contact_ros.tools.calibration.losses import LINEAR, LOSSES
-from knee_contact_ros.tools.calibration.measured import Measured, measured_from, read_measured
-from knee_contact_ros.tools.calibration.problem import problem_of
+from knee_contact_ros.tools.calibration.measured import measured_from, read_measured
+from knee_contact_ros.tools.calibration.problem import Data, Problem
 from knee_contact_ros.tools.calibration.profile import BetterError, Interval, covariance, intervals
+from knee_contact_ros.tools.calibration.reference import referenced
 from knee_contact_ros.tools.calibration.unknowns import Free, Unknown, unknowns_of
 
 Floats = NDArray[np.float64]
@@ -45,7 +53,7 @@ class Calibration:
 
     unknowns: tuple[Unknown, ...]
     """What was free: name, start, range and unit of each"""
-    measured: Measured
+    measured: Data
     """What it was fitted to"""
     values: dict[str, float]
     """Fitted, by name"""
@@ -62,15 +70,19 @@ class Calibration:
     """Of what is left of each measured column, in its unit"""
     residuals: dict[str, Floats]
     """What the model says less what was measured, shape (n,) each; not a number where nothing was"""
-    predicted: Results
-    """The model's answers with the fitted values, shape (n,)"""
+    predicted: Results | dict[str, Floats]
+    """The model's answers with the fitted values, shape (n,); of a bag `time` [s] and `axial_force` [N] by name"""
     warnings: tuple[str, ...]
     """What speaks against the fit or its intervals, a sentence each"""
     loss: str
+    remarks: tuple[str, ...] = ()
+    """What else there is to say of the fit, a line each"""
+    also: dict[str, Any] = field(default_factory=dict)
+    """Parameters that follow from the fit: of a bag `calibrated`, and `standard_deviation` in body weights"""
 
-    def to_parameters(self) -> dict[str, float]:
-        """The fitted values as a mapping that `load_model` and `solve` take beside other parameters."""
-        return dict(self.values)
+    def to_parameters(self) -> dict[str, Any]:
+        """The fitted values, and those that follow, as a mapping that `load_model` and `solve` take beside others."""
+        return self.values | self.also
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
@@ -79,8 +91,8 @@ class Calibration:
 
 
 def calibrate(
-    table: str | PathLike[str] | Mapping[str, Any] | Any,
-    params: Source = DEFAULT_PARAMETERS,
+    table: Name | Mapping[str, Any] | Any,
+    params: Any = None,
     free: Free = (),
     values: Mapping[str, Any] | None = None,
     *,
@@ -90,66 +102,116 @@ def calibrate(
     with_intervals: bool = True,
     starts: int = STARTS,
     compiled: bool | None = None,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
 ) -> Calibration:
-    """Fit parameters of one compartment's model to a measured depth, force, gap or height.
+    """Fit parameters to what was measured.
 
-    Bounded nonlinear least squares (SciPy's `least_squares`), and intervals by profile likelihood; docs/calibration.md
-    says what they mean. While fitting, the model is solved to 1e-9 m or better, without a budget.
+    Of a table, those of one compartment's model, to a depth, force, gap or height; of a bag, a person's constants of
+    the load estimate, to the joint reaction. Bounded nonlinear least squares (SciPy's `least_squares`), and intervals
+    by profile likelihood; docs/calibration.md says what they mean. While fitting, the model is solved to 1e-9 m or
+    better, without a budget.
 
     Args:
         table: A CSV file, or columns by name (a mapping of arrays of shape (n,), a data frame): `time` [s],
             `flexion_angle` [rad], `load` [N] of the compartment (or `axial_load` [N], of which it bears `load.share`),
             with drive displacement `femoral_height` [m] and the load if you like; and what was measured:
             `penetration_depth` [m], `contact_force` [N], `gap` [m] and, with drive force, `femoral_height` [m]. A cell
-            that is empty or not a number was not measured.
-        params: The knee, as for `load_model`; the fit starts from its values.
-        free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; or a mapping of names to the
-            ends of a range narrower than the parameter's own, or None.
+            that is empty or not a number was not measured. Or a bag (an .mcap file, a .db3 file or a rosbag2 folder)
+            with `/joint_states`, `/ground_reaction_force` and the measured `/joint_reaction_force`.
+        params: The knee, as for `load_model`; of a bag those of the load node, likewise. The fit starts from its
+            values. None: the healthy knee; of a bag the defaults.
+        free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; of a bag those of `person`; or a
+            mapping of names to the ends of a range narrower than the parameter's own, or None.
         values: Single parameters, over `params`.
-        sigma: Standard deviations of the columns' noise in their units, where known; each other column has that of what
-            is left of it.
+        sigma: Standard deviations of the columns' noise in their units, where known (of a bag that of `axial_force`);
+            each other column has that of what is left of it.
         loss: `linear` (least squares), or `soft_l1` or `huber`, which outliers move less.
         level: Probability of the intervals.
         with_intervals: Whether to find intervals; without, a fit takes a tenth of the time.
         starts: From how many places to search: the values of `params`, and others up to four times larger or smaller.
         compiled: As for `load_model`; by default where that is expected to be sooner.
+        remap: Other names of a bag's topics: `{"joint_reaction_force": "/implant/force"}`.
+        namespace: Take a bag's topics from /NAMESPACE/....
 
     Returns:
         Values, intervals, correlations, noise, residuals, the fitted model's answers, and warnings.
 
     Raises:
-        UsageError: a file, column, parameter or option cannot be used, or a parameter changes nothing of what was
-            measured.
+        UsageError: a file, column, topic, parameter or option cannot be used, or a parameter changes nothing of what
+            was measured.
     """
     with in_python_words():
-        return calibrated(
-            table, params, free, values, sigma=sigma or {}, loss=loss, level=level, with_intervals=with_intervals,
-            starts=starts, compiled=compiled,
-        )  # fmt: skip
+        remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
+        fit = Fit(sigma or {}, loss, level, with_intervals, starts)
+        return calibrated(table, params, free, values, fit, Topics(remaps, namespace), compiled)
+
+
+class Fit(NamedTuple):
+    """How to fit; see `calibrate`."""
+
+    sigma: Mapping[str, float]
+    loss: str
+    level: float
+    with_intervals: bool
+    starts: int
+
+
+class Topics(NamedTuple):
+    """Where a bag's topics are, as the command is told."""
+
+    remaps: Sequence[str] = ()
+    namespace: str = ""
 
 
 def calibrated(
-    table: str | PathLike[str] | Mapping[str, Any] | Any, params: Source, free: Free, values: Mapping[str, Any] | None,
-    *, sigma: Mapping[str, float], loss: str, level: float, with_intervals: bool, starts: int,
-    compiled: bool | None = None,
+    data: Name | Mapping[str, Any] | Any, params: Any, free: Free, values: Mapping[str, Any] | None, fit: Fit,
+    topics: Topics, compiled: bool | None = None,
 ) -> Calibration:  # fmt: skip
     """The same for the command line: errors name its options."""
-    _check_options(loss, level, starts)
-    parameters = load_parameters([*_parts(params), *([dict(values)] if values else [])])
+    _check_options(fit.loss, fit.level, fit.starts)
+    problem: Problem
+    if is_bag(data):
+        problem = _load_problem(Path(expanded(str(data))), [*_parts(params or ()), dict(values or {})], free, topics)
+    elif any(topics):
+        raise UsageError("--remap or --namespace: a table has columns, and no topics")
+    else:
+        problem = _contact_problem(data, [*_parts(params or DEFAULT_PARAMETERS), dict(values or {})], free, compiled)
+    noise = _noise(fit.sigma, problem.measured)
+    with progress("Fitting") as advance:
+        minimum = fitted(problem, fit.loss, noise, fit.starts, advance)
+    found, rough = None, list[str]()
+    if fit.with_intervals:
+        minimum, found, rough = _with_intervals(minimum, fit.level)
+    return _result(minimum, found, fit.level, rough)
+
+
+def is_bag(data: Any) -> bool:
+    """Whether that is the name of a bag: a folder, or a file that ends like one."""
+    return isinstance(data, str | PathLike) and (
+        Path(expanded(str(data))).is_dir() or any(end in BAG_FILES for end in Path(str(data)).suffixes)
+    )
+
+
+def _contact_problem(
+    table: Name | Mapping[str, Any] | Any, params: list[Any], free: Free, compiled: bool | None
+) -> Problem:
+    parameters = load_parameters(params)
     measured = (
         read_measured(Path(expanded(str(table))), parameters.drive)
         if isinstance(table, str | PathLike)
         else measured_from(table, parameters.drive)
     )
-    noise = _noise(sigma, measured)
-    unknowns = unknowns_of(free, parameters, measured)
-    problem = problem_of(parameters, measured, unknowns, compiled)
-    with progress("Fitting") as advance:
-        minimum = fitted(problem, loss, noise, starts, advance)
-    found, rough = None, list[str]()
-    if with_intervals:
-        minimum, found, rough = _with_intervals(minimum, level)
-    return _result(minimum, found, level, rough)
+    return problem_of(parameters, measured, unknowns_of(free, fittable_of(parameters, measured)), compiled)
+
+
+def _load_problem(bag: Path, params: list[Any], free: Free, topics: Topics) -> Problem:
+    parameters = LOAD_READING.load(params)
+    unknowns = unknowns_of(free, fittable_in(parameters))
+    names = names_in_bag(topics.remaps, topics.namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
+    with progress("Reading") as advance:
+        measured = referenced(bag, parameters, names, advance)
+    return load_problem_of(parameters, measured, unknowns)
 
 
 def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Interval], list[str]]:
@@ -165,7 +227,7 @@ def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Inter
 
 
 def _moved(minimum: Minimum, place: Floats) -> Minimum:
-    return Minimum(minimum.problem, minimum.loss, place, minimum.noise, minimum.given, minimum.ends)
+    return replace(minimum, place=place)
 
 
 def _result(minimum: Minimum, found: list[Interval] | None, level: float, rough: list[str]) -> Calibration:
@@ -179,10 +241,11 @@ def _result(minimum: Minimum, found: list[Interval] | None, level: float, rough:
         problem.unknowns, measured, problem.values(minimum.place), dict(zip(names, found or (), strict=False)), level,
         correlation(minimum), dict(minimum.noise), minimum.given, rms, residuals, answers,
         (*rough, *trades(minimum, found), *doubts(minimum, found, level, deviations)), minimum.loss,
+        tuple(problem.remarks(minimum.place)), problem.also(minimum.place),
     )  # fmt: skip
 
 
-def _parts(params: Source) -> list[Any]:
+def _parts(params: Any) -> list[Any]:
     """A source as a list of its parts."""
     return list(params) if isinstance(params, list | tuple) else [params]
 
@@ -196,7 +259,7 @@ def _check_options(loss: str, level: float, starts: int) -> None:
         raise UsageError(f"starts: {starts!r} is not allowed; 1 or more")
 
 
-def _noise(sigma: Mapping[str, float], measured: Measured) -> dict[str, float]:
+def _noise(sigma: Mapping[str, float], measured: Data) -> dict[str, float]:
     """The standard deviations that are given.
 
     Raises:

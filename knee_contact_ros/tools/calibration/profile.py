@@ -2,8 +2,9 @@
 
 The interval of a level ends where the likelihood ratio of the value held to the best one reaches the level's quantile:
 of χ² with one degree of freedom, or of F(1, n - p) where a noise is estimated from the same data (Bates & Watts 1988,
-Nonlinear Regression Analysis, Ch. 6; Venzon & Moolgavkar 1988, Applied Statistics 37:87-94). It need not be symmetric,
-and it may have no end within the parameter's range: the data do not bound it there.
+Nonlinear Regression Analysis, Ch. 6; Venzon & Moolgavkar 1988, Applied Statistics 37:87-94). Where what is left is
+alike from sample to sample, n is the number of independent values that it is worth (`independence`). An interval need
+not be symmetric, and it may have no end within the parameter's range: the data do not bound it there.
 """
 
 from __future__ import annotations
@@ -53,8 +54,7 @@ class BetterError(Exception):
 
 def quantile(minimum: Minimum, level: float) -> float:
     """What a likelihood ratio stays below with a probability, where the value held is the true one."""
-    known = minimum.given >= minimum.problem.measured.answers.keys()
-    return float(chi2.ppf(level, 1) if known else f.ppf(level, 1, minimum.freedom))
+    return float(chi2.ppf(level, 1) if minimum.knows_noise else f.ppf(level, 1, minimum.freedom))
 
 
 def covariance(minimum: Minimum) -> Floats:
@@ -65,7 +65,7 @@ def covariance(minimum: Minimum) -> Floats:
     slopes = minimum.problem.jacobian(minimum.place, minimum.noise)
     _, singular, directions = np.linalg.svd(slopes, full_matrices=False)
     told = np.maximum(singular, NOTHING * singular[0]) ** 2
-    return np.asarray(directions.T / told @ directions * minimum.calibration(), dtype=np.float64)
+    return np.asarray(directions.T / told @ directions / minimum.calibration(), dtype=np.float64)
 
 
 def intervals(

@@ -5,26 +5,19 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.parameters.reading import Declaration, all_values, known_parameters
-from knee_contact_ros.parameters.schema import Parameters, constants_of
+from knee_contact_ros.parameters.declared import Declaration
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.calibration.measured import Measured
 
 Ends = tuple[float, float]
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
 """Names, or names to the ends of a narrower range"""
-SHARE = "load.share"
-SECTIONS = ("femur.", "tibia.", "contact.")
 UNIT = re.compile(r"\[([^\]]+)\]")
 """What a parameter's meaning begins with, if it has a unit"""
-RADII = ("femoral_radius", "tibial_radius")
-ELASTIC = {"stiffness": ("youngs_modulus", "poissons_ratio"), "stiffness_2": ("youngs_modulus_2", "poissons_ratio_2")}
-"""What a stiffness is made of where `contact.stiffness_from` is material"""
 
 
 class Unknown(NamedTuple):
@@ -56,37 +49,34 @@ class Unknown(NamedTuple):
         return min(max(math.exp(min(coordinate, 700.0)), self.least), self.most)
 
 
-def unknowns_of(free: Free, parameters: Parameters, measured: Measured) -> tuple[Unknown, ...]:
+class Fittable(NamedTuple):
+    """What may be free."""
+
+    names: Sequence[str]
+    known: Mapping[str, Declaration]
+    """Of every parameter by its name"""
+    values: Mapping[str, Any]
+    """Likewise; a fit starts from them"""
+    example: str
+    """One of the names"""
+    why_not: Callable[[str], str]
+    """Why another name cannot be free; empty: it is none that is known"""
+
+
+def unknowns_of(free: Free, fittable: Fittable) -> tuple[Unknown, ...]:
     """Those that are asked for, in the order given: each with the range that is given, or else with its own.
 
     Raises:
-        UsageError: none is given, a name is given twice, is none of a real parameter or one that has no effect on this
-            model, a range is none or leaves the parameter's own, or the value to start from lies outside of it.
+        UsageError: none is given, a name is given twice or is none of these, a range is none or leaves the parameter's
+            own, or the value to start from lies outside of it.
     """
     asked = _asked(free)
     if not asked:
-        raise UsageError("calibrate: no parameter is free; as --free contact.stiffness")
-    used, known, values = used_parameters(parameters, measured), known_parameters(), all_values(parameters)
-    found = []
-    for name, ends in asked.items():
-        _check_name(name, used, known, parameters, measured)
-        found.append(_unknown(name, ends, known[name], float(values[name])))
-    return tuple(found)
-
-
-def used_parameters(parameters: Parameters, measured: Measured) -> list[str]:
-    """The real parameters that the model of a compartment, driven as it was measured, depends on."""
-    contact, femur, tibia = parameters.contact, parameters.femur, parameters.tibia
-    names = [name for name in constants_of(contact.law) if isinstance(getattr(contact, name), float)]
-    if contact.stiffness_from == "material" and "stiffness" in names:
-        elastic = [name for stiffness, made_of in ELASTIC.items() if stiffness in names for name in made_of]
-        names = [name for name in names if name not in (*ELASTIC, "exponent")] + [*elastic, *RADII]
-    used = [f"contact.{name}" for name in dict.fromkeys(names)]
-    if measured.height is None:
-        used.append("femur.mass")
-    used.append("femur.radius" if femur.geometry == "circle" else "femur.scale")
-    used += {"plane": ["tibia.slope"], "circle": ["tibia.radius"], "profile": ["tibia.scale"]}.get(tibia.geometry, [])
-    return [*used, *([SHARE] if measured.axial else [])]
+        raise UsageError(f"calibrate: no parameter is free; as --free {fittable.example}")
+    for name in asked:
+        _check_name(name, fittable)
+    known, values = fittable.known, fittable.values
+    return tuple(_unknown(name, ends, known[name], float(values[name])) for name, ends in asked.items())
 
 
 def _asked(free: Free) -> dict[str, Ends | None]:
@@ -115,23 +105,13 @@ def _ends(name: str, given: Sequence[float | str]) -> Ends:
     return low, high
 
 
-def _check_name(
-    name: str, used: Sequence[str], known: Mapping[str, Declaration], parameters: Parameters, measured: Measured
-) -> None:
-    if name in used:
+def _check_name(name: str, fittable: Fittable) -> None:
+    if name in fittable.names:
         return
-    if name == SHARE:
-        raise UsageError(f"--free {name}: {measured.source} has no column axial_load, of which it is the share")
-    if name in known and name.startswith(SECTIONS):
-        if not isinstance(known[name].default, float):
-            raise UsageError(f"--free {name}: it is no real number; allowed are {', '.join(used)}")
-        how = f"law {parameters.contact.law}, femur {parameters.femur.geometry}, tibia {parameters.tibia.geometry}"
-        if parameters.contact.stiffness_from == "material":
-            how += ", stiffness from material"
-        raise UsageError(f"--free {name}: nothing depends on it ({how}, drive {parameters.drive}); allowed are "
-                         f"{', '.join(used)}")  # fmt: skip
-    near = difflib.get_close_matches(name, used, n=1, cutoff=0.6)
-    hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(used)}"
+    if reason := fittable.why_not(name):
+        raise UsageError(f"--free {name}: {reason}")
+    near = difflib.get_close_matches(name, fittable.names, n=1, cutoff=0.6)
+    hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(fittable.names)}"
     raise UsageError(f"--free {name or repr(name)}: it is no parameter that can be fitted; {hint}")
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from knee_contact_ros.offline.demo import node_process
+from knee_contact_ros.offline.stage import node_process
 from knee_contact_ros.system.executor import Quickest
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.resources import share_folder

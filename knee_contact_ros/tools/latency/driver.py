@@ -64,14 +64,25 @@ class Run(NamedTuple):
         return (self.published - 1) / self.sending
 
 
+class Feed(NamedTuple):
+    """What a driver publishes."""
+
+    force_topic: str = JOINT_REACTION_FORCE
+    samples: Callable[[float, int], Iterator[Sample]] = samples
+    """At a rate [Hz], from a stamp [ns] on"""
+    peers: tuple[int, int, int] = (1, 1, 1)
+    """Who is to listen to angles and forces, and who to answer"""
+
+
 class Driver:
     """Publishes samples and listens to answers."""
 
-    def __init__(self, node: Node, executor: Any) -> None:
+    def __init__(self, node: Node, executor: Any, feed: Feed = Feed()) -> None:  # noqa: B008  (it cannot change)
         self._node = node
         self._executor = executor
+        self._feed = feed
         self._angle = node.create_publisher(JointState, JOINT_STATES, QOS)
-        self._force = node.create_publisher(WrenchStamped, JOINT_REACTION_FORCE, QOS)
+        self._force = node.create_publisher(WrenchStamped, feed.force_topic, QOS)
         node.create_subscription(KneeContact, KNEE_CONTACT, self._on_contact, QOS, raw=True)
         self._stamp = SECOND  # of the next sample [ns]; all life long they grow
         self._waiting: dict[int, int] = {}  # stamp to time of publishing, both in [ns]
@@ -86,7 +97,7 @@ class Driver:
             UsageError: it does not answer in time.
         """
         deadline = time.monotonic() + START
-        while not (self._peers() == [1, 1, 1] and self._knock()):
+        while not (self._peers() == [*self._feed.peers] and self._knock()):
             check()
             if time.monotonic() > deadline:
                 raise UsageError(f"the node did not answer within {START:g} s")
@@ -107,7 +118,7 @@ class Driver:
 
     def run(self, rate: float, number: int) -> Run:
         """Publish a number of samples at `rate` [Hz] and wait for their answers."""
-        coming = samples(rate, self._stamp)
+        coming = self._feed.samples(rate, self._stamp)
         self._waiting, self._latencies = {}, []
         next(coming)  # so that what is prepared once is
         gc.collect()
@@ -156,7 +167,7 @@ class Driver:
     def _knock(self) -> bool:
         """Whether a sample is answered."""
         self._waiting, self._latencies = {}, []
-        self._publish_all(samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
+        self._publish_all(self._feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
         end = time.monotonic() + 2.0 * CHECK
         while not self._latencies and time.monotonic() < end:
             self._spin(CHECK)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
-from knee_contact_ros.offline.demo import RECORDING
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.stage import RECORDING
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, forget, running
 from knee_contact_ros.tools.latency.driver import Driver

@@ -51,12 +51,11 @@ def test_what_is_fitted_is_taken_by_a_model() -> None:
 
 
 def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
-    table = trial(2)
-    half, most = (fitted(table, ["contact.stiffness"], level=level).intervals["contact.stiffness"]
+    table, true = trial(2), {"contact.damping": 4000.0}
+    half, most = (fitted(table, ["contact.stiffness"], true, level=level).intervals["contact.stiffness"]
                   for level in (0.5, 0.99))  # fmt: skip
     # Quantiles of the normal distribution: 0.674 and 2.576; of Student's with 199 degrees they differ by 1 %
     assert (most.high - most.low) / (half.high - half.low) == pytest.approx(2.576 / 0.6745, rel=0.02)
-    true = {"contact.damping": 4000.0}
     told = fitted(table, ["contact.stiffness"], true, sigma={"penetration_depth": 3e-5})
     assert told.noise == {"penetration_depth": 3e-5}
     assert any("times the noise given" in warning and "too wide" in warning for warning in told.warnings)

@@ -116,7 +116,12 @@ def test_damaged_tables_are_refused(
 
 def test_files_that_are_none_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
-    for name, reason in (("none.csv", "cannot read"), ("bytes.csv", "not a text file in UTF-8"), ("", "cannot read")):
+    table, text, folder = (
+        "cannot read",
+        "not a text file in UTF-8",
+        "it is one of the contact, which is fitted to a table",
+    )
+    for name, reason in (("none.csv", table), ("bytes.csv", text), ("", folder)):
         assert run(tmp_path / name, "--free", "contact.stiffness", "--output", tmp_path / "fitted.yaml") == 2
         assert reason in capsys.readouterr().err
     axial = trial(1)

@@ -1,0 +1,259 @@
+"""Smooth ticks of several knees in step, in the processor's vectors: the bits of `ticks.run`.
+
+Beginning, step and end of a smooth tick (`core/levels/smooth.py`) have hardly a branch. Here each is a loop over lanes
+with a knee in each, which LLVM makes vectors of; every lane's operations are those of one knee, in their order. A lane
+whose tick is not smooth, or not plainly so, stays at the tick's beginning, and `ticks.run` takes it from there.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+from numba import config, njit, types
+from numba.extending import register_jitable
+
+from knee_contact_ros.compiled.by_address import scene_memory
+from knee_contact_ros.compiled.cache import kernel_cache
+from knee_contact_ros.compiled.functions import APART, ENTRY, INLINE, compiled_function
+from knee_contact_ros.compiled.source_meaning import digest
+from knee_contact_ros.compiled.transposed import LANES, Transposed, kind_of, transposed
+from knee_contact_ros.core import ticks
+from knee_contact_ros.core.contact_modes import ContactMode
+from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
+from knee_contact_ros.core.geometries.circle import Circle
+from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS
+from knee_contact_ros.core.levels.advance import goes_straight_to_dynamic
+from knee_contact_ros.core.levels.smooth import Way, arrived, begun, strode
+from knee_contact_ros.core.mechanisms.hinge import Hinge
+from knee_contact_ros.core.prescribed import Interval
+from knee_contact_ros.core.scene import AUTO, DYNAMIC, RunState, Scene, TickResult
+from knee_contact_ros.core.ticks import interval_between, is_calm, read_run_state, write_answer, write_run_state
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+EXPONENT = 1.5
+"""Of contact laws that take a root for it; a power of any other exponent is no vector's"""
+
+
+class Kernel(NamedTuple):
+    """What takes knees of a kind through."""
+
+    rows: int
+    """Of the memory that it works in"""
+    through: Callable[..., None]
+    """Takes knees through by their numbers, given where their scenes lie and that memory"""
+
+
+class Tick(NamedTuple):
+    """What a tick is for all lanes."""
+
+    duration: float
+    """[s]"""
+    last_angle: float
+    """[rad]"""
+    angle: float
+    """[rad]"""
+
+
+class Lane(NamedTuple):
+    """What it is for one, beside scene and progress."""
+
+    last_load: float
+    """[N]"""
+    load: float
+    """[N]"""
+    behind: int
+    """Ticks in the knee's backlog"""
+    smooth: bool
+    """Whether it is a smooth one as yet"""
+
+
+class Places(NamedTuple):
+    """Where all that belongs to the lanes lies."""
+
+    kind: str
+    """Digits that stand for the kind of scene"""
+    scene: Transposed
+    lane: Transposed
+    way: Transposed
+    result: Transposed
+    progress: Transposed
+    """The first field of the result: where one tick has ended the next one begins"""
+
+
+def fits(scene: Scene) -> bool:
+    """Whether a knee can go in a lane: what its contact is takes no search, no table and no power.
+
+    None can where Numba has found Intel's SVML: vectors have another exponential function then, with other last bits.
+    """
+    pair, layers = scene.pair, scene.modes.law.layers
+    in_closed_form = isinstance(pair, OnPlane) and isinstance(pair.femur, Circle) and isinstance(scene.mechanism, Hinge)
+    formula = layers[0].formula
+    by_root = getattr(formula, "exponent", EXPONENT) == EXPONENT and not formula.remembers_impact()
+    asked = scene.level in (AUTO, DYNAMIC) and scene.budget == 0
+    return in_closed_form and len(layers) == 1 and by_root and asked and not config.USING_SVML
+
+
+@functools.cache
+def lanes_kernel(kind: types.Type) -> Kernel:
+    """For a kind of scene: the kernel for knees that fit."""
+    scenes, places = scene_memory(kind), _places(kind)
+    taken_up, size = scenes.taken_up, scenes.size
+    put_scene, put_lane, lane_in = places.scene.put, places.lane.put, places.lane.taken_up
+    smooth_ticks, answer = _smooth_ticks(places), _answer(places)
+
+    def through(
+        address: int, numbers: Any, durations: Any, angles: Any, loads: Any, heights: Any, memory: Any, answers: Any,
+        rows: int,
+    ) -> None:  # fmt: skip
+        for first in range(0, len(numbers), LANES):
+            group = numbers[first : first + LANES]
+            for i in range(LANES):  # those without a knee are behind for ever
+                put_scene(taken_up(address + group[min(i, len(group) - 1)] * size), rows, i)
+                put_lane(Lane(0.0, 0.0, 1, False), rows, i)
+            for k in range(len(durations)):
+                last = max(k - 1, 0)
+                for i in range(len(group)):
+                    load = loads[group[i]]
+                    put_lane(Lane(load[last], load[k], lane_in(rows, i).behind, False), rows, i)
+                tick = Tick(durations[k], angles[last], angles[k])
+                if k > 0:
+                    smooth_ticks(rows, tick)
+                for i in range(len(group)):
+                    knee, own, now = group[i], memory[first + i : first + i + 1], slice(k, k + 1)
+                    answer(
+                        rows, i, tick, own, durations[now], angles[now], loads[knee, now], heights[now],
+                        answers[knee, now]
+                    )  # fmt: skip
+
+    made: Any = njit(**ENTRY, nogil=True)(through)
+    made._cache = kernel_cache(through, kind)
+    return Kernel(places.result.end, made)
+
+
+def _inlined(function: _Function) -> _Function:
+    """A function for compiled code, made a part of its callers."""
+    register_jitable(**INLINE)(function)
+    return function
+
+
+def _apart(loop: _Function, kind: str) -> _Function:
+    """A loop for compiled code, kept out of its callers: by itself LLVM makes vectors of it.
+
+    It is linked by name and types of its arguments, and none of those tells the kind of scene.
+    """
+    loop.__qualname__ += f"_{kind}"
+    register_jitable(**APART)(loop)
+    return loop
+
+
+@_inlined
+def interval_of(scene: Scene, lane: Lane, tick: Tick) -> Interval:
+    """What is prescribed to a lane."""
+    return interval_between(scene, tick.duration, tick.last_angle, lane.last_load, tick.angle, lane.load, math.nan)
+
+
+def _places(kind: types.Type) -> Places:
+    """Of a kind of scene."""
+    scene = transposed(kind, 0, {"exponent": EXPONENT})
+    lane = transposed(kind_of(Lane), scene.end)
+    way = transposed(kind_of(Way), lane.end)
+    return Places(
+        kind=digest(str(kind)), scene=scene, lane=lane, way=way, result=transposed(kind_of(TickResult), way.end),
+        progress=transposed(kind_of(RunState), way.end),
+    )  # fmt: skip
+
+
+def _smooth_ticks(places: Places) -> Callable[..., None]:
+    """For compiled code: what takes all lanes through a tick as far as it is smooth."""
+    begin_all, stride_all, arrive_all = _begin_all(places), _stride_all(places), _arrive_all(places)
+
+    def smooth_ticks(rows: Any, tick: Tick) -> None:
+        most = begin_all(rows, tick)
+        for number in range(most):
+            stride_all(rows, tick, float(number))
+        if most > 0:
+            arrive_all(rows, tick)
+
+    return _inlined(smooth_ticks)
+
+
+def _begin_all(places: Places) -> Callable[..., int]:
+    """For compiled code: begin the ticks that may be smooth; return the largest number of steps."""
+    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
+    put_lane, put_way = places.lane.put, places.way.put
+
+    def begin_all(rows: Any, tick: Tick) -> int:
+        most = 0
+        for i in range(LANES):
+            scene, lane, start = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i)
+            interval = interval_of(scene, lane, tick)
+            way, _, _ = begun(scene, interval, start)
+            moves = (lane.behind == 0) & (not math.isnan(start.state.velocity))
+            smooth = way.smooth & moves & is_calm(scene, interval, start)
+            smooth = smooth & goes_straight_to_dynamic(scene, interval, start)
+            put_way(way, rows, i)
+            put_lane(Lane(lane.last_load, lane.load, lane.behind, smooth), rows, i)
+            most = max(most, int(way.parts) if smooth else 0)
+        return most
+
+    return _apart(begin_all, places.kind)
+
+
+def _stride_all(places: Places) -> Callable[..., None]:
+    """For compiled code: take the step of a number in all lanes that go so far."""
+    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
+    way_in, put_lane, put_way = places.way.taken_up, places.lane.put, places.way.put
+
+    def stride_all(rows: Any, tick: Tick, number: float) -> None:
+        for i in range(LANES):
+            scene, lane, start, way = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i), way_in(rows, i)
+            farther = strode(scene, interval_of(scene, lane, tick), start, ContactMode(0, True), way, number, True)
+            if lane.smooth & (number < way.parts):
+                put_way(farther, rows, i)
+                put_lane(Lane(lane.last_load, lane.load, lane.behind, farther.smooth), rows, i)
+
+    return _apart(stride_all, places.kind)
+
+
+def _arrive_all(places: Places) -> Callable[..., None]:
+    """For compiled code: the results of the smooth ticks."""
+    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
+    way_in, put_result = places.way.taken_up, places.result.put
+
+    def arrive_all(rows: Any, tick: Tick) -> None:
+        for i in range(LANES):
+            scene, lane, start, way = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i), way_in(rows, i)
+            spent = 1 + int(way.parts) * EVALUATIONS
+            result = arrived(scene, interval_of(scene, lane, tick), start, way, spent)
+            if lane.smooth:
+                put_result(result, rows, i)
+
+    return _apart(arrive_all, places.kind)
+
+
+def _answer(places: Places) -> Callable[..., None]:
+    """For compiled code: fill a lane's row, whose tick `ticks.run` does if it was not smooth."""
+    compiled_run = compiled_function(ticks.run)
+    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
+    result_in, put_lane, put_progress = places.result.taken_up, places.lane.put, places.progress.put
+
+    def answer(
+        rows: Any, i: int, tick: Tick, memory: Any, durations: Any, angles: Any, loads: Any, heights: Any, answers: Any
+    ) -> None:
+        scene, lane, kept = scene_in(rows, i), lane_in(rows, i), memory[0]
+        if lane.smooth:
+            angle_rate = (tick.angle - tick.last_angle) / tick.duration
+            write_answer(answers[0], scene, tick.angle, angle_rate, lane.load, result_in(rows, i))
+            return
+        if kept["begun"] != 0:
+            write_run_state(kept["run_state"], progress_in(rows, i))
+            kept["angle"], kept["load"] = tick.last_angle, lane.last_load
+        compiled_run(scene, memory, durations, angles, loads, heights, answers)
+        put_progress(read_run_state(kept["run_state"]), rows, i)
+        put_lane(Lane(lane.last_load, lane.load, kept["backlog"]["count"], False), rows, i)
+
+    return _inlined(answer)

@@ -1,0 +1,150 @@
+"""The load estimate of a person, held against a measured joint reaction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
+from knee_contact_ros.joint_reaction.leg import leg_of
+from knee_contact_ros.joint_reaction.levels import LEVELS, Way
+from knee_contact_ros.joint_reaction.motion import Motion, MotionFilter
+from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
+from knee_contact_ros.parameters.declared import all_values
+from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.parameters.reading import known_parameters
+from knee_contact_ros.pipeline.load_pipeline import ANEW, UNSEEN
+from knee_contact_ros.pipeline.synchronise import SECOND
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.calibration.problem import STEP, Problem
+from knee_contact_ros.tools.calibration.reference import AXIAL_FORCE, Referenced
+from knee_contact_ros.tools.calibration.unknowns import Fittable, Unknown
+
+Floats = NDArray[np.float64]
+SECTION = "person."
+BODY = ("person.mass", "person.height")
+"""Parameters that the net moments depend on"""
+LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
+"""Of what `standard_deviation` may be, in body weights"""
+
+OTHER_TRIALS = (
+    "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
+    "times as large (docs/calibration.md)"
+)
+
+
+@dataclass(frozen=True)
+class LoadProblem(Problem):
+    """An estimator, what is free of its person, and what it is held against."""
+
+    measured: Referenced
+    parameters: LoadParameters
+    way: Way
+    """The level"""
+    motions: tuple[Motion, ...]
+    """At every sample, n: they depend on nothing that is free"""
+    nets: tuple[NetMoments, ...]
+    """Likewise; empty where mass or height is free"""
+
+    def answers(self, place: Floats) -> dict[str, Floats]:
+        """The estimate `axial_force` [N] at every sample, shape (n,): the estimator's, bit for bit."""
+        person = self.person(place)
+        nets = self.nets or net_moments_of(self.way, person, self.measured, self.motions)
+        both = zip(self.measured.samples, nets, strict=True)
+        axial = [reaction_of(person, each.joints, net, each.ground.force[1]).axial for each, net in both]
+        return {AXIAL_FORCE: np.array(axial)}
+
+    def predicted(self, place: Floats) -> dict[str, Floats]:
+        """The same, with the samples' stamps as `time` [s]."""
+        return {"time": np.array([each.stamp / SECOND for each in self.measured.samples]), **self.answers(place)}
+
+    def doubts(self, place: Floats) -> list[str]:  # noqa: ARG002
+        """What makes no sense in the bag."""
+        return list(self.measured.doubts)
+
+    def remarks(self, place: Floats) -> list[str]:
+        """What is left in body weights, the correlation with the reference, and the samples that were left out."""
+        reference, answer = self.measured.answers[AXIAL_FORCE], self.answers(place)[AXIAL_FORCE]
+        known, left_out = np.isfinite(reference), self.measured.left_out
+        correlation = _correlation(reference[known], answer[known])
+        alike = f", r {correlation:.3f}" if np.isfinite(correlation) else ""
+        told = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count or "refused" not in reason)
+        return [
+            f"that is {self.relative_rms(place):.3f} body weights{alike}, level {self.parameters.chosen_level}",
+            f"samples: {self.measured.number} fitted; left out: {told}",
+            OTHER_TRIALS,
+        ]
+
+    def also(self, place: Floats) -> dict[str, Any]:
+        """`calibrated`, and `standard_deviation` in body weights: the RMS of what is left, within its range."""
+        size = min(max(self.relative_rms(place), LEAST_DEVIATION), LARGEST_DEVIATION)
+        return {"calibrated": True, "standard_deviation": size}
+
+    def relative_rms(self, place: Floats) -> float:
+        """RMS of what is left, in body weights."""
+        misfit = self.misfits(place)[AXIAL_FORCE]
+        return float(np.sqrt(np.mean(misfit**2)) / self.person(place).weight)
+
+    def person(self, place: Floats) -> Person:
+        """Whose knee it is, at a place."""
+        values = {name.removeprefix(SECTION): value for name, value in self.values(place).items()}
+        return self.parameters.person.constants._replace(**values)
+
+
+def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: tuple[Unknown, ...]) -> LoadProblem:
+    """A problem with all that depends on nothing free computed once.
+
+    Raises:
+        UsageError: there are fewer samples than parameters.
+    """
+    if measured.number <= len(unknowns):
+        raise UsageError(f"bag {measured.source}: {measured.number} samples can be fitted, for {len(unknowns)} "
+                         "parameters; more are needed than parameters are free")  # fmt: skip
+    way, motions = LEVELS[parameters.chosen_level], motions_of(parameters, measured)
+    nets: tuple[NetMoments, ...] = ()
+    if not any(unknown.name in BODY for unknown in unknowns):
+        nets = net_moments_of(way, parameters.person.constants, measured, motions)
+    return LoadProblem(measured, unknowns, np.full(len(unknowns), STEP), parameters, way, motions, nets)
+
+
+def motions_of(parameters: LoadParameters, measured: Referenced) -> tuple[Motion, ...]:
+    """How the joints turn at every sample, as the load pipeline sees it."""
+    seen, motions = MotionFilter(parameters.motion_window), []
+    for sample in measured.samples:
+        if sample.status & ANEW:
+            seen.forget()
+        motions.append(seen.at(sample.stamp, sample.joints))
+        if sample.status & UNSEEN:
+            seen.forget()
+    return tuple(motions)
+
+
+def net_moments_of(
+    way: Way, person: Person, measured: Referenced, motions: tuple[Motion, ...]
+) -> tuple[NetMoments, ...]:  # fmt: skip
+    """What the leg of a person holds at every sample."""
+    leg, both = leg_of(person.mass, person.height), zip(measured.samples, motions, strict=True)
+    return tuple(way.dynamics(leg, each.joints, motion, each.ground) for each, motion in both)
+
+
+def fittable_in(parameters: LoadParameters) -> Fittable:
+    """The person's constants."""
+    known = LOAD_READING.known()
+    names = [name for name in known if name.startswith(SECTION)]
+
+    def why_not(name: str) -> str:
+        if name not in known and name in known_parameters():
+            return f"it is one of the contact, which is fitted to a table; to a bag {', '.join(names)} are"
+        return f"it is none of a person; allowed are {', '.join(names)}" if name in known else ""
+
+    return Fittable(names, known, all_values(parameters), "person.moment_arm_scale", why_not)
+
+
+def _correlation(one: Floats, other: Floats) -> float:
+    """Of two columns; not a number where one of them is constant."""
+    one, other = one - one.mean(), other - other.mean()
+    size = float(np.sqrt((one**2).sum() * (other**2).sum()))
+    return float((one * other).sum()) / size if size > 0.0 else float("nan")

@@ -1,0 +1,148 @@
+"""A gait of sensors through estimator and contact model, again and again, with more and more assistance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import knee_contact_ros
+from examples.assist_as_needed import AssistLaw, Settings
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.joint_reaction.estimator import Estimator
+from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
+from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.system.resources import share_folder
+
+Floats = NDArray[np.float64]
+SHARE = 0.5
+"""Of the joint reaction, as `healthy.yaml` has it: the medial compartment's"""
+SECOND = 1e-9
+"""[s] of a nanosecond"""
+NO_TORQUE = (UNKNOWN, UNKNOWN, UNKNOWN)
+
+
+class Sample(NamedTuple):
+    """What encoder and insole tell at a stamp."""
+
+    stamp: int
+    """[ns]"""
+    flexion: float
+    """[rad]"""
+    vertical: float
+    """[N] ground force"""
+
+
+class Peaks(NamedTuple):
+    """The largest values of a gait; with the load a standard deviation below and above beside the estimated one."""
+
+    force: tuple[float, float, float]
+    """[N] of contact: below, as estimated, above"""
+    depth: tuple[float, float, float]
+    """[m] of penetration, likewise"""
+
+
+class Walk(NamedTuple):
+    """A gait with assistance; arrays have shape (n,)."""
+
+    time: Floats
+    """[s]"""
+    torque: Floats
+    """[N m] that extends the knee"""
+    axial: Floats
+    """[N] estimated joint reaction"""
+    force: Floats
+    """[N] of contact"""
+    peaks: Peaks
+
+
+class Law(Protocol):
+    """Who decides on the torque."""
+
+    def __call__(self, sample: Sample, contact_force: float, /) -> float:
+        """The torque [N m] at a sample, after the contact force [N] of the one before."""
+
+
+def constant_in_stance(torque: float) -> Law:
+    """One torque [N m] while the foot is on the ground, none in swing."""
+    return lambda sample, _contact: torque if sample.vertical > 0.0 else 0.0
+
+
+def companion(torque: float) -> Law:
+    """The example's law with a nominal torque [N m], which gives way above the demo's limit; it knows no stance."""
+    if torque == 0.0:
+        return lambda _sample, _contact: 0.0
+    law = AssistLaw(Settings(nominal_torque=torque, force_limit=FORCE_LIMIT))
+
+    def decide(sample: Sample, contact_force: float) -> float:
+        now = sample.stamp * SECOND
+        law.hear(now, contact_force, 0, 0.0)
+        return law.command(now)
+
+    return decide
+
+
+LAWS: dict[str, Callable[[float], Law]] = {"constant in stance": constant_in_stance, "companion's law": companion}
+
+
+def sensors(bag: Path | None = None) -> list[Sample]:
+    """The samples of a bag, the shipped one by default: a vertical force of every stamp with an angle."""
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+    angles: dict[int, float] = {}
+    forces: dict[int, float] = {}
+    for topic, _, message in read_bag(bag or share_folder() / "bags" / BAG, types):
+        stamp = stamp_to_ns(message.header.stamp)
+        if topic == f"/{JOINT_STATES}":
+            angles[stamp] = float(message.position[0])
+        elif topic == f"/{GROUND_REACTION_FORCE}":
+            forces[stamp] = float(message.wrench.force.y)
+    return [Sample(stamp, angles[stamp], forces[stamp]) for stamp in sorted(angles.keys() & forces)]
+
+
+def person() -> LoadParameters:
+    """The parameters for the shipped bag."""
+    return LOAD_READING.load(LOAD_FILE)
+
+
+def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: LoadParameters) -> Walk:
+    """Estimate, assist and compute, sample by sample: the torque of a sample follows from the contact before it.
+
+    Then once more with the load a standard deviation of every sample off, under the same torques: who assists sees the
+    estimate alone. What muscles do at rest presses on (`person.tone`): no load falls below that by a deviation.
+    """
+    estimator = Estimator(
+        parameters.chosen_level, parameters.person.constants, parameters.motion_window, parameters.trust
+    )
+    stream, contact = model.stream(), 0.0
+    torques, axial, force, off = [], [], [], []
+    for sample in samples:
+        torques.append(law(sample, contact))
+        joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
+        estimate = estimator.at(sample.stamp, joints, Ground((0.0, sample.vertical, 0.0), NO_TORQUE))
+        stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)
+        contact = float(stream.answer["contact_force"][0])
+        axial.append(estimate.axial_force)
+        off.append(estimate.standard_deviation)
+        force.append(contact)
+    time = np.array([sample.stamp for sample in samples]) * SECOND
+    flexion, loads, deviations = np.array([sample.flexion for sample in samples]), np.array(axial), np.array(off)
+    least = np.minimum(loads, parameters.person.tone * parameters.person.constants.weight)
+    runs = [model.run(time, flexion, SHARE * np.maximum(loads + by * deviations, least)) for by in (-1.0, 0.0, 1.0)]
+    below, middle, above = ((float(run.contact_force.max()), float(run.penetration_depth.max())) for run in runs)
+    peaks = Peaks(*zip(below, middle, above, strict=True))
+    return Walk(time, np.array(torques), loads, np.array(force), peaks)
+
+
+def walks(torques: Sequence[float], compiled: bool | None = None) -> Iterator[tuple[str, list[Walk]]]:
+    """The walks under each of `LAWS`, by its name, one for each torque [N m]."""
+    samples, parameters = sensors(), person()
+    model = knee_contact_ros.load_model("healthy", compiled=compiled)
+    for name, law in LAWS.items():
+        yield name, [walk(samples, law(torque), model, parameters) for torque in torques]

@@ -1,0 +1,121 @@
+"""What OpenSim tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from knee_contact_ros.joint_reaction.leg import SHANK_LENGTH
+from knee_contact_ros.joint_reaction.levels import LEVELS
+from studies.load_validation.answers import BY_DEFAULT, Answer
+from studies.load_validation.fitting import fitted_together
+from studies.load_validation.legs import HEIGHT, MASS, Leg, nets_in
+from studies.load_validation.scores import score
+from studies.load_validation.sections import IN_DETAIL
+from studies.load_validation.tables import (
+    FORCE_HEADER,
+    PEAK_HEADER,
+    VARIANT_HEADER,
+    force_row,
+    off,
+    peak_row,
+    variant_rows,
+)
+from studies.load_validation.walks import DEFAULTS, Floats, Walk, axial
+from studies.report import Section
+
+MODEL_SHANK = 0.425
+"""[m] between the centres of knee and ankle of the scaled model, on average over the walk"""
+MEASURED = 2.61
+"""[BW] of the largest resultant force in level walking, as implants in five persons measured it on average"""
+
+
+def sections(legs: Sequence[Leg], found: Sequence[Answer], pair: Sequence[Walk]) -> list[Section]:
+    """Behind those of the instrumented knee, whose walks are `pair`."""
+    return [
+        dynamics_section(legs),
+        force_section(legs, found),
+        peak_section(found),
+        rule_section(legs),
+        default_section([*pair, *(leg.walk for leg in legs)]),
+    ]
+
+
+def dynamics_section(legs: Sequence[Leg]) -> Section:
+    """Ours beside OpenSim's."""
+    rows, more = [], []
+    for leg in legs:
+        used = leg.walk.used
+        more.append(float((nets_in(leg.walk)[0] - leg.knee)[used & leg.walk.stance].mean()))
+        names = ("knee, extension", "ankle, plantarflexion", "knee, frontal")
+        for name, ours, theirs in zip(names, nets_in(leg.walk), (leg.knee, leg.ankle, leg.frontal), strict=True):
+            rows.append([leg.walk.name, name, off(ours[used], theirs[used])])
+    text = (
+        f"The walk that is shipped with gait2354 ({MASS} kg, {HEIGHT} m), both legs. Our sensors are made of it: hip, "
+        "knee and ankle angles of the motion, the plates' wrench about the ankle joint's centre. Ours: proportions of "
+        "Winter from mass and height, in the sagittal plane, causal, accelerations from the last 0.05 s. OpenSim's: "
+        "`InverseDynamicsTool` on the scaled model, with the whole body in three dimensions and motion that was "
+        "filtered to and fro at 6 Hz. The frontal moment is compared with that of the plates' wrench about the knee's "
+        "centre in three dimensions, about x of the tibia. In stance our knee extends by "
+        f"{more[0]:.0f} and {more[1]:.0f} N m more than OpenSim's on average: by Winter's proportions the shank is "
+        f"{SHANK_LENGTH * HEIGHT:.3f} m long, and the model's {MODEL_SHANK} m, so the knee lies 5 to 7 mm farther "
+        "ahead of the ground force.\n\n"
+        "![Ours and OpenSim's](images/load_validation_opensim.png)\n\n"
+        "*Black: OpenSim. Grey: the foot is on the ground.*"
+    )
+    return Section("9. OpenSim: inverse dynamics", text, ("leg", "moment", "ours less OpenSim's, RMS; both"), rows)
+
+
+def force_section(legs: Sequence[Leg], found: Sequence[Answer]) -> Section:
+    """The total."""
+    largest = [_largest(leg.walk, leg.walk.reference) for leg in legs]
+    defaults = [
+        score(each.walk, each.force).rms for each in found if each.how == BY_DEFAULT and each.level in IN_DETAIL
+    ]
+    together = fitted_together([leg.walk for leg in legs], IN_DETAIL, DEFAULTS.moment_arm_scale)
+    text = (
+        "The reference is `knee_on_tibia`, axial, of OpenSim's JointReaction. **Its muscles are those of computed "
+        "muscle control, a model, and not a measurement**: the forces of this walk reach "
+        f"{largest[0]:.1f} BW in the right leg and {largest[1]:.1f} in the left one. Implants measured {MEASURED} BW "
+        "on average in five persons who walked on the level (Kutzner et al. 2010, doi:10.1016/j.jbiomech.2010.03.046). "
+        "So a difference is not an error of ours, nor of OpenSim's alone. What it shows: from sensors to force, by "
+        "moments of our own, the course is that of another model (r); constants of one leg do not even fit the other "
+        "leg of the same model; and with the defaults ours is far below it, "
+        f"{min(defaults):.1f} to {max(defaults):.1f} BW RMS where moments are known, three times its error on the "
+        f"instrumented knee. (To fit both legs with the arms of the defaults takes {together.co_contraction:.1f} of "
+        f"co-contraction and {together.tone:.1f} of tone.)"
+    )
+    return Section("10. OpenSim: the total force", text, FORCE_HEADER, [force_row(each) for each in found])
+
+
+def default_section(walks: Sequence[Walk]) -> Section:
+    """The largest forces by the defaults, beside what implants measured."""
+    rows = []
+    for level in LEVELS:
+        largest = [_largest(walk, axial(walk, level, DEFAULTS)) for walk in walks]
+        rows.append([f"`{level}`", *(f"{each:.2f} BW" for each in largest), f"{np.mean(largest):.2f} BW"])
+    text = (
+        "The largest force of a stance by the defaults, on average over the stances: of four walks of two persons, of "
+        f"whom one is not the man that the defaults were chosen on. Beside it: {MEASURED} BW, as above."
+    )
+    header = ("level", *(walk.name for walk in walks), "mean")
+    return Section("13. All walks: the largest force by the defaults", text, header, rows)
+
+
+def _largest(walk: Walk, force: Floats) -> float:
+    """Of a stance [BW], on average over the stances."""
+    return float(np.mean([np.max(force[first:last]) for first, last in walk.steps()]) / walk.weight)
+
+
+def peak_section(found: Sequence[Answer]) -> Section:
+    """Both peaks."""
+    text = "As in section 2; one whole stance a leg."
+    return Section("11. OpenSim: peaks", text, PEAK_HEADER, [peak_row(each) for each in found])
+
+
+def rule_section(legs: Sequence[Leg]) -> Section:
+    """Other rules."""
+    rows = variant_rows([leg.walk for leg in legs], IN_DETAIL)
+    text = "As in section 5, fitted to one leg and judged on the other: right and left."
+    return Section("12. OpenSim: other rules", text, VARIANT_HEADER, rows)

@@ -1,0 +1,89 @@
+"""A walk whose joint reaction is known, whoever measured or computed it, and what the estimator makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
+from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
+from knee_contact_ros.joint_reaction.sensed import Joints
+from knee_contact_ros.parameters.load_schema import PersonParameters
+from studies.validation.data import ON_PLATE
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Constants(NamedTuple):
+    """What is personal about muscles: as in `Person`."""
+
+    moment_arm_scale: float
+    co_contraction: float
+    tone: float
+
+
+def _defaults() -> Constants:
+    person = PersonParameters()
+    return Constants(person.moment_arm_scale, person.co_contraction, person.tone)
+
+
+DEFAULTS = _defaults()
+"""As the parameters have them"""
+PUBLISHED = DEFAULTS._replace(moment_arm_scale=1.0)
+"""The same, with the moment arms that are published"""
+
+
+class Walk(NamedTuple):
+    """One leg in one trial, at n samples."""
+
+    name: str
+    mass: float
+    """[kg]"""
+    height: float
+    """[m]"""
+    time: Floats
+    """[s], shape (n,)"""
+    vertical: Floats
+    """[N] of the ground force, shape (n,)"""
+    joints: Sequence[Joints]
+    """n of them"""
+    nets: Mapping[str, Sequence[NetMoments]]
+    """By level, n each"""
+    reference: Floats
+    """[N] axial force of the knee, compression positive, shape (n,)"""
+    used: Flags
+    """What is judged and fitted to, shape (n,)"""
+
+    @property
+    def weight(self) -> float:
+        """[N] of the body."""
+        return self.person(DEFAULTS).weight
+
+    def person(self, constants: Constants) -> Person:
+        """This walk's person, with constants."""
+        return Person(self.mass, self.height, *constants)
+
+    @property
+    def stance(self) -> Flags:
+        """Whether the foot is on the ground, shape (n,)."""
+        on: Flags = self.vertical > ON_PLATE
+        return on
+
+    def steps(self) -> list[tuple[int, int]]:
+        """First sample of every stance and the first one behind it; of whole ones, all of whose samples are used."""
+        on = self.stance
+        strikes = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+        leaves = np.flatnonzero(~on[1:] & on[:-1]) + 1
+        pairs = [(int(first), int(leaves[leaves > first][0])) for first in strikes if (leaves > first).any()]
+        return [(first, last) for first, last in pairs if self.used[first:last].all()]
+
+
+def axial(walk: Walk, level: str, constants: Constants) -> Floats:
+    """What a level says of a walk's joint reaction [N], shape (n,): `reaction_of`, sample by sample."""
+    person = walk.person(constants)
+    rows = zip(walk.joints, walk.nets[level], walk.vertical.tolist(), strict=True)
+    return np.array([reaction_of(person, joints, net, vertical).axial for joints, net, vertical in rows])

@@ -1,0 +1,130 @@
+"""`load` and `estimate-load` on the command line, and what other commands make of a bag of estimated loads."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.joint_reaction.leg import GRAVITY
+from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.parameters.load_schema import LOAD_READING
+from tests.helpers.needs import HAS_REPORT, needs_viewer
+from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
+
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a walking leg."""
+    return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", walk())
+
+
+@pytest.fixture(scope="module")
+def estimated(walking: Path) -> Path:
+    """What is made of it with all that it tells."""
+    output = walking.with_name("load.mcap")
+    estimate_load(walking, LOAD_READING.load(WHOLE_LEG), output, lambda *_: None)
+    return output
+
+
+@pytest.mark.parametrize("asks", [["load", "--help"], ["load", "-h"], ["estimate-load", "--help"]])
+def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
+    code = (
+        f"import sys; sys.modules['rclpy'] = None; from knee_contact_ros.cli.main import main; sys.exit(main({asks}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *asks], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"Usage: knee-contact {asks[0]} ")
+    assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", done.stdout)
+
+
+def test_the_table_says_the_level_the_parts_and_how_sure_it_is(walking: Path, tmp_path: Path, capsys: Said) -> None:
+    output = tmp_path / "out.mcap"
+    arguments = ["estimate-load", str(walking), "--params", "load/inverse_dynamics", "-p", "person.mass:=80"]
+    assert main([*arguments, "--output", str(output)]) == 0
+    said = capsys.readouterr()
+    rows = dict(re.findall(r"^ ?((?:  )?[a-z][a-z ]*?)  +(\S.*?) *$", said.out, re.MULTILINE))
+    forces = {
+        name: float(value.split()[0]) for name, value in rows.items() if re.match(r"-?\d+\.\d +-?\d+\.\d\d$", value)
+    }
+    parts = [forces[f"  {name}"] for name in ("without muscles", "quadriceps", "hamstrings", "gastrocnemius")]
+    assert sum(parts) == pytest.approx(forces["largest joint reaction"], abs=0.25)  # five numbers of one decimal
+    floor, part = LEVELS["ankle_moment"].error.uncalibrated
+    deviation = math.hypot(floor * 80.0 * GRAVITY, part * forces["largest joint reaction"])
+    assert forces["standard deviation"] == pytest.approx(deviation, abs=0.1)  # one decimal
+    assert rows["level"] == "ankle_moment"
+    assert rows["constants"].startswith("not calibrated to this person")
+    assert rows["parameters"] == "load/inverse_dynamics, person.mass:=80"
+    assert rows["estimates"] == "240 over 1.20 s"
+    assert (rows["samples refused"], rows["estimates flagged"]) == ("0", "0")
+    assert f"Bag: {output}" in said.out
+
+
+def test_bad_parameters_and_rules_are_told_in_one_line(walking: Path, tmp_path: Path, capsys: Said) -> None:
+    for more, words in (
+        (["--params", "healthy"], r"healthy\.yaml: no parameters for node knee_load; found /\*\*/knee_contact"),
+        (["--params", "inverse_dynamic"], r"did you mean load/inverse_dynamics\?"),
+        (["-p", "knee.joint_nam:=x"], r"unknown parameter knee\.joint_nam; did you mean knee\.joint_name\?"),
+        (["-p", "level:=5"], "parameter level: 5 is not allowed"),
+        (["--remap", "joint_reaction_force:=/x"], "FROM must be joint_states or ground_reaction_force"),
+    ):
+        assert main(["estimate-load", str(walking), *more, "--output", str(tmp_path / "out.mcap")]) == 2
+        said = capsys.readouterr()
+        assert re.search(words, said.err), said.err
+        assert (said.out, len(said.err.splitlines())) == ("", 1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_reader_that_has_gone_is_no_reason_to_lose_the_bag(walking: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.mcap"
+    command = [
+        sys.executable,
+        "-m",
+        "knee_contact_ros.cli.main",
+        "estimate-load",
+        str(walking),
+        "--output",
+        str(output),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        assert process.stderr
+        process.stdout.close()
+        assert "Traceback" not in process.stderr.read()
+        assert process.wait(60.0) == 1
+    assert output.exists()
+
+
+@pytest.mark.parametrize("asks", ["solve", "replay", "estimate-load", "replay --sensors"])
+def test_what_is_not_an_input_is_not_taken_for_one(
+    walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str
+) -> None:
+    sensed = asks in ("solve", "replay")
+    words = "estimate-load makes joint reaction forces of its /ground_reaction_force"
+    words = words if sensed else "solve takes, and replay without --sensors, its /joint_reaction_force"
+    output = [] if "replay" in asks else ["--output", str(tmp_path / "out.mcap")]
+    assert main([*asks.split(), str(walking if sensed else right_bag), *output]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f"; knee-contact {words}\n")
+    assert len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not HAS_REPORT, reason="needs the extra report")
+def test_a_report_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
+    assert main(["report", str(estimated), "--output", str(tmp_path / "report")]) == 0
+    assert (tmp_path / "report" / "report.html").exists()
+
+
+@needs_viewer
+def test_a_view_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
+    assert main(["view", str(estimated), "--save", str(tmp_path / "knee.rrd")]) == 0
+    assert (tmp_path / "knee.rrd").exists()

@@ -1,0 +1,40 @@
+"""What the demo from sensors puts into the joint states, and how it compares contacts; it itself: `tests/ros`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.core.types import blank
+from knee_contact_ros.messages.cdr import JointState, decode_joint_state, encode_joint_state
+from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint
+from knee_contact_ros.pipeline.leg_samples import joints_of, leg_sample
+
+pytest.importorskip("rclpy", reason="the demo needs ROS")
+
+from knee_contact_ros.offline.demo_sensors import relief, with_assistance
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("effort", [(), (7.0, 8.0)])
+def test_an_extending_torque_reaches_the_estimator_as_one(sign: float, effort: tuple[float, ...]) -> None:
+    parameters = LOAD_READING.load({"knee.sign": sign, "knee.assisted": True})
+    data = encode_joint_state(JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), effort))
+    message = decode_joint_state(with_assistance(data, parameters.knee, 6.0))
+    assert message is not None
+    assert message.effort == ((*effort, 0.0)[0], -6.0 * sign)
+    sample = leg_sample(message, parameters, b"", 0)
+    assert joints_of(sample.angle, sample.others).knee_assistance == 6.0
+
+
+def test_a_message_without_the_knee_or_that_is_none_stays_as_it_is() -> None:
+    data = encode_joint_state(JointState(5, "", ("hip",), (0.1,), (), ()))
+    for message in (data, b"nothing"):
+        assert with_assistance(message, ActuatedJoint(joint_name="knee"), 6.0) == message
+
+
+def test_contacts_are_compared_at_the_stamps_that_both_have() -> None:
+    without, assisted = blank(3), blank(2)
+    without["stamp"], without["contact_force"] = [1, 2, 3], [10.0, 20.0, 30.0]
+    assisted["stamp"], assisted["contact_force"] = [2, 3], [15.0, 31.0]
+    assert np.array_equal(relief(without, assisted), [5.0, -1.0])

@@ -1,0 +1,349 @@
+"""A bag of a leg's sensors to joint reactions, offline: what is written, what goes on from there, what is refused."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from knee_contact_ros.bags.answer_recorder import AnswerWriter
+from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
+from knee_contact_ros.bags.mcap_metadata import metadata_records
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import BagReader, RawMessage, read_bag
+from knee_contact_ros.bags.recover import recover
+from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
+from knee_contact_ros.cli.main import INTERRUPTED, main
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.messages.cdr import JointState, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, Transform, encode_transforms
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.offline.load_summary import LoadSummary
+from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
+from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.frames import FORCE_TURNED, FROM_REP_103
+from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
+
+TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
+INPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+REACTION, ESTIMATE = list(TYPES)[2:]
+WALK = walk()
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> LoadSummary:
+    return estimate_load(bag, LOAD_READING.load(WHOLE_LEG if values is None else values), output, silent, **how)
+
+
+def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
+    with BagReader(path, types) as bag:
+        return list(bag.raw_messages())
+
+
+def metadata(path: Path) -> dict[str, dict[str, str]]:
+    return {record.name: record.metadata for record in metadata_records(path)}
+
+
+@pytest.fixture(scope="module")
+def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a walking leg."""
+    return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", WALK)
+
+
+@pytest.fixture(scope="module")
+def estimated(walking: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is made of it with all that it tells."""
+    output = tmp_path_factory.mktemp("estimated") / "load.mcap"
+    estimate(walking, output)
+    return output
+
+
+def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path) -> None:
+    messages = raw(estimated)
+    assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
+    assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
+    pipeline, expected = LoadPipeline(LOAD_READING.load(WHOLE_LEG)), []
+    for message in WALK:
+        for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
+            expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
+    assert [m for m in messages if m.topic in (REACTION, ESTIMATE)] == expected
+
+
+def test_others_read_what_was_meant(estimated: Path) -> None:
+    """By rosbags, and the definitions in the file."""
+    messages = read_bag(estimated, TYPES)
+    reactions, told = ([m.message for m in messages if m.topic == topic] for topic in (REACTION, ESTIMATE))
+    assert [-each.wrench.force.y for each in reactions] == [each.axial_force for each in told]
+    assert [each.wrench.torque.x for each in reactions] == [each.frontal_moment for each in told]
+    assert {each.header.frame_id for each in [*reactions, *told]} == {"tibia"}
+    assert [each.header for each in reactions] == [each.header for each in told]
+    assert {(each.level, each.calibrated, each.status) for each in told} == {(2, False, 0)}
+    assert min(each.axial_force for each in told) > 0.0
+
+
+def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:
+    said = metadata(estimated)[LOAD_PROVENANCE]
+    assert (said["level"], said["source"], said["ticks_before"]) == ("ankle_moment", walking.name, "0")
+    assert '"ground.components": "full"' in said["parameters"]
+    assert not any(word in said["parameters"] for word in ("record.", "diagnostics.", "autostart"))
+    assert metadata(estimated)[REFUSED_SAMPLES] == {"total": "0"}
+    assert read_provenance(estimated) is None  # it is none of a contact
+
+
+def test_the_summary_tells_the_largest_one_and_all_forces(walking: Path) -> None:
+    pipeline, expected = LoadPipeline(LOAD_READING.load(WHOLE_LEG)), list[Estimate]()
+    for message in WALK:
+        for _ in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
+            assert pipeline.estimate
+            expected.append(pipeline.estimate)
+    summary = estimate(walking, None)
+    assert summary.axial.tolist() == [each.axial_force for each in expected]
+    assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
+    assert summary.peak == max(expected, key=lambda each: each.axial_force)
+    assert (summary.level, summary.calibrated, summary.duration) == ("ankle_moment", False, 1.195)
+    assert (summary.flagged, summary.refused, summary.damage) == ({}, {}, [])
+
+
+def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
+    summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap", silent)
+    assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
+    kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
+    assert kept == [m for m in raw(estimated) if m.topic in (ANGLES, REACTION)]
+
+
+def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
+    """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
+    pipeline, folder = LoadPipeline(LOAD_READING.load({})), tmp_path / "parts"
+    record = load_provenance_record(LOAD_READING.load({}))
+    with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
+        writer = AnswerWriter(bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE)
+        for message in WALK:
+            for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
+                writer.write(answer.records)
+        writer.finish(pipeline.ending())
+    assert len(list(folder.glob("*.mcap"))) == 3
+    assert read_provenance(folder) is None
+    assert main(["solve", str(folder), "--output", str(tmp_path / "contact.mcap")]) == 0
+    assert len(raw(tmp_path / "contact.mcap", {"/knee_contact": MESSAGE_TYPES["knee_contact"]})) == 240
+    assert len(raw(folder)) == 960
+    estimate(folder, tmp_path / "again.mcap", {})
+    assert raw(tmp_path / "again.mcap") == raw(folder)
+
+
+def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, estimated: Path, tmp_path: Path) -> None:
+    by_moment = load_parameters({"load.compartment": "moment_balance"})
+    assert solve(estimated, by_moment, None, silent).ticks == 240
+    insole = tmp_path / "insole.mcap"
+    estimate(walking, insole, {})
+    with pytest.raises(UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"):
+        solve(insole, by_moment, None, silent)
+
+
+@pytest.mark.parametrize("more", [{}, {"frame.ground": "plate_isb", "pairing.angle_delay": 0.01}])
+def test_its_own_output_gives_the_same_again(walking: Path, tmp_path: Path, more: dict[str, Any]) -> None:
+    for output, bag in (("first.mcap", walking), ("again.mcap", tmp_path / "first.mcap")):
+        estimate(bag, tmp_path / output, WHOLE_LEG | more)
+    assert raw(tmp_path / "first.mcap") == raw(tmp_path / "again.mcap")
+
+
+def test_the_same_bag_gives_the_same_file(walking: Path, tmp_path: Path) -> None:
+    outputs = [tmp_path / folder / "load.mcap" for folder in ("one", "other")]  # it holds its name
+    for output in outputs:
+        estimate(walking, output)
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize("folder", [True, False])
+def test_bags_of_others_give_the_same(estimated: Path, tmp_path: Path, storage: StoragePlugin, folder: bool) -> None:
+    bag = write_rosbag2(tmp_path / "bag", WALK, storage, types=INPUTS)
+    if not folder:
+        (bag,) = (path for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
+    estimate(bag, tmp_path / "out.mcap")
+    assert raw(tmp_path / "out.mcap") == raw(estimated)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "rules", "namespace"),
+    [
+        ("/left", (), "left"),
+        ("/exo", ("joint_states:=/exo/joint_states", "ground_reaction_force:=/exo/ground_reaction_force"), ""),
+        ("/left/exo", ("joint_states:=exo/joint_states", "ground_reaction_force:=exo/ground_reaction_force"), "left"),
+    ],
+)
+def test_inputs_have_other_names(
+    estimated: Path, tmp_path: Path, prefix: str, rules: tuple[str, ...], namespace: str
+) -> None:
+    bag = walking_bag(tmp_path / "bag.mcap", WALK, prefix)
+    estimate(bag, tmp_path / "out.mcap", names=names_in_bag(rules, namespace, LOAD_INPUTS))
+    assert raw(tmp_path / "out.mcap") == raw(estimated)
+
+
+def test_forces_are_turned_by_what_the_bag_says_of_frames(tmp_path: Path) -> None:
+    """A treadmill with z up; the transform comes last, and the recording tells of the turn and needs it no more."""
+    turned = [m for m in walk(20, frame="treadmill") if m.topic == FORCE]
+    bag, there = tmp_path / "bag.mcap", Transform("treadmill", "leg", (0.0, 0.0, 0.0), FROM_REP_103)
+    with BagWriter(bag) as writer:
+        for topic, kind in INPUTS.items():
+            writer.add_topic(topic, kind)
+        writer.add_topic(TF_STATIC, TF_MESSAGE)
+        for angle, force in zip(WALK[::2], turned, strict=False):
+            told = ground(force.log_time, "treadmill")
+            vectors = ((x, -z, y) for x, y, z in (told.force, told.torque))
+            told = told._replace(**dict(zip(("force", "torque"), vectors, strict=True)))
+            writer.write(ANGLES, angle.log_time, angle.data)
+            writer.write(FORCE, force.log_time, encode_wrench_stamped(told))
+        writer.write(TF_STATIC, 10**9, encode_transforms([there], 0))
+    values = WHOLE_LEG | {"frame.ground": "leg"}
+    summary = estimate(bag, tmp_path / "out.mcap", values)
+    upright = walking_bag(tmp_path / "upright.mcap", WALK[:40])
+    # Rounding of a turn by a quaternion: 1e-13 N m over arms of 0.01 m
+    assert summary.axial == pytest.approx(estimate(upright, None).axial, abs=1e-8)
+    note = metadata(tmp_path / "out.mcap")[FORCE_TURNED]
+    assert (note["from"], note["to"]) == ("treadmill", "leg")
+    estimate(tmp_path / "out.mcap", tmp_path / "again.mcap", values)
+    assert raw(tmp_path / "again.mcap") == raw(tmp_path / "out.mcap")
+
+
+def test_a_damaged_bag_is_read_as_far_as_it_can_be(
+    walking: Path, estimated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    long = walking_bag(tmp_path / "long.mcap", walk(3000, MS))
+    cut.write_bytes(long.read_bytes()[: 2 * long.stat().st_size // 3])
+    output = tmp_path / "out.mcap"
+    assert main(["estimate-load", str(cut), "--params", "load/inverse_dynamics", "--output", str(output)]) == 1
+    said = capsys.readouterr()
+    assert said.err.splitlines()[-1].startswith(f"knee-contact: bag {cut} is damaged, and read as far as it can be: ")
+    assert f"Bag: {output}" in said.out
+    assert metadata(output)[SOURCE_DAMAGE]["source"] == "cut.mcap"
+    whole, part = estimate(long, None), raw(output, {REACTION: TYPES[REACTION]})
+    assert 1000 < len(part) < 3000
+    assert [m.log_time for m in part] == whole.stamps[: len(part)].tolist()
+
+
+def test_what_a_power_failure_leaves_of_a_recording_is_recovered(tmp_path: Path) -> None:
+    long, output = walking_bag(tmp_path / "long.mcap", walk(3000, MS)), tmp_path / "load.mcap"
+    estimate(long, output)
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    cut.write_bytes(output.read_bytes()[: 2 * output.stat().st_size // 3])
+    found = recover(cut, whole)
+    assert {count.topic: count.type for count in found.topics} == TYPES
+    assert len(raw(whole)) == sum(count.messages for count in found.topics) > 2000
+    assert metadata(whole)[LOAD_PROVENANCE] == metadata(output)[LOAD_PROVENANCE]
+    solve(whole, load_parameters({}), None, silent)
+    estimate(whole, None)
+
+
+def test_an_output_is_replaced_only_when_asked(walking: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.mcap"
+    output.write_text("precious")
+    with pytest.raises(UsageError, match="exists already"):
+        estimate(walking, output)
+    with pytest.raises(UsageError, match="no bag"):
+        estimate(tmp_path / "missing", output, overwrite=True)
+    assert output.read_text() == "precious"
+    estimate(walking, output, overwrite=True)
+    assert len(raw(output)) == 960
+
+
+def test_the_input_is_never_replaced(walking: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag.mcap"
+    shutil.copy(walking, bag)
+    with pytest.raises(UsageError, match="is the input"):
+        estimate(bag, bag, overwrite=True)
+    assert bag.read_bytes() == walking.read_bytes()
+
+
+def only(topic: str) -> list[RawMessage]:
+    return [message for message in WALK if message.topic == topic]
+
+
+def elbow() -> list[RawMessage]:
+    states = [JointState(m.log_time, "", ("elbow", "hip"), (0.1, 0.2), (), ()) for m in only(ANGLES)]
+    return [*[RawMessage(ANGLES, each.stamp, encode_joint_state(each)) for each in states], *only(FORCE)]
+
+
+@pytest.mark.parametrize(
+    ("make", "values", "words"),
+    [
+        (lambda folder: folder / "missing", {}, "no bag at"),
+        (lambda folder: walking_bag(folder / "b.mcap", []), {}, "topic /joint_states has no messages"),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", only(ANGLES)),
+            {},
+            "topic /ground_reaction_force has no messages",
+        ),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", elbow()),
+            {},
+            r"joint_states has no joint 'knee'; it has elbow, hip \(parameter knee\.joint_name\)$",
+        ),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", WALK),
+            {"hip.joint_name": "hips"},
+            r"has no joint 'hips'; it has hip, knee, ankle \(parameter hip\.joint_name\)$",
+        ),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", WALK),
+            {"knee.assisted": True},
+            r"could be estimated \(240 x joint_missing, 240 x no_angle_before; .* gives no effort for joint 'knee'\)$",
+        ),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", WALK),
+            {"frame.ground": "lab"},
+            r"\(240 x frame_unknown; .* 'plate', and no static transform leads to 'lab'\)$",
+        ),
+        (
+            lambda folder: walking_bag(folder / "b.mcap", [*only(ANGLES)[100:], *only(FORCE)[:50]]),
+            {},
+            r"no joint reaction could be estimated \(50 x no_angle_before\)$",
+        ),
+    ],
+)
+def test_bags_that_cannot_be_used_leave_nothing_behind(
+    tmp_path: Path, make: Callable[[Path], Path], values: dict[str, Any], words: str
+) -> None:
+    bag, output = make(tmp_path), tmp_path / "o" / "out.mcap"
+    with pytest.raises(UsageError, match=words) as caught:
+        estimate(bag, output, values)
+    assert "\n" not in str(caught.value)
+    assert not output.parent.exists() or list(output.parent.iterdir()) == []
+
+
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+    bag, output = walking_bag(tmp_path / "bag.mcap", walk(600)), tmp_path / "o" / "out.mcap"
+
+    def interrupt(done: int, _total: int) -> None:
+        assert done == 1000  # in the middle
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate_load(bag, LOAD_READING.load({}), output, interrupt)
+    assert not output.parent.exists() or list(output.parent.iterdir()) == []
+    monkeypatch.setattr(LoadPipeline, "finish", lambda *_: interrupt(1000, 0))
+    assert main(["estimate-load", str(bag), "--output", str(output)]) == INTERRUPTED
+    assert capsys.readouterr().err.strip().endswith("knee-contact: interrupted")
+    assert not output.parent.exists() or list(output.parent.iterdir()) == []
+
+
+def test_a_bag_whose_angles_end_has_its_last_forces_held(tmp_path: Path) -> None:
+    bag = walking_bag(tmp_path / "bag.mcap", [m for m in WALK if m.topic == FORCE or m.log_time <= 1000 * MS])
+    summary = estimate(bag, tmp_path / "o.mcap")
+    assert summary.flagged == {"INPUT_HELD": 39, "STALE_INPUT": 19}
+    status = [m.message.status for m in read_bag(tmp_path / "o.mcap", {ESTIMATE: TYPES[ESTIMATE]})]
+    assert status[200:203] == [0, Status.INPUT_HELD, Status.INPUT_HELD]

@@ -1,0 +1,284 @@
+"""The load node over real topics: what it publishes, refuses, records, and hands on to the contact node."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from knee_contact_ros.msg import KneeContact, LoadEstimate
+from lifecycle_msgs.msg import State, Transition
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE
+from knee_contact_ros.bags.mcap_metadata import metadata_records
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
+from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.bags.writer import REFUSED_SAMPLES
+from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages.cdr import encode_wrench_stamped
+from knee_contact_ros.messages.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.reading import load_parameters
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
+from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
+
+Start = Callable[..., NodeProcess]
+NODE = "knee_load"
+TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
+REACTION, ESTIMATE = list(TYPES)[2:]
+PATIENT = {"pairing.wait": 5.0}
+"""No force is given up while this machine is busy"""
+WALK = walk(80)
+
+
+class LegPeer(Peer):
+    """Has a leg's sensors, and listens to what comes of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        qos = QoSProfile(depth=1000)
+        self.ground = self.node.create_publisher(WrenchStamped, FORCE, qos)
+        self.heard: dict[str, list[bytes]] = {REACTION: [], ESTIMATE: []}
+        for topic, kind in ((REACTION, WrenchStamped), (ESTIMATE, LoadEstimate)):
+            self.node.create_subscription(kind, topic, self.heard[topic].append, qos, raw=True)
+
+    @property
+    def estimates(self) -> list[LoadEstimate]:
+        return [deserialize_message(data, LoadEstimate) for data in self.heard[ESTIMATE]]
+
+    def wait_for_load_node(self) -> None:
+        """Wait until it listens and speaks."""
+        self.wait_until(lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count())
+        self.wait_until(
+            lambda: (
+                all(self.node.count_publishers(topic) for topic in ("load_estimate", "/diagnostics"))
+                and self.node.count_publishers(REACTION) > 1
+            )  # this peer is one
+        )
+
+    def send_sensed(self, messages: list[RawMessage]) -> None:
+        """Publish a leg's messages, and wait until their forces are answered."""
+        forces = sum(message.topic == FORCE for message in messages) + len(self.heard[ESTIMATE])
+        for message in messages:
+            (self.angle if message.topic == ANGLES else self.ground).publish(message.data)
+        self.wait_until(lambda: len(self.heard[ESTIMATE]) == len(self.heard[REACTION]) == forces)
+
+    def set_parameters(self, values: dict[str, object]) -> tuple[bool, str]:
+        """All at once."""
+        changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=changes)
+        result = call(self, SetParametersAtomically, f"/{NODE}/set_parameters_atomically", request).result
+        return result.successful, result.reason
+
+
+@pytest.fixture
+def leg() -> Iterator[LegPeer]:
+    """This process's side of the graph."""
+    peer = LegPeer()
+    yield peer
+    peer.executor.shutdown()
+    peer.node.destroy_node()
+
+
+def arguments(values: dict[str, Any]) -> list[str]:
+    """The same parameters on a command line."""
+    said = {name: str(value).lower() if isinstance(value, bool) else value for name, value in values.items()}
+    return [word for name, value in said.items() for word in ("-p", f"{name}:={value}")]
+
+
+def silent(_done: int, _total: int) -> None:
+    """No progress bar."""
+
+
+def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
+    with BagReader(path, types) as bag:
+        return list(bag.raw_messages())
+
+
+def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
+    """What `estimate-load` makes of them."""
+    bag, output = walking_bag(folder / "offline" / "walk.mcap", messages), folder / "offline" / "load.mcap"
+    estimate_load(bag, LOAD_READING.load(values), output, silent)
+    return output
+
+
+def told(path: Path, topic: str) -> list[bytes]:
+    """The messages of a recording, filled up with zeros as DDS delivers them."""
+    messages = [message.data for message in raw(path, {topic: TYPES[topic]})]
+    return [data + bytes(-len(data) % 4) for data in messages]
+
+
+@pytest.mark.parametrize("values", [{}, WHOLE_LEG | {"frame.ground": "plate_isb"}])
+def test_live_messages_are_those_of_estimate_load(
+    leg: LegPeer, start_node: Start, tmp_path: Path, values: dict[str, Any]
+) -> None:
+    """Byte for byte, also in a recording that SIGINT completes, which is computed again from itself likewise."""
+    recording = tmp_path / "live" / "live.mcap"
+    node = start_node(*arguments(values | PATIENT | {"record.path": recording}), kind="load")
+    leg.wait_for_load_node()
+    leg.send_sensed(WALK)
+    code, output = node.stop(signal.SIGINT)
+    assert code == 0, output
+    assert f"estimating the joint reaction at level {LOAD_READING.load(values).chosen_level}, not calib" in output
+    assert "80 ticks, 0 samples refused" in output
+    assert "Traceback" not in output
+    expected = offline(tmp_path, WALK, values)
+    for topic, heard in leg.heard.items():
+        assert heard == told(expected, topic), topic
+    assert sorted(path.name for path in recording.parent.iterdir()) == ["live.mcap", "metadata.yaml"]
+    assert raw(recording) == raw(expected)
+    again = tmp_path / "again.mcap"
+    estimate_load(recording, LOAD_READING.load(values), again, silent)
+    assert raw(again) == raw(recording)
+
+
+def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, start_node: Start) -> None:
+    start_node(*arguments(PATIENT), kind="load")
+    leg.wait_for_load_node()
+    leg.send_sensed(WALK[:2])
+    leg.send_angle(5 * MS, 0.2, joint="elbow")
+    leg.send_angle(5 * MS, float("nan"))
+    nothing = ground(5 * MS)._replace(force=(0.0, float("nan"), 0.0))
+    for data in (encode_wrench_stamped(nothing), b"\0\1\0\0\xff", WALK[1].data):
+        leg.ground.publish(data)
+    expected = {"total": "5", "joint_missing": "1", "not_finite": "2", "undecodable": "1", "load_not_in_order": "1"}
+    leg.wait_until(lambda: leg.diagnostics.get("knee_load: refused samples") == expected)
+    leg.send_sensed(WALK[2:4])
+    assert [estimate.status for estimate in leg.estimates] == [0, Status.INPUT_REJECTED]
+    leg.wait_until(lambda: leg.diagnostics["knee_load: ticks"]["ticks"] == "2")
+    ticks = leg.diagnostics["knee_load: ticks"]
+    assert ticks["level GROUND_FORCE"] == "2 (100.0 %)"
+    assert leg.diagnostics["knee_load: ground_reaction_force"]["received"] == "5"
+
+
+def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(leg: LegPeer, start_node: Start) -> None:
+    start_node("-p", "pairing.wait:=0.2", kind="load")
+    leg.wait_for_load_node()
+    leg.send_sensed(WALK[:2])
+    leg.send_sensed(WALK[3:4])
+    first, held = leg.estimates
+    assert (held.status, held.flexion_angle) == (Status.INPUT_HELD, first.flexion_angle)
+
+
+def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
+    """Unconfigured at first; numbers of the person change between two estimates, and a recording tells of it."""
+    recording = tmp_path / "live.mcap"
+    node = start_node(*arguments(WHOLE_LEG | PATIENT | {"autostart": False, "record.path": recording}), kind="load")
+    assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
+    accepted, reason = leg.set_parameters({"level": "ankle_momen"})
+    assert not accepted
+    assert "parameter level: 'ankle_momen' is not allowed" in reason
+    assert leg.set_parameters({"person.mass": 80.0, "level": "knee_moment"}) == (True, "")
+    assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE)
+    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE)
+    leg.wait_for_load_node()
+    leg.send_sensed(WALK[:80])
+    fixed = "parameter level cannot change while the node is configured, only after a cleanup"
+    assert leg.set_parameters({"person.tone": 0.3, "level": "auto"}) == (False, fixed)
+    assert leg.set_parameters({"person.tone": 0.6}) == (True, "")
+    leg.send_sensed(WALK[80:])
+    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE)
+    assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE)
+    assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
+    assert not psutil.Process(node.process.pid).children()
+    values = WHOLE_LEG | {"person.mass": 80.0, "level": "knee_moment"}
+    before, after = (
+        told(offline(tmp_path / name, WALK, values | more), ESTIMATE)
+        for name, more in (("before", {}), ("after", {"person.tone": 0.6}))
+    )
+    assert leg.heard[ESTIMATE] == before[:40] + after[40:] == told(recording, ESTIMATE)
+    said = {record.name: record.metadata for record in metadata_records(recording)}
+    assert said[PARAMETERS_CHANGED] == {"tick": "40", "person.tone": "0.6"}
+    assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == ("knee_moment", {"total": "0"})
+    assert leg.set_parameters({"level": "auto"}) == (True, "")
+    assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
+    assert node.stop()[0] == 0
+
+
+def test_sensors_that_are_best_effort_are_heard_and_recordings_begin_and_end(
+    leg: LegPeer, start_node: Start, tmp_path: Path
+) -> None:
+    qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    leg.node.destroy_publisher(leg.angle)
+    leg.node.destroy_publisher(leg.ground)
+    leg.angle = leg.node.create_publisher(JointState, ANGLES, qos)
+    leg.ground = leg.node.create_publisher(WrenchStamped, FORCE, qos)
+    node = start_node(*arguments(PATIENT), kind="load")
+    leg.wait_for_load_node()
+    leg.send_sensed(WALK[:20])
+
+    def ask(what: str) -> tuple[bool, str]:
+        answer = call(leg, Trigger, f"/{NODE}/{what}", Trigger.Request())
+        return answer.success, answer.message
+
+    assert ask("start_recording") == (False, "parameter record.path names no file")
+    assert leg.set_parameters({"record.path": str(tmp_path / "part.mcap")}) == (True, "")
+    assert ask("start_recording") == (True, f"recording to {tmp_path / 'part.mcap'}")
+    leg.send_sensed(WALK[20:40])
+    assert ask("reset")[0]
+    leg.send_sensed(WALK[40:60])
+    assert ask("stop_recording")[0]
+    leg.wait_until((tmp_path / "part.mcap").exists)
+    _, output = node.stop()
+    assert output.count("best effort; listening likewise") == 2
+    assert told(tmp_path / "part.mcap", ESTIMATE) == leg.heard[ESTIMATE][10:]
+    assert [estimate.status for estimate in leg.estimates] == [0] * 20 + [Status.TIME_RESET] + [0] * 9
+    records = {record.name: record.metadata for record in metadata_records(tmp_path / "part.mcap")}
+    assert (records[LOAD_PROVENANCE]["ticks_before"], records["reset"]) == ("10", {"tick": "20"})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["-p", "person.mas:=70.0"], "unknown parameter person.mas; did you mean person.mass?"),
+        (["-p", "level:=ankle_moment"], "parameter level: 'ankle_moment' is not allowed; it needs ground.components"),
+        (["-p", "qos_overrides./knee_contact.publisher.depth:=7"], "unknown parameter qos_overrides./knee_contact.pub"),
+    ],
+)
+def test_bad_parameters_end_the_node_at_once(start_node: Start, words: list[str], said: str) -> None:
+    code, output = start_node(*words, kind="load").wait()
+    assert code == 2
+    assert len(output.splitlines()) == 1, output
+    assert said in output
+
+
+def test_sensors_to_load_to_contact_are_estimate_load_and_solve(
+    leg: LegPeer, start_node: Start, tmp_path: Path
+) -> None:
+    """Both nodes in one graph, with one parameter file; the contact node hears nothing but angles and the load."""
+    path = tmp_path / "leg.yaml"
+    contact = {"load.compartment": "moment_balance", "body_weight": 737.0}
+    sections = {NODE: WHOLE_LEG | PATIENT, "knee_contact": contact | PATIENT}
+    path.write_text(
+        "".join(
+            f"/**/{node}:\n  ros__parameters:\n" + "".join(f"    {name}: {value}\n" for name, value in values.items())
+            for node, values in sections.items()
+        )
+    )
+    for kind in ("load", "node"):
+        start_node("--params-file", path, kind=kind)
+    leg.wait_for_load_node()
+    leg.wait_until(lambda: leg.angle.get_subscription_count() == 2 and leg.force.get_subscription_count() == 2)
+    leg.wait_for_node()
+    leg.wait_until(  # the contact node hears this peer and the load node
+        lambda: leg.diagnostics.get("knee_contact: joint_reaction_force", {}).get("publishers") == "2"
+    )
+    leg.send_sensed(WALK)
+    leg.wait_until(lambda: len(leg.contacts) == 80)
+    loads = offline(tmp_path, WALK, WHOLE_LEG)
+    solve(loads, load_parameters(contact), tmp_path / "contact.mcap", silent)
+    answers = raw(tmp_path / "contact.mcap", {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]})
+    assert leg.contacts == [deserialize_message(message.data, KneeContact) for message in answers]
+    assert {"knee_load: ticks", "knee_contact: ticks"} <= set(leg.diagnostics)
