@@ -119,6 +119,14 @@ opensim_results_options = together(
         help="Tells the sign of flexion where the angles do not, and the body weight.",
     ),
     click.option(
+        "--ground",
+        is_flag=False,
+        flag_value="",
+        metavar="[GRF.xml|GRF.mot]",
+        help="External loads or ground reactions: also what the leg's sensors would have told, for estimate-load (hip, "
+        "ankle, ground_reaction_force). Needs --model and the extra opensim; with --setup the file may be left out.",
+    ),
+    click.option(
         "--joint", metavar="NAME", help="Joint of the reactions. [default: the one with knee and side in its name]"
     ),
     click.option("--coordinate", metavar="NAME", help="Column or coordinate of the angle. [default: likewise]"),

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.messages.topics import (
+    GROUND_REACTION_FORCE,
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    MESSAGE_TYPES,
+)
 from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions
+from knee_contact_ros.offline.gait_files.leg_gait import GroundForces, Leg
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import sha256_of
 
@@ -26,6 +33,15 @@ QUANTITIES = {
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
+LEG_JOINTS = ("hip", "ankle")
+"""In the bag, behind the knee: as `load/inverse_dynamics` names them"""
+LEG_QUANTITIES = {
+    "joints": "knee flexion; hip, the angle between thigh and vertical in the sagittal plane, positive when the knee "
+    "is ahead of the hip; ankle, positive in dorsiflexion, 0 at a right angle; rad",
+    "ground_force": "what the ground exerts on the foot, N, and N m about the ankle joint's centre (x forward, y up, z "
+    "to the right; a left leg is mirrored)",
+}
+GROUND_FRAME = "ground"
 AT_ONCE = 8192
 """Rows that are made messages at a time"""
 MCAP = ".mcap"
@@ -33,29 +49,50 @@ BAG_FILES = {MCAP, ".yaml"}
 
 
 def write_bag(
-    side: str, angles: Angles, reactions: Reactions, folder: Path, origin: dict[str, str], joint: str = JOINT
+    side: str,
+    angles: Angles,
+    reactions: Reactions,
+    folder: Path,
+    origin: dict[str, str],
+    joint: str = JOINT,
+    leg: Leg | None = None,
 ) -> None:
-    """Write a new rosbag2 folder; messages in the order of their stamps, the angle before the reaction.
+    """Write a new rosbag2 folder; messages in the order of their stamps, the angle before the forces.
 
-    `side` is right or left, `origin` the metadata record of that name; angles have their rates.
+    `side` is right or left, `origin` the metadata record of that name; angles have their rates. With a `leg`, whose
+    joints have the stamps of `angles`, its hip and ankle come with the knee, and the ground's forces on a topic.
 
     Raises:
         UsageError: it cannot be written.
     """
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
-        for topic in INPUTS:
+        for topic in (*INPUTS, GROUND_REACTION_FORCE) if leg else INPUTS:
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
-        both = (angle_messages(angles, joint), reaction_messages(reactions, side))
-        for stamp, topic, data in heapq.merge(*both, key=itemgetter(0)):
+        joints = {joint: angles}
+        streams = [reaction_messages(reactions, side)]
+        if leg:
+            joints |= dict(zip(LEG_JOINTS, (leg.hip, leg.ankle), strict=True))
+            streams.append(ground_messages(leg.ground))
+        for stamp, topic, data in heapq.merge(joint_messages(joints), *streams, key=itemgetter(0)):
             bag.write(f"/{topic}", stamp, data)
 
 
-def angle_messages(angles: Angles, joint: str) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of every angle."""
-    assert angles.rate is not None  # noqa: S101  (the importers give them)
-    for stamp, angle, rate in rows(angles.stamps, angles.angle, angles.rate):
-        yield stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", (joint,), (angle,), (rate,), ()))
+def joint_messages(joints: dict[str, Angles]) -> Iterator[tuple[int, str, bytes]]:
+    """Stamp [ns], topic and bytes of the joints' angles, by their names; all have the same stamps, and rates."""
+    names, of_joints = tuple(joints), list(joints.values())
+    rates = [angles.rate for angles in of_joints if angles.rate is not None]
+    assert len(rates) == len(names)  # noqa: S101  (the importers give them)
+    for stamp, *told in rows(of_joints[0].stamps, *(angles.angle for angles in of_joints), *rates):
+        angle, rate = tuple(told[: len(names)]), tuple(told[len(names) :])
+        yield stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", names, angle, rate, ()))
+
+
+def ground_messages(ground: GroundForces) -> Iterator[tuple[int, str, bytes]]:
+    """Stamp [ns], topic and bytes of every ground force."""
+    for stamp, force, torque in rows(*ground):
+        wrench = WrenchStamped(stamp, GROUND_FRAME, tuple(force), tuple(torque))
+        yield stamp, GROUND_REACTION_FORCE, encode_wrench_stamped(wrench)
 
 
 def reaction_messages(reactions: Reactions, side: str) -> Iterator[tuple[int, str, bytes]]:

@@ -33,17 +33,23 @@ class Reactions(NamedTuple):
     """[N m] about the tibia frame's origin, shape (n, 3)"""
 
 
-def common_window(angles: Angles, reactions: Reactions, start: float | None, end: float | None) -> tuple[int, int]:
+def common_window(
+    angles: Angles, reactions: Reactions, start: float | None, end: float | None, ground: Stamps | None = None
+) -> tuple[int, int]:
     """First and last stamp [ns] that both have, within `start` and `end` [s] and from time 0 on.
+
+    With `ground` [ns], shape (n,), that all three have.
 
     Raises:
         UsageError: there is none.
     """
-    spans = [(int(stamps[0]), int(stamps[-1])) for stamps in (angles.stamps, reactions.stamps)]
+    three = (angles.stamps, reactions.stamps, *(() if ground is None else (ground,)))
+    spans = [(int(stamps[0]), int(stamps[-1])) for stamps in three]
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
         told = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
-        raise UsageError(f"kinematics and reactions have no time in common: {told}")
+        what = "kinematics and reactions" if ground is None else "kinematics, reactions and ground forces"
+        raise UsageError(f"{what} have no time in common: {told}")
     asked = (first if start is None else round(start * NANOSECONDS), last if end is None else round(end * NANOSECONDS))
     if max(first, asked[0]) >= min(last, asked[1]):
         told = f"--start {asked[0] / NANOSECONDS:g} --end {asked[1] / NANOSECONDS:g}"

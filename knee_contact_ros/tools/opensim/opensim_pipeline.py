@@ -8,16 +8,14 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.offline.gait_files.storage import read_storage, repaired, text_of
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.terminal import Bar
-from knee_contact_ros.tools.opensim.opensim_process import run_step
+from knee_contact_ros.tools.opensim.opensim_process import check_opensim, run_step
 from knee_contact_ros.tools.opensim.opensim_setups import (
     CHOOSABLE,
     CMC,
@@ -33,7 +31,6 @@ from knee_contact_ros.tools.opensim.opensim_setups import (
     static_setup,
 )
 
-EXTRA = "opensim"
 GB = 10**9
 HIDDEN = "/."
 """In the path of what is not copied"""
@@ -87,8 +84,7 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
     missing = [step for step in wanted if step not in found and not (step == STATIC and CMC in found)]
     if missing:
         raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(found)}")
-    if find_spec("opensim") is None:
-        raise UsageError(not_installed("opensim", EXTRA))
+    check_opensim()
     chosen = [found.get(step, found.get(CMC)) for step in CHOOSABLE if step in wanted]
     setups = [setup for setup in chosen if setup is not None]
     folder = common_folder(setups)

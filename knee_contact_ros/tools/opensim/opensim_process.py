@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import re
 import subprocess
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.processes import kept, python_module
 from knee_contact_ros.system.terminal import Bar
 from knee_contact_ros.tools.opensim import opensim_step
 from knee_contact_ros.tools.opensim.opensim_setups import TOOLS, Setup
 
+EXTRA = "opensim"
 PERIOD = 0.2
 """[s] between two looks at a running step"""
 PATIENCE = 5.0
@@ -24,6 +28,16 @@ MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 
 
+def check_opensim() -> None:
+    """Check that OpenSim is installed.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if find_spec("opensim") is None:
+        raise UsageError(not_installed("opensim", EXTRA))
+
+
 def run_step(setup: Setup, work: Path, bar: Bar) -> None:
     """Run a tool in a process of its own, in its set-up file's folder, with its output in `work`/logs.
 
@@ -31,18 +45,30 @@ def run_step(setup: Setup, work: Path, bar: Bar) -> None:
         UsageError: it has failed.
     """
     log = work / "logs" / f"{setup.step}.log"
-    how = python_module(opensim_step.__name__, TOOLS[setup.step], setup.path.name)
     window = times_of(setup)
-    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=setup.folder, **how) as process:
-        while process.poll() is None:
-            bar(*progress_of(log, window))
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(PERIOD)
-    if process.returncode:
+    arguments = (TOOLS[setup.step], setup.path.name)
+    code = run_python(opensim_step.__name__, arguments, setup.folder, log, lambda: bar(*progress_of(log, window)))
+    if code:
         raise UsageError(
-            f"OpenSim's {setup.step} ({setup.path.name}) failed with code {process.returncode}: {last_words(log)}; "
+            f"OpenSim's {setup.step} ({setup.path.name}) failed with code {code}: {last_words(log)}; "
             "--work DIR keeps its log"
         )
+
+
+def run_python(
+    module: str, arguments: Sequence[str], folder: Path, log: Path, look: Callable[[], None] = lambda: None
+) -> int:
+    """Run a module in a process of its own, in a folder, with its output in `log`; give its exit code.
+
+    `look` is called every now and then meanwhile.
+    """
+    how = python_module(module, *arguments)
+    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **how) as process:
+        while process.poll() is None:
+            look()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(PERIOD)
+    return process.returncode
 
 
 def times_of(setup: Setup) -> tuple[float, float]:

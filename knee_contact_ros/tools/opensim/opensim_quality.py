@@ -17,6 +17,7 @@ import numpy as np
 
 from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage, read_storage
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.tools.opensim.external_loads import named_data
 from knee_contact_ros.tools.opensim.model_file import read_xml
 from knee_contact_ros.tools.opensim.opensim_pipeline import Run
 from knee_contact_ros.tools.opensim.opensim_setups import IK, Setup
@@ -148,8 +149,7 @@ def external_peak(loads: Path, folder: Path, stamps: Stamps) -> float:
         UsageError: the loads cannot be read.
     """
     root = read_xml(loads, "ExternalLoads")
-    name = (root.findtext(".//datafile") or "").strip()
-    data = read_storage(next((path for path in (loads.parent / name, folder / name) if path.is_file()), folder / name))
+    data = read_storage(named_data(loads, folder))
     names = [(force.findtext("force_identifier") or "").strip() for force in root.iter("ExternalForce")]
     names = [name for name in names if f"{name}x" in data.names]
     if not names:

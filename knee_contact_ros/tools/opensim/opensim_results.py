@@ -11,7 +11,8 @@ import numpy as np
 
 from knee_contact_ros.offline.gait_files import knee_gait
 from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions
-from knee_contact_ros.offline.gait_files.storage import Floats, Storage, read_storage
+from knee_contact_ros.offline.gait_files.leg_gait import Leg, leg_at
+from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage, read_storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.angle import AUTO, DEGREES, sign_of, unit_of
 from knee_contact_ros.tools.opensim.columns import (
@@ -24,6 +25,8 @@ from knee_contact_ros.tools.opensim.columns import (
     find_reaction,
     speed_column,
 )
+from knee_contact_ros.tools.opensim.external_loads import data_file, read_ground
+from knee_contact_ros.tools.opensim.leg import LegGait, leg_joints, read_leg
 from knee_contact_ros.tools.opensim.model_file import read_model
 
 GRAVITY = 9.80665
@@ -44,6 +47,10 @@ class Files:
     reactions: Path
     speeds: Path | None = None
     model: Path | None = None
+    ground: Path | None = None
+    """External loads, or ground reactions by the names of their columns; None: no leg's sensors are told of"""
+    ground_data: Path | None = None
+    """The file with the numbers of `ground`"""
 
 
 @dataclass(frozen=True)
@@ -77,10 +84,12 @@ class KneeGait(NamedTuple):
     """What was converted or left out"""
     body_weight: float | None
     """[N] of the model"""
+    leg: Leg | None = None
+    """What the leg's sensors would have told beside the knee's angle, where ground reactions are given"""
 
 
-def read_knee(side: str, files: Files, settings: Settings) -> KneeGait:
-    """Read one knee's gait.
+def read_knee(side: str, files: Files, settings: Settings, work: Path | None = None) -> KneeGait:
+    """Read one knee's gait, and with ground reactions, for which OpenSim runs in the folder `work`, its whole leg's.
 
     Raises:
         UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
@@ -95,11 +104,13 @@ def read_knee(side: str, files: Files, settings: Settings) -> KneeGait:
     angles, angle_notes = read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
     chosen = find_reaction(reactions, side, settings.joint)
     wrenches, wrench_notes = read_wrenches(reactions, chosen, side)
-    window = knee_gait.common_window(angles, wrenches, settings.start, settings.end)
+    told = read_sensors(kinematics, column, side, files, settings, work) if files.ground else None
+    ground_stamps = told.leg.ground.stamps if told else None
+    window = knee_gait.common_window(angles, wrenches, settings.start, settings.end, ground_stamps)
     rows = len(wrenches.stamps)
     if settings.rate:
         angles, wrenches = knee_gait.resample(angles, wrenches, window, settings.rate)
-        window_notes = [f"both interpolated linearly at {settings.rate:g} Hz"]
+        window_notes = [f"{'all' if told else 'both'} interpolated linearly at {settings.rate:g} Hz"]
     else:
         angles, wrenches = knee_gait.cut(angles, wrenches, window)
         outside = rows - len(wrenches.stamps)
@@ -107,14 +118,41 @@ def read_knee(side: str, files: Files, settings: Settings) -> KneeGait:
             outside > 0
         )
     columns = {"angle": column, "reaction": chosen.prefix + f"({' '.join(AXES)})"}
+    columns |= {"ground force": told.columns} if told else {}
     return KneeGait(
         side,
         knee_gait.with_rate(angles),
         wrenches,
         columns,
-        (*angle_notes, *wrench_notes, *window_notes),
+        (*angle_notes, *wrench_notes, *(told.notes if told else ()), *window_notes),
         facts.mass * GRAVITY if facts else None,
+        leg_within(told.leg, angles.stamps, window, settings) if told else None,
     )
+
+
+def read_sensors(
+    kinematics: Storage, column: str, side: str, files: Files, settings: Settings, work: Path | None
+) -> LegGait:
+    """What the leg's sensors would have told; `column` has the knee's angle.
+
+    Raises:
+        UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
+    """
+    assert files.ground is not None  # noqa: S101  (the caller has looked)
+    if files.model is None:
+        raise UsageError("--ground needs --model M.osim, which tells where the ankle is")
+    if work is None:
+        raise UsageError("ground reactions need a folder to work in")
+    ground = read_ground(files.ground, files.ground_data or data_file(files.ground), side)
+    joints = leg_joints(files.model, side, coordinate_of(column))
+    degrees = unit_of(kinematics, column, settings.angle_unit) == DEGREES
+    return read_leg(ground, kinematics, degrees, files.model, joints, work)
+
+
+def leg_within(leg: Leg, stamps: Stamps, window: tuple[int, int], settings: Settings) -> Leg:
+    """A leg at the stamps of the knee's angles, shape (n,); its ground's forces too, or those within the window."""
+    own = leg.ground.stamps
+    return leg_at(leg, stamps, stamps if settings.rate else own[(own >= window[0]) & (own <= window[1])])
 
 
 def read_angles(

@@ -11,13 +11,16 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.opensim.columns import LEFT, RIGHT
+from knee_contact_ros.tools.opensim.external_loads import data_file
 from knee_contact_ros.tools.opensim.opensim_pipeline import Run, opensim_version, plan, run_pipeline
+from knee_contact_ros.tools.opensim.opensim_process import check_opensim
 from knee_contact_ros.tools.opensim.opensim_quality import Check, assess
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings, read_knee
 from knee_contact_ros.tools.opensim.origin import origin_record
 from knee_contact_ros.tools.opensim.show import show_checks, show_knee, show_steps
 
 BOTH = "both"
+LOADS = "external_loads_file"
 RUN = "opensim"
 """Folder of the run in the work folder"""
 
@@ -42,14 +45,17 @@ def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: 
     left = options | {"rate": options["rate"] or None}
     pipeline = Pipeline(left.pop("setups"), tuple(filter(None, left.pop("steps").split(","))), left.pop("work"))
     results = {name: left.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
+    ground = left.pop("ground")
     sign = left.pop("angle_sign")
     settings = Settings(**left, angle_sign=None if sign == "auto" else int(sign))
     given = [f"--{name}" for name, path in results.items() if path is not None]
     if pipeline.setups:
         if given:
             raise UsageError(f"{given[0]} and --setup exclude each other: OpenSim's run gives its own")
-        import_run(side, pipeline, settings, output, overwrite)
+        import_run(side, pipeline, settings, output, overwrite, ground)
         return
+    if ground is not None:
+        results |= ground_files(ground, results["model"])
     if pipeline.steps or pipeline.work:
         raise UsageError("--steps and --work need --setup")
     for name in ("kinematics", "reactions"):
@@ -58,8 +64,36 @@ def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: 
     import_results(side, Files(**results), settings, output, overwrite)
 
 
-def import_run(side: str, pipeline: Pipeline, settings: Settings, output: Path, overwrite: bool) -> None:
+def ground_files(ground: str, model: Path | None) -> dict[str, Path]:
+    """Ground reactions, as --ground names them, and the file with their numbers, by the names of `Files`.
+
+    Raises:
+        UsageError: no name or no model is given, a file cannot be used, or OpenSim is not installed.
+    """
+    if not ground:
+        raise UsageError("--ground FILE is missing; only with --setup it is found")
+    if model is None:
+        raise UsageError("--ground needs --model M.osim, which tells where the ankle is")
+    check_opensim()
+    return {"ground": Path(ground), "ground_data": data_file(Path(ground))}
+
+
+def ground_of_run(ground: str, run: Run) -> dict[str, Path]:
+    """Likewise after a run, whose external loads are taken if --ground names none.
+
+    Raises:
+        UsageError: a file cannot be used.
+    """
+    loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
+    return {"ground": loads, "ground_data": data_file(loads, None if ground else run.folder)}
+
+
+def import_run(
+    side: str, pipeline: Pipeline, settings: Settings, output: Path, overwrite: bool, ground: str | None = None
+) -> None:
     """Run OpenSim's tools in a copy of the set-up files' folder, and import what comes of it.
+
+    With `ground` the leg's sensors too: of this file with ground reactions or, if it is empty, of the set-up's own.
 
     Raises:
         UsageError: a file or the output cannot be used, or a step has failed; no bag is then written.
@@ -68,13 +102,18 @@ def import_run(side: str, pipeline: Pipeline, settings: Settings, output: Path, 
     folder, setups = plan(pipeline.setups, pipeline.steps)
     if pipeline.work and pipeline.work.exists():
         raise UsageError(f"--work {pipeline.work} exists already; give a new folder")
+    if ground:
+        data_file(Path(ground))
+    elif ground is not None and not setups[-1].text(LOADS):
+        raise UsageError(f"--ground: {setups[-1].path} has no {LOADS}; give --ground FILE")
     with work_folder(output.parent) as work:
         with progress("OpenSim") as bar:
             run = run_pipeline(folder, setups, (pipeline.work or work / RUN).resolve(), bar)
         checks, fault = judge(run)
-        files = Files(run.kinematics, run.reactions, run.speeds, run.model)
+        of_ground = ground_of_run(ground, run) if ground is not None else {}
+        files = Files(run.kinematics, run.reactions, run.speeds, run.model, **of_ground)
         more = {"source": opensim_version(), **run_record(run, checks, fault)}
-        store([read_knee(name, files, settings) for name in bags], files, settings, bags, work, more)
+        store([read_knee(name, files, settings, work) for name in bags], files, settings, bags, work, more)
     show_steps(run)
     show_checks(checks, fault)
 
@@ -100,8 +139,8 @@ def import_results(side: str, files: Files, settings: Settings, output: Path, ov
         UsageError: a file or the output cannot be used; nothing is then written.
     """
     bags = outputs(side, output, settings, overwrite)
-    knees = [read_knee(name, files, settings) for name in bags]
     with work_folder(output.parent) as work:
+        knees = [read_knee(name, files, settings, work) for name in bags]
         store(knees, files, settings, bags, work, {})
 
 
@@ -116,7 +155,7 @@ def store(
     """Write bags by way of the folder `work`, and print what is in them; `more` goes into the metadata record."""
     for knee in knees:
         origin = origin_record(knee, files, settings, more)
-        write_bag(knee.side, knee.angles, knee.reactions, work / bags[knee.side].name, origin)
+        write_bag(knee.side, knee.angles, knee.reactions, work / bags[knee.side].name, origin, leg=knee.leg)
     for bag in bags.values():
         replace(work / bag.name, bag)
     for knee in knees:

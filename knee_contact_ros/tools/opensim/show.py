@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.offline.gait_files.leg_gait import Leg
 from knee_contact_ros.offline.gait_files.storage import Stamps
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.system.terminal import WIDTH, say, shown
@@ -36,12 +37,23 @@ def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
     rows.add_row("", f"{span(knee.angles.stamps)}, {degrees.min():.1f} to {degrees.max():.1f} deg")
     rows.add_row("reaction", shown(f"{knee.columns['reaction']} of {files.reactions.name}"))
     rows.add_row("", span(knee.reactions.stamps))
+    if knee.leg:
+        add_leg(rows, knee, knee.leg, files)
     if knee.body_weight:
         rows.add_row("body weight", f"{knee.body_weight:.1f} N, of the model's mass")
     console.print(rows, highlight=False)
     console.print(peak_table(knee), highlight=False)
     for line in (*(f"- {note}" for note in knee.notes), "", f"Bag: {bag}", ""):
         say(line, hang=2)
+
+
+def add_leg(rows: Table, knee: KneeGait, leg: Leg, files: Files) -> None:
+    """Rows on what the leg's sensors would have told."""
+    hip, ankle = (np.degrees(angles.angle) for angles in (leg.hip, leg.ankle))
+    rows.add_row("ground", shown(f"{knee.columns['ground force']} of {(files.ground_data or files.reactions).name}"))
+    rows.add_row("", f"{span(leg.ground.stamps)}, {leg.ground.force[:, 1].max():.1f} N upwards at most")
+    rows.add_row("hip", f"{hip.min():.1f} to {hip.max():.1f} deg to the vertical")
+    rows.add_row("ankle", f"{ankle.min():.1f} to {ankle.max():.1f} deg")
 
 
 def span(stamps: Stamps) -> str:
