@@ -21,11 +21,12 @@ from knee_contact_ros.parameters.reading import all_values, load_parameters, var
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
-TICKS_A_BLOCK = 400_000
-"""Of a block of cases: some tenth of a second of a worker, ten times what a block costs by itself"""
+TICKS_A_BLOCK = 800_000
+"""Of a block of cases: more than a tenth of a second of a worker, ten times what a block costs by itself"""
 LEAST, PARTS = 8, 16
 """Cases of a block at least, and into how many blocks a small study is divided"""
-BLOCKS_A_STRETCH = 16
+BLOCKS_A_STRETCH = 4
+"""Whose keys are made before the first of them is computed"""
 NAME_FILES = (".profile", ".table", ".share_file")
 """How the names of parameters end that name files"""
 BYTES_A_TICK = 100

@@ -120,12 +120,13 @@ def _kind(side: Side) -> tuple[Any, ...]:
 
 def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Computed]:
     """Cases of one kind, in blocks."""
-    count = _at_once(len(recording.steps), how) * max(how.threads, 1)
+    count = min(_at_once(len(recording.steps), how) * max(how.threads, 1), len(cases))
+    memory = [np.zeros((count, len(recording.steps)), ROW) for _ in cases[0].sides]  # new one takes long to be had
     found = []
     for begin in range(0, len(cases), count):
         part = cases[begin : begin + count]
         sides = [list(own) for own in zip(*(case.sides for case in part), strict=True)]
-        answers = [_answers(recording, own, how) for own in sides]
+        answers = [_answers(recording, own, rows[: len(part)], how) for own, rows in zip(sides, memory, strict=True)]
         rows = [
             outcomes(of_side, recording.steps, [side.law for side in own], [side.patch for side in own])
             for of_side, own in zip(answers, sides, strict=True)
@@ -149,9 +150,8 @@ def _at_once(answers: int, how: _How) -> int:
     return count - count % LANES if count >= LANES else max(count, min(LANES, LARGEST // answers))
 
 
-def _answers(recording: Recording, sides: list[Side], how: _How) -> Rows:
-    """The answers of k compartments of one kind, shape (k, n)."""
-    answers = np.zeros((len(sides), len(recording.steps)), ROW)
+def _answers(recording: Recording, sides: list[Side], answers: Rows, how: _How) -> Rows:
+    """The answers of k compartments of one kind, shape (k, n), in memory for them: zeros, or answers of others."""
     loads = np.stack([side.loads for side in sides])
     for begin, end in zip(recording.begins, recording.begins[1:], strict=False):
         ours, whole = slice(begin, end), end - begin == len(recording.steps)
