@@ -2,9 +2,9 @@
 
     python -m studies.sensor_latency [--rate HZ] [--rounds N] [--duration S]
 
-Three ways in turn, each started anew for every round, all recording to MCAP: the contact node alone, fed with the joint
-reaction; the load node and the contact node in one process (`load --with-contact`), fed with joints and ground force;
-the two in a process each. Leave the machine alone meanwhile, and read the ratios.
+Three ways in turn, each started anew for every round; in all of them the contact node records. It alone, fed with the
+joint reaction; the load node and it in one process (`load --with-contact`), fed with joints and ground force; the two in
+a process each. Leave the machine alone meanwhile, and read the ratios.
 """
 
 from __future__ import annotations
@@ -59,11 +59,10 @@ class Way(NamedTuple):
 
 
 def start(commands: tuple[tuple[str, ...], ...], work: Path, patience: float) -> AbstractContextManager[Child]:
-    """Nodes that record, each command in a process; the first one is given."""
+    """Nodes, each command in a process; the first one is given."""
     files = [CONFIG / "load" / "inverse_dynamics.yaml", CONFIG / "healthy.yaml"]
-    records = [f"{node}:record.path:={work / node}.mcap" for node in ("knee_load", "knee_contact")]
     rest = ["--ros-args", *(word for file in files for word in ("--params-file", str(file)))]
-    rest += [word for record in records for word in ("-p", record)]
+    rest += ["-p", f"knee_contact:record.path:={work / 'contact.mcap'}"]
 
     @contextmanager
     def started() -> Iterator[Child]:
