@@ -3,8 +3,8 @@
     python -m studies.sensor_latency [--rate HZ] [--rounds N] [--duration S]
 
 Three ways in turn, each started anew for every round; in all of them the contact node records. It alone, fed with the
-joint reaction; the load node and it in one process (`load --with-contact`), fed with joints and ground force; the two in
-a process each. Leave the machine alone meanwhile, and read the ratios.
+joint reaction; the load node and it in one process (`load --with-contact`), fed with joints and ground force; the two
+in a process each. Leave the machine alone meanwhile, and read the ratios.
 """
 
 from __future__ import annotations
