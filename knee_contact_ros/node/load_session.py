@@ -99,17 +99,24 @@ class LoadSession(Session):
         return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
     def _on_joint_state(self, data: bytes) -> None:
-        self._takers.angles.give(data)
-        super()._on_joint_state(data)
+        try:
+            self._takers.angles.give(data)
+        finally:  # what fails there is told, and no reason to lose anything here
+            super()._on_joint_state(data)
 
     def _publish(self, pair: PairedSample) -> None:
-        clock = time.perf_counter
-        begin = clock()
+        begin = time.perf_counter()
         messages = self.pipeline.compute(pair)
+        try:
+            self._takers.forces.give(messages[0])  # whoever takes it publishes what somebody waits for
+        finally:
+            self._tell(pair, messages, begin)
+
+    def _tell(self, pair: PairedSample, messages: list[bytes], begin: float) -> None:
+        """Publish and record the tick that began at a time [s], and count it."""
         reaction, estimate = messages
-        self._takers.forces.give(reaction)  # whoever takes it publishes what somebody waits for
         self._reaction.publish(reaction)
-        end = clock()
+        end = time.perf_counter()
         latency = end - pair.load.arrived
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))

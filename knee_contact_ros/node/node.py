@@ -28,6 +28,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
 
+ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
 """How often [s] the main loop looks for a signal to stop."""
 FAILURE_LOG_PERIOD = 5.0
@@ -181,6 +182,8 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     Raises:
         UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
     """
+    if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would pass them over, and the node run without them
+        raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, behind {ROS_ARGUMENTS}")
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
             for kind in kinds:

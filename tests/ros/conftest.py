@@ -68,7 +68,7 @@ class NodeProcess:
         """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command."""
         command = ["-c", WITHOUT.format(without)] if without else ["-m", "knee_contact_ros.cli.main"]
         self.process = subprocess.Popen(
-            [sys.executable, *command, kind, "--ros-args", *arguments],
+            [sys.executable, *command, *kind.split(), "--ros-args", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

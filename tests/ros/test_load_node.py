@@ -24,6 +24,7 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
+from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import encode_wrench_stamped
 from knee_contact_ros.messages.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
@@ -38,6 +39,7 @@ Start = Callable[..., NodeProcess]
 NODE = "knee_load"
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
 REACTION, ESTIMATE = list(TYPES)[2:]
+NODE_CONTACT = "knee_contact"
 PATIENT = {"pairing.wait": 5.0}
 """No force is given up while this machine is busy"""
 WALK = walk(80)
@@ -282,3 +284,39 @@ def test_sensors_to_load_to_contact_are_estimate_load_and_solve(
     answers = raw(tmp_path / "contact.mcap", {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]})
     assert leg.contacts == [deserialize_message(message.data, KneeContact) for message in answers]
     assert {"knee_load: ticks", "knee_contact: ticks"} <= set(leg.diagnostics)
+
+
+def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
+    leg: LegPeer, start_node: Start, tmp_path: Path
+) -> None:
+    """The contact node rests and is made anew while the load node goes on: it answers what is handed over then."""
+    given = {f"knee_load:{name}": value for name, value in (WHOLE_LEG | PATIENT).items()}
+    node = start_node(*arguments(given | {f"{NODE_CONTACT}:pairing.wait": 5.0}), kind="load --with-contact")
+    leg.wait_for_load_node()
+    leg.wait_until(lambda: leg.node.count_publishers(KNEE_CONTACT))
+    leg.send_sensed(WALK[:40])
+    leg.wait_until(lambda: len(leg.contacts) == 20)
+    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE_CONTACT)
+    leg.send_sensed(WALK[40:80])
+    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE_CONTACT)
+    leg.send_sensed(WALK[80:100])
+    leg.wait_until(lambda: len(leg.contacts) == 30)
+    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE_CONTACT)
+    assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE_CONTACT)
+    assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE_CONTACT)
+    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE_CONTACT)
+    leg.send_sensed(WALK[100:])
+    leg.wait_until(lambda: len(leg.contacts) == 60)
+    loads = offline(tmp_path, WALK, WHOLE_LEG)
+    assert leg.heard[ESTIMATE] == told(loads, ESTIMATE)
+    solve(loads, load_parameters({}), tmp_path / "contact.mcap", silent)
+    answers = raw(tmp_path / "contact.mcap", {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]})
+    assert leg.contacts[:20] == [deserialize_message(message.data, KneeContact) for message in answers[:20]]
+    assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
+    assert node.stop()[0] == 0
+
+
+@pytest.mark.parametrize("kind", ["load", "node"])
+def test_arguments_that_ros_would_pass_over_are_refused(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([kind, "-p", "person.mass:=70"]) == 2
+    assert capsys.readouterr().err == "knee-contact: -p: the node takes ROS arguments only, behind --ros-args\n"
