@@ -38,7 +38,7 @@ class Peer(NamedTuple):
 
 OURS = Peer(
     "knee-contact", "knee_contact_ros", "knee_contact_ros", "studies.cohorts.ours",
-    "`KneeModel.run` for one knee after the other, models built beforehand; gives contact point, force, error estimate "
+    "The batch kernel of `sweep`, models built beforehand; gives contact point, force, error estimate "
     "and the rest besides the depth. \"As promised\" is the tolerance that a user asks for who has no reference",
 )  # fmt: skip
 PEERS = (
