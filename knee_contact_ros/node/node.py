@@ -81,7 +81,7 @@ class ManagedNode(LifecycleNode):
             kind.reading.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
         )
         self.node_parameters = NodeParameters(self, kind)
-        self._kind = kind
+        self.kind = kind
         self.session: Session | None = None
         self.complete = True
         """Whether the outputs of the last session are complete as far as they went"""
@@ -109,7 +109,7 @@ class ManagedNode(LifecycleNode):
             KeyboardInterrupt: the process has been told to stop while it compiled.
         """
         try:
-            self.session = self._kind.session(self, self.node_parameters.read(), given_by_user(self))
+            self.session = self.kind.session(self, self.node_parameters.read(), given_by_user(self))
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()
                 self.session.make_ready()
@@ -197,17 +197,58 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     stop, nodes = Stop(), list[ManagedNode]()
     try:
         with joining():
-            nodes += [ManagedNode(kind, stop) for kind in kinds]
+            for kind in kinds:
+                nodes.append(made(kind, stop, tell_name=len(kinds) > 1))
+        check_names(nodes)
         start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
         while not stop.asked:
             spin(executor, nodes[0])
     finally:
-        for node in nodes:
-            node.finish()  # whatever has happened: what was recorded is completed
-            node.destroy_node()
+        finish(nodes)  # whatever has happened: what was recorded is completed
         rclpy.shutdown()
     return 0 if all(node.complete for node in nodes) else 1
+
+
+def made(kind: NodeKind, stop: Stop, tell_name: bool) -> ManagedNode:
+    """A node; where a process has several, what is wrong tells of which.
+
+    Raises:
+        UsageError: see `ManagedNode`.
+    """
+    try:
+        return ManagedNode(kind, stop)
+    except UsageError as error:
+        raise UsageError(f"{kind.reading.node}: {error}" if tell_name else str(error)) from None
+
+
+def finish(nodes: Sequence[ManagedNode]) -> None:
+    """End nodes; all outputs are told to end before one is waited for."""
+    for session in [node.session for node in nodes if node.session]:
+        session.end()
+    for node in nodes:
+        node.finish()
+        node.destroy_node()
+
+
+def check_names(nodes: Sequence[ManagedNode]) -> None:
+    """Check that nodes in one process can be told apart, and that each hears what the one before it hands over.
+
+    Raises:
+        UsageError: two have the same name, or a topic has another name for the one than for the other.
+    """
+    for giver, taker in pairwise(nodes):
+        names = giver.get_fully_qualified_name(), taker.get_fully_qualified_name()
+        if names[0] == names[1]:
+            own = giver.kind.reading.node
+            raise UsageError(f"two nodes would have the name {names[0]}; rename one of them, as -r {own}:__node:=NAME")
+        for topic in sorted({*giver.kind.topics.inputs, *giver.kind.topics.outputs} & {*taker.kind.topics.inputs}):
+            given, taken = giver.resolve_topic_name(topic), taker.resolve_topic_name(topic)
+            if given != taken:
+                raise UsageError(
+                    f"in one process {names[1]} takes {given} from {names[0]}, and cannot listen to {taken}: give both "
+                    "the same names and namespace, or run each in a process of its own"
+                )
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from importlib import import_module
@@ -35,6 +36,8 @@ class Outputs:
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
+        self._deadline = math.inf
+        """Until when [s, monotonic] `close` waits, once all were told to end"""
         described = [
             (sink_of(section, knee), queue_of(section, knee.parameters))
             for section in sections_of_outputs(type(knee.parameters))
@@ -116,13 +119,20 @@ class Outputs:
         for name, sink in self._sinks.items():
             yield name, sink.diagnostics(), *sink.problem()
 
-    def close(self, ending: Ending) -> bool:
-        """Complete all files, for so long as `sinks.process.PATIENCE` says; whether none had to be given up."""
-        deadline = time.monotonic() + PATIENCE
-        sinks = [*self._ending, *self._sinks.values()]
-        self._ending, self._sinks = [], {}
-        for sink in sinks:
+    def end(self, ending: Ending) -> None:
+        """Have all files completed, without waiting for that."""
+        self._deadline = min(self._deadline, time.monotonic() + PATIENCE)
+        for sink in [*self._ending, *self._sinks.values()]:
             sink.end(ending)
+
+    def close(self, ending: Ending) -> bool:
+        """Complete all files; whether none had to be given up.
+
+        That takes as long as `sinks.process.PATIENCE` says at most, from `end` on if that was called before.
+        """
+        self.end(ending)
+        sinks, deadline = [*self._ending, *self._sinks.values()], self._deadline
+        self._ending, self._sinks, self._deadline = [], {}, math.inf
         for sink in sinks:
             sink.wait(deadline)
         return not any(sink.given_up for sink in sinks)

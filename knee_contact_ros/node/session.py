@@ -6,7 +6,7 @@ import gc
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -45,6 +45,9 @@ def deserialize(data: bytes, topic: str) -> Any:
 
 class Session(ABC):
     """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
+
+    streaming: ClassVar[set[Session]] = set()
+    """Those of this process that are started: the garbage collector is off as long as there is one"""
 
     def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Intake, health: Health) -> None:
         """A session whose inputs and outputs are still to be opened; `parameters` are those of the kind of node."""
@@ -120,9 +123,11 @@ class Session(ABC):
     def start(self) -> None:
         """Listen."""
         # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        gc.unfreeze()  # what an earlier session has left while another one streams
         gc.collect()
         gc.freeze()
         gc.disable()
+        self.streaming.add(self)
         if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
             self._reset()
         for stream in self.inputs:
@@ -141,8 +146,10 @@ class Session(ABC):
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
             self.pipeline.frame.forget()
-        gc.enable()
-        gc.unfreeze()
+        self.streaming.discard(self)
+        if not self.streaming:
+            gc.enable()
+            gc.unfreeze()
         for stream in self.inputs:
             stream.close()
         for timer in self._timers:
@@ -158,6 +165,11 @@ class Session(ABC):
     @abstractmethod
     def _go_on_with(self, parameters: Any) -> None:
         """Have the pipeline go on with other numbers."""
+
+    def end(self) -> None:
+        """Stop, and have the files completed, without waiting for that."""
+        self.stop()
+        self.outputs.end(self.pipeline.ending())
 
     def close(self) -> bool:
         """Complete the files; whether none had to be given up."""

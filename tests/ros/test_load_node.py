@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.sinks.process import PATIENCE
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 
@@ -320,3 +322,45 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
 def test_arguments_that_ros_would_pass_over_are_refused(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([kind, "-p", "person.mass:=70"]) == 2
     assert capsys.readouterr().err == "knee-contact: -p: the node takes ROS arguments only, behind --ros-args\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["-p", "person.mass:=70.0"], "knee_contact: unknown parameter person.mass; did you mean femur.mass?"),
+        (["-r", "__node:=leg"], "two nodes would have the name /leg; rename one of them, as -r knee_load:__node:=NAME"),
+        (
+            ["-r", "knee_contact:joint_reaction_force:=/measured"],
+            "/knee_contact takes /joint_reaction_force from /knee_load, and cannot listen to /measured: give both",
+        ),
+        (
+            ["-r", "knee_load:__ns:=/left"],
+            "/knee_contact takes /left/joint_reaction_force from /left/knee_load, and cannot listen to /joint_reac",
+        ),
+    ],
+)
+def test_two_nodes_in_one_process_that_do_not_fit_each_other_end_at_once(
+    start_node: Start, words: list[str], said: str
+) -> None:
+    code, output = start_node(*words, kind="load --with-contact").wait()
+    assert code == 2
+    assert said in output
+    assert "Traceback" not in output
+
+
+def test_recorders_that_stand_still_are_waited_for_together(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
+    """Not the one after the other: both nodes of a process end in the time that one takes."""
+    paths = {f"{name}:record.path": tmp_path / f"{name}.mcap" for name in (NODE, NODE_CONTACT)}
+    node = start_node(*arguments(paths), kind="load --with-contact")
+    leg.wait_for_load_node()
+    leg.wait_until(lambda: leg.node.count_publishers(KNEE_CONTACT))
+    leg.send_sensed(WALK[:40])
+    recorders = psutil.Process(node.process.pid).children(recursive=True)
+    assert len(recorders) == 2
+    for recorder in recorders:
+        recorder.suspend()
+    begin = time.monotonic()
+    code, output = node.stop(signal.SIGTERM)
+    assert code == 1
+    assert output.count("its process stood still when it was to end") == 2
+    assert time.monotonic() - begin < 2 * PATIENCE
