@@ -187,7 +187,8 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
             for kind in kinds:
-                kind.reading.check_file(Path(path))
+                with of_node(kind, kinds):
+                    kind.reading.check_file(Path(path))
     try:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it
@@ -198,7 +199,8 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     try:
         with joining():
             for kind in kinds:
-                nodes.append(made(kind, stop, tell_name=len(kinds) > 1))
+                with of_node(kind, kinds):
+                    nodes.append(ManagedNode(kind, stop))
         check_names(nodes)
         start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
@@ -210,16 +212,13 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     return 0 if all(node.complete for node in nodes) else 1
 
 
-def made(kind: NodeKind, stop: Stop, tell_name: bool) -> ManagedNode:
-    """A node; where a process has several, what is wrong tells of which.
-
-    Raises:
-        UsageError: see `ManagedNode`.
-    """
+@contextmanager
+def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
+    """Where a process has nodes of several kinds, have what is wrong with one tell with which."""
     try:
-        return ManagedNode(kind, stop)
+        yield
     except UsageError as error:
-        raise UsageError(f"{kind.reading.node}: {error}" if tell_name else str(error)) from None
+        raise UsageError(f"{kind.reading.node}: {error}" if len(kinds) > 1 else str(error)) from None
 
 
 def finish(nodes: Sequence[ManagedNode]) -> None:
