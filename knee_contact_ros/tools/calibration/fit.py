@@ -164,9 +164,10 @@ def _starts(problem: Problem, loss: str, noise: Noise, number: int) -> list[Floa
 
 
 def _spread(column: Floats) -> float:
-    """A first size of a column's noise: something of the right order."""
+    """A first size of a column's noise: something of the right order. Equal values spread by roundings, by no noise."""
     known = column[np.isfinite(column)]
-    return float(np.std(known)) or float(np.abs(known).max()) or 1.0
+    spread, largest = float(np.std(known)), float(np.abs(known).max())
+    return spread if spread > LEAST_NOISE * largest else largest or 1.0
 
 
 def _check_effects(problem: Problem, noise: Noise) -> None:

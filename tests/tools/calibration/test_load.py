@@ -86,6 +86,17 @@ def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> N
     assert fitted(trial(tmp_path, 2)).warnings == ()
 
 
+def test_a_reference_without_any_noise_or_motion_is_fitted_all_the_same(tmp_path: Path) -> None:
+    """The spread of equal values is that of roundings, beside which every misfit is beyond all models."""
+    flexion, ground = walk(200, standing=True)
+    axial = 1051.6123456789
+    assert 0.0 < np.std(np.full(200, axial)) < 1e-12
+    bag = write_sensors(tmp_path / "b.mcap", flexion, ground, {EPOCH + STEP * place: axial for place in range(200)})
+    tone = fitted(bag, ["person.tone"]).values["person.tone"]
+    told = estimate_load(bag, {**BODY, "person.tone": tone})
+    assert told["axial_force"] == pytest.approx(np.full(200, axial), rel=1e-6)
+
+
 def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(tmp_path: Path) -> None:
     flexion, ground = walk(400)
     whole = trial(tmp_path, 3, size=0.0)
