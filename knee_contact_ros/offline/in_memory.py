@@ -110,15 +110,24 @@ def asked_in_python(
     Raises:
         UsageError: one of them cannot be used.
     """
-    for name, mapping in (("values", values), ("remap", remap)):
-        if mapping is not None and not isinstance(mapping, Mapping):
-            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
+    check_mappings(values, remap)
     person = Subject(expanded(str(subject))) if subject else None
     path = expanded(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
     how = asked_of(path, params, dotted(values or {}), person)
     return path, how, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+
+
+def check_mappings(values: object, remap: object) -> None:
+    """Refuse arguments of `solve` and `estimate_load` that are no mappings.
+
+    Raises:
+        UsageError: one is none.
+    """
+    for name, mapping in (("values", values), ("remap", remap)):
+        if mapping is not None and not isinstance(mapping, Mapping):
+            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
 
 
 def _joined(blocks: Sequence[Rows]) -> Results:

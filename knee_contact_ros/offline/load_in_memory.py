@@ -16,7 +16,7 @@ from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.topics import LOAD_INPUTS
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-from knee_contact_ros.offline.in_memory import in_python, in_python_words
+from knee_contact_ros.offline.in_memory import check_mappings, in_python, in_python_words
 from knee_contact_ros.parameters.declared import dotted
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.system.output_files import checked_output
@@ -57,6 +57,7 @@ def estimate_load(
     """
     path = expanded(str(bag))
     with in_python_words():
+        check_mappings(values, remap)
         parameters = LOAD_READING.load([*_parts(params), dotted(values or {})])
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
