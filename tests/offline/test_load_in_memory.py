@@ -29,7 +29,7 @@ def test_what_is_wrong_is_said_in_python(tmp_path: Path) -> None:
     bag = walking_bag(tmp_path / "in.mcap", walk())
     with pytest.raises(knee_contact_ros.UsageError, match=r"did you mean person\.mass"):
         knee_contact_ros.estimate_load(bag, values={"persn.mass": 60.0})
-    with pytest.raises(knee_contact_ros.UsageError, match="remap: .* is not allowed; a mapping"):
+    with pytest.raises(knee_contact_ros.UsageError, match=r"remap: .* is not allowed; a mapping"):
         knee_contact_ros.estimate_load(bag, remap=["joint_states"])  # type: ignore[arg-type]
     with pytest.raises(knee_contact_ros.UsageError, match="is no input; FROM must be joint_states or ground_reaction"):
         knee_contact_ros.estimate_load(bag, remap={"joint_reaction_force": "/force"})
