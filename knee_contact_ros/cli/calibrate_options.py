@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from knee_contact_ros.cli.options import DEFAULT_PARAMETERS, together
+from knee_contact_ros.cli.options import DEFAULT_PARAMETERS, parameter_files_option, together
 from knee_contact_ros.cli.output_option import Output
 
-calibrate_parameter_files = click.option(
-    "--params",
-    "parameter_files",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Parameter file; can be given several times, the later one wins. A name that is not found here is looked up "
-    f"among the package's own. [default: {DEFAULT_PARAMETERS}; with a BAG the load node's defaults]",
-)
+calibrate_parameter_files = parameter_files_option("", f"{DEFAULT_PARAMETERS}; with a BAG the load node's defaults")
 calibrate_options = together(
     click.option(
         "--free",

@@ -16,15 +16,21 @@ CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-parameter_files = click.option(
-    "--params",
-    "parameter_files",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Parameter file; can be given several times, the later one wins. A name that is not found here "
-    f"is looked up among the package's own, as osteoarthritis. [default: {DEFAULT_PARAMETERS}]",
-)
+
+def parameter_files_option(own: str, default: str) -> Callable[[Function], Function]:
+    """The option `--params`; `own` says which files of the package there are."""
+    return click.option(
+        "--params",
+        "parameter_files",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Parameter file; can be given several times, the later one wins. A name that is not found here "
+        f"is looked up among the package's own{own}. [default: {default}]",
+    )
+
+
+parameter_files = parameter_files_option(", as osteoarthritis", DEFAULT_PARAMETERS)
 parameter_values = click.option(
     "-p",
     "parameter_values",

@@ -7,19 +7,12 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.options import found_file, names_in_bag_options, parameter_values
+from knee_contact_ros.cli.options import found_file, names_in_bag_options, parameter_files_option, parameter_values
 from knee_contact_ros.cli.output_option import Output
 from knee_contact_ros.system.errors import IncompleteError
 
-load_parameter_files = click.option(
-    "--params",
-    "parameter_files",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Parameter file; can be given several times, the later one wins. A name that is not found here is looked up "
-    "among the package's own: load/insole, load/inverse_dynamics, load/gait2354. [default: the knee and a vertical "
-    "force]",
+load_parameter_files = parameter_files_option(
+    ": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force"
 )
 
 
