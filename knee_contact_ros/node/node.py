@@ -6,7 +6,6 @@ default) it does both by itself.
 
 from __future__ import annotations
 
-import signal
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -24,6 +23,7 @@ from knee_contact_ros.node.kind import NodeKind
 from knee_contact_ros.node.parameters import NodeParameters
 from knee_contact_ros.node.qos_overrides import given_by_user
 from knee_contact_ros.node.session import Session
+from knee_contact_ros.node.stop import Stop
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
@@ -32,40 +32,8 @@ ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
 """How often [s] the main loop looks for a signal to stop."""
 FAILURE_LOG_PERIOD = 5.0
-MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
-"""Signals that would end a process that does not care for them"""
 Answer = Callable[[Any, Any], Any]
 """A service's callback: request and empty response to response"""
-
-
-class Stop:
-    """The signals that end the node: noted; while the model compiles the first one interrupts. Others do not end it."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._interrupts = False
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if (number, signal.getsignal(number)) != (signal.SIGHUP, signal.SIG_IGN):  # as nohup has it
-                signal.signal(number, self._on_signal)
-        for number in MEANINGLESS:
-            signal.signal(number, signal.SIG_IGN)
-
-    @contextmanager
-    def interrupting(self) -> Iterator[None]:
-        """Let the first signal raise KeyboardInterrupt meanwhile; so does one that has come before."""
-        self._interrupts = True
-        try:
-            if self.asked:
-                raise KeyboardInterrupt
-            yield
-        finally:
-            self._interrupts = False
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self.asked = True
-        if self._interrupts:
-            self._interrupts = False  # another one must not interrupt what clears up behind this one
-            raise KeyboardInterrupt
 
 
 class ManagedNode(LifecycleNode):
