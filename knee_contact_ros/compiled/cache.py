@@ -32,7 +32,7 @@ from knee_contact_ros.core.kernel_source import FUNCTIONS
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
 """Modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
-KEEPING = ("cache.py", "choice.py", "kernel_folder.py", "turns.py")
+KEEPING = ("ahead.py", "cache.py", "choice.py", "kernel_folder.py", "turns.py")
 """Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
 
 NOT_KEPT = "what was compiled is not kept"

@@ -139,6 +139,9 @@ class ContactSession(Session):
         self.node.get_logger().info(
             "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
         )
+        from knee_contact_ros.compiled.ahead import compile_ahead  # half a second to import
+
+        compile_ahead(each.model.scene for each in self.pipeline.compartments)
         self.pipeline.compile()
 
     def stop(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import click
@@ -19,25 +18,29 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     For the image of a robot, say. Without --params and -p: for each of the package's own parameter files. What is
     compiled is kept in $XDG_CACHE_HOME/knee_contact_ros, else in ~/.cache/knee_contact_ros, for all installations of
     this version of the model and its compiler on this kind of processor. What is kept already is left as it is.
+    Each processor compiles one kind of knee at a time.
     """
+    from knee_contact_ros.compiled.ahead import compile_ahead
     from knee_contact_ros.compiled.kernel import is_kept, kernel_folder
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.parameters.reading import Source
     from knee_contact_ros.system.errors import IncompleteError
     from knee_contact_ros.system.resources import shipped_parameter_files
     from knee_contact_ros.system.ros_arguments import parameters_of
-    from knee_contact_ros.system.terminal import say
+    from knee_contact_ros.system.terminal import busy, say
 
     asked: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
     if parameter_files or parameter_values:
         names = ", ".join([*map(str, parameter_files), *parameter_values])
         asked = {names: [*found(parameter_files), parameters_of(parameter_values)]}
-    for name, source in asked.items():
-        model = load_model(source, compiled=True)
-        before, begun = is_kept(model.scene), time.monotonic()
+    models = {name: load_model(source, compiled=True) for name, source in asked.items()}
+    missing = [name for name, model in models.items() if not is_kept(model.scene)]
+    if missing:
+        with busy(f"compiling for {', '.join(missing)}"):
+            compile_ahead(models[name].scene for name in missing)
+    for name, model in models.items():
         model.stream()
-        seconds = time.monotonic() - begun
-        say(f"{name}: {'was there already' if before else 'compiled'} ({seconds:.1f} s)")
+        say(f"{name}: {'compiled' if name in missing else 'was there already'}")
         if not is_kept(model.scene, only_on_disk=True):
             raise IncompleteError(f"what was compiled could not be kept in {kernel_folder()}")
     say(f"kept in {kernel_folder()}")
