@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
 from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
-from knee_contact_ros.compiled.choice import telling_of, worth_compiling
+from knee_contact_ros.compiled.choice import compiler_works, telling_of, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.types import ROW, Rows, Status
 from knee_contact_ros.parameters.schema import Parameters
@@ -168,7 +168,7 @@ def _answers(recording: Recording, sides: list[Side], answers: Rows, how: _How) 
 def _run(sides: list[Side], columns: tuple[Floats, ...], answers: Rows, how: _How) -> None:
     """Fill the answers of k compartments from rest, shape (k, n)."""
     scenes, (steps, angles, loads, heights) = [side.scene for side in sides], columns
-    if how.compiled:
+    if how.compiled and compiler_works():
         from knee_contact_ros.compiled.batch import run_batch  # half a second to import
 
         run_batch(

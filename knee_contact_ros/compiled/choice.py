@@ -6,10 +6,12 @@ Both give the same bits. Nothing here imports the compiler before it is wanted.
 from __future__ import annotations
 
 import functools
+import logging
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from knee_contact_ros.core.contact_pairs import CurveContact
@@ -20,6 +22,8 @@ from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import Memory
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.system.terminal import busy
+
+_log = logging.getLogger(__name__)
 
 
 class Cost(NamedTuple):
@@ -49,7 +53,21 @@ def worth_compiling(scene: Scene, ticks: int) -> bool:
     plain = ticks * cost.tick
     if plain < LOADING and _KERNEL not in sys.modules:
         return False
-    return plain > cost.compiling or _is_kept(scene)
+    return compiler_works() and (plain > cost.compiling or _is_kept(scene))
+
+
+@functools.cache
+def compiler_works() -> bool:
+    """Whether Numba can be used; if not, that is told once, and all is computed by the plain kernel."""
+    try:
+        import_module(_KERNEL)
+    except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
+        _log.warning(
+            "knee_contact_ros: Numba cannot be used (%s: %s); nothing is compiled, which gives the same answers, some "
+            "hundred times slower", type(error).__name__, " ".join(str(error).split()),
+        )  # fmt: skip
+        return False
+    return True
 
 
 def chosen(model: KneeModel) -> KneeModel:
@@ -61,7 +79,7 @@ def chosen(model: KneeModel) -> KneeModel:
 
 
 def forced(model: KneeModel) -> KneeModel:
-    """The same model with the compiled kernel, whatever that takes; compiling is told on stderr."""
+    """The same model with the compiled kernel, whatever that takes, if there can be one; that is told on stderr."""
     return replace(model, kernel=_compiled(model.scene))
 
 
@@ -81,12 +99,16 @@ _KERNEL = "knee_contact_ros.compiled.kernel"
 
 
 def _is_kept(scene: Scene) -> bool:
+    if not compiler_works():
+        return False
     from knee_contact_ros.compiled.kernel import is_kept
 
     return is_kept(scene)
 
 
 def _compiled(scene: Scene) -> Kernel:
+    if not compiler_works():
+        return PLAIN
     from knee_contact_ros.compiled.kernel import compiled_kernel
 
     return compiled_kernel(telling_of(scene))

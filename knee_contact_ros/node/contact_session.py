@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
+from knee_contact_ros.compiled.choice import compiler_works
 from knee_contact_ros.core.types import ROW, reader
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
 from knee_contact_ros.messages.topics import (
@@ -135,7 +136,9 @@ class ContactSession(Session):
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
 
     def make_ready(self) -> None:
-        """Compile the model's kernel."""
+        """Compile the model's kernel; where that cannot be, the plain one computes."""
+        if not compiler_works():
+            return
         self.node.get_logger().info(
             "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
         )

@@ -132,3 +132,27 @@ def test_compiling_is_told_once_in_a_line_and_loading_is_not(tmp_path: Path) -> 
     lines = said(tmp_path / "file" / "home")  # nothing can be kept there
     assert [line for line in lines if line.endswith("what was compiled is not kept")] == []
     assert json.dumps(lines).count("cannot be read: Not a directory") == 2
+
+
+WITHOUT_NUMBA = """
+import sys
+sys.modules["numba"] = None
+import numpy as np
+import knee_contact_ros
+
+time = np.arange(0.0, 0.3, 0.005)
+series = (time, 0.4 + 0.3 * np.sin(7.0 * time), 900.0 + 600.0 * np.sin(13.0 * time))
+model = knee_contact_ros.load_model(compiled=True)
+print(model.run(*series).tobytes().hex())
+stream = knee_contact_ros.load_model().stream()
+print(stream.tick(0.0, 0.4, 900.0).tobytes().hex())
+"""
+
+
+def test_without_numba_all_goes_on_uncompiled_with_one_warning() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT_NUMBA], capture_output=True, text=True, check=True)
+    answers = [bytes.fromhex(line) for line in done.stdout.splitlines()]
+    expected = model(compiled=False).run(*SERIES)
+    assert answers == [expected.tobytes(), expected[:1].tobytes()]
+    (warning,) = done.stderr.splitlines()
+    assert warning.startswith("knee_contact_ros: Numba cannot be used (ModuleNotFoundError: ")

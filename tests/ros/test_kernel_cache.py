@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.compiled import cache
-from tests.ros.conftest import NodeProcess
+from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.series import send_all
 
 PARAMETERS = {"contact.law": "kelvin_voigt", "femur.geometry": "circle", "tibia.geometry": "plane"}
 """What other tests have compiled already"""
@@ -63,3 +64,13 @@ def test_a_kernel_that_was_not_written_to_its_end_is_compiled_again(
     assert line == f"knee_contact_ros: compiled code: {path} is damaged; compiling again\n"
     assert len(path.read_bytes()) == pytest.approx(len(whole[path]), rel=0.01)
     assert run() == (answers, True, "")
+
+
+def test_a_node_without_numba_answers_uncompiled(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
+    node = start_node(without="numba")
+    peer.wait_for_node()
+    send_all(peer)
+    code, said = node.stop()
+    assert code == 0, said
+    assert said.count("Numba cannot be used") == 1
+    assert "40 ticks, 0 samples refused" in said
