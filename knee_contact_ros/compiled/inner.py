@@ -52,17 +52,19 @@ class _Linked(JITCodeLibrary):
         """For a kernel: this code and all beneath it, each part once."""
         self._ensure_finalized()
         whole, seen, waiting = self._final_module.clone(), {self}, list(self._linking_libraries)
+        others = []
         while waiting:
             library = waiting.pop()
             if library in seen:
                 continue
             seen.add(library)
             if isinstance(library, _Linked):
-                part = library._final_module
+                whole.link_in(library._final_module, preserve=True)
                 waiting += library._linking_libraries
             else:
-                part = library._get_module_for_linking()
-            whole.link_in(part, preserve=True)
+                others.append(library)
+        for library in others:  # of these LLVM takes only what is called by something that is there already
+            whole.link_in(library._get_module_for_linking(), preserve=True)
         for function in whole.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
