@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.compiled.by_address import addresses_of, kernel_of
 from knee_contact_ros.compiled.lanes import Kernel, OneTick, fits, lanes_kernel
-from knee_contact_ros.compiled.layout import laid_down
+from knee_contact_ros.compiled.layout import laid_down_all
 from knee_contact_ros.compiled.machine_code import Native
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, memory_of
@@ -54,7 +54,7 @@ def run_batch(
     workers = min(threads or len(os.sched_getaffinity(0)), len(scenes))
     columns = [np.ascontiguousarray(column, np.float64) for column in (durations, angles, loads, heights)]
     shares = _shares([fits(scene) for scene in scenes], workers)
-    laid = np.stack([laid_down(scene) for scene in scenes])
+    laid = laid_down_all(scenes)
     native, kernel = kernel_of(scenes[0], told), None
     if any(len(share[0]) for share in shares):
         kind = numba.typeof(scenes[0])
@@ -66,11 +66,15 @@ def run_batch(
         in_lanes, others = share
         if kernel and len(in_lanes):
             _in_lanes(kernel, native, laid, in_lanes, columns, answers)
+        memory = _memory(1)
+        arrays = laid, memory, *columns, answers
+        firsts, addresses = addresses_of(*arrays), np.zeros(len(arrays), np.uintp)
+        rows = np.array([array.strides[0] if array.ndim > 1 else 0 for array in arrays], np.uintp)
+        place = addresses.ctypes.data
         for knee in others.tolist():
-            own = [*columns[:2], columns[2][knee], columns[3]]
-            if native.run(
-                addresses_of(laid[knee], _memory(1), *own, answers[knee]).ctypes.data, len(durations), *[0.0] * 4
-            ):
+            memory.fill(0)
+            np.add(firsts, rows * knee, out=addresses)
+            if native.run(place, len(durations), 0.0, 0.0, 0.0, 0.0):
                 raise MemoryError("a run of ticks")
 
     if workers == 1:

@@ -23,18 +23,18 @@ from knee_contact_ros.system.terminal import busy
 
 
 class Cost(NamedTuple):
-    """Processor time, measured (docs/decisions/0044-python.md)."""
+    """Processor time, measured (docs/decisions/0061-first-use.md)."""
 
     tick: float
     """[s] of a tick by the plain kernel"""
     compiling: float
-    """[s] of compiling run and stream"""
+    """[s] of compiling"""
 
 
-COSTS = (Cost(0.3e-3, 30.0), Cost(3e-3, 45.0), Cost(15e-3, 60.0))
+COSTS = (Cost(0.3e-3, 15.0), Cost(3e-3, 18.0), Cost(15e-3, 20.0))
 """By how many measured surfaces the contact is searched for on"""
-LOADING = 1.0
-"""[s] of importing the compiler and loading what was compiled before"""
+LOADING = 0.1
+"""[s] of loading what was compiled before"""
 
 
 def cost_of(scene: Scene) -> Cost:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,10 +50,17 @@ def words_of(kind: Any) -> str:
 
 def laid_down(scene: Any) -> NDArray[np.uint8]:
     """The bytes of a scene. Its arrays stay where they are, so they have to be kept as long."""
-    packing = _packing(kind_of(scene))
-    block = np.zeros(packing.size, np.uint8)
-    packing.pack_into(block.data, 0, *_numbers(scene))
-    return block
+    return laid_down_all([scene])[0]
+
+
+def laid_down_all(scenes: Sequence[Any]) -> NDArray[np.uint8]:
+    """The bytes of scenes of one kind, a row for each."""
+    packing = _packing(kind_of(scenes[0]))
+    size = packing.size
+    block = np.zeros(len(scenes) * size, np.uint8)
+    for i, scene in enumerate(scenes):
+        packing.pack_into(block.data, i * size, *_numbers(scene))
+    return block.reshape(len(scenes), size)
 
 
 def _numbers(part: Any) -> Iterator[Any]:

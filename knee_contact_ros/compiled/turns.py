@@ -1,6 +1,6 @@
 """Of processes that need the same kernel at once, one compiles it, and the others wait for what it keeps.
 
-Two nodes beside each other, or the workers of a study, would all be busy with the same for half a minute.
+Two nodes beside each other, or the workers of a study, would all be busy with the same for a quarter of a minute.
 """
 
 from __future__ import annotations

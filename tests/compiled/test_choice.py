@@ -124,7 +124,7 @@ def test_compiling_is_told_once_in_a_line_and_loading_is_not(tmp_path: Path) -> 
         env = {"XDG_CACHE_HOME": str(home), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
         return subprocess.run(code, capture_output=True, text=True, check=True, env=env).stderr.splitlines()
 
-    line = "knee_contact_ros: compiling for this kind of knee, once (some 30 s)"
+    line = "knee_contact_ros: compiling for this kind of knee, once (some 15 s)"
     assert said(tmp_path / "home") == [line, line]  # a float and an integer are two kernels
     assert said(tmp_path / "home") == []
     (tmp_path / "file").touch()
