@@ -50,7 +50,8 @@ def words_of(kind: Any) -> str:
 
 def laid_down(scene: Any) -> NDArray[np.uint8]:
     """The bytes of a scene. Its arrays stay where they are, so they have to be kept as long."""
-    return laid_down_all([scene])[0]
+    block: NDArray[np.uint8] = laid_down_all([scene])[0]
+    return block
 
 
 def laid_down_all(scenes: Sequence[Any]) -> NDArray[np.uint8]:
