@@ -13,16 +13,12 @@ from collections.abc import Iterable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 
-import numba
-import numpy as np
-
-from knee_contact_ros.compiled.cache import kernel_folder
-from knee_contact_ros.compiled.kernel import compiled_kernel, is_kept
+from knee_contact_ros.compiled.by_address import is_kept, kernel_of
+from knee_contact_ros.compiled.choice import compiler_works
+from knee_contact_ros.compiled.keeping import kernel_folder
 from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
-from knee_contact_ros.compiled.source_meaning import digest
+from knee_contact_ros.compiled.layout import kind_of
 from knee_contact_ros.core.scene import Scene
-from knee_contact_ros.core.ticks import MEMORY
-from knee_contact_ros.core.types import blank
 from knee_contact_ros.system.processes import Process, connected
 
 
@@ -32,8 +28,9 @@ def compile_ahead(scenes: Iterable[Scene]) -> None:
     What cannot be kept, or fails, is left to whoever uses it: there it is told. An exception meanwhile, Ctrl-C's for
     instance, ends the processes.
     """
-    kinds = {digest(str(numba.typeof(scene))): scene for scene in scenes if not is_kept(scene, only_on_disk=True)}
-    waiting, running = list(kinds.values()) if _can_keep() else [], dict[Connection, Process]()
+    missing = {kind_of(scene): scene for scene in scenes if not is_kept(scene, only_on_disk=True)}
+    possible = missing and compiler_works() and _can_keep()
+    waiting, running = list(missing.values()) if possible else [], dict[Connection, Process]()
     try:
         while waiting or running:
             while waiting and len(running) < len(os.sched_getaffinity(0)):
@@ -68,7 +65,7 @@ def main() -> None:
         except Exception:  # nobody is there any more, or it is of a module that only its sender has
             return
         threading.Thread(target=_end_with, args=[connection], daemon=True).start()
-        compiled_kernel().bind(scene, np.zeros(1, MEMORY), blank(1))
+        kernel_of(scene)
 
 
 def _end_with(connection: Connection) -> None:

@@ -6,22 +6,19 @@ and then one call takes them through, without the lock: several threads do sever
 
 from __future__ import annotations
 
-import functools
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from typing import Any
 
 import numba
 import numpy as np
-from numba import njit, types
 from numpy.typing import NDArray
 
-from knee_contact_ros.compiled.by_address import scene_memory
-from knee_contact_ros.compiled.cache import kernel_cache
-from knee_contact_ros.compiled.functions import ENTRY, compiled_function
-from knee_contact_ros.compiled.lanes import Kernel, fits, lanes_kernel
+from knee_contact_ros.compiled.by_address import addresses_of, kernel_of
+from knee_contact_ros.compiled.lanes import Kernel, OneTick, fits, lanes_kernel
+from knee_contact_ros.compiled.layout import laid_down_all
+from knee_contact_ros.compiled.machine_code import Native
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, memory_of
 from knee_contact_ros.compiled.turns import Told, in_turn
@@ -55,30 +52,46 @@ def run_batch(
         told: The context in which is compiled.
     """
     workers = min(threads or len(os.sched_getaffinity(0)), len(scenes))
-    kind, columns = numba.typeof(scenes[0]), (durations, angles, loads, heights)
-    memory, shares = scene_memory(kind), _shares([fits(scene) for scene in scenes], workers)
-    with in_turn(lambda: digest(str(kind)), told):
-        laid = np.zeros((len(scenes), memory.size), dtype=np.uint8)
-        for scene, place in zip(scenes, laid, strict=True):
-            memory.put(scene, place.ctypes.data)
-        kernels = [
-            kernel(kind) if any(len(share[i]) for share in shares) else None
-            for i, kernel in enumerate((lanes_kernel, _one_by_one))
-        ]
-        for kernel in filter(None, kernels):
-            kernel.through(0, _NONE, *columns, _memory(0), answers, 0)
+    columns = [np.ascontiguousarray(column, np.float64) for column in (durations, angles, loads, heights)]
+    shares = _shares([fits(scene) for scene in scenes], workers)
+    laid = laid_down_all(scenes)
+    native, kernel = kernel_of(scenes[0], told), None
+    if any(len(share[0]) for share in shares):
+        kind = numba.typeof(scenes[0])
+        with in_turn(lambda: digest(str(kind)), told):
+            kernel = lanes_kernel(kind)
+            _in_lanes(kernel, native, laid, _NONE, columns, answers)
 
     def part(share: tuple[Numbers, Numbers]) -> None:
-        for kernel, numbers in zip(kernels, share, strict=True):
-            if kernel:
-                room = memory_of(kernel.rows)
-                kernel.through(laid.ctypes.data, numbers, *columns, _memory(len(numbers)), answers, room.ctypes.data)
+        in_lanes, others = share
+        if kernel and len(in_lanes):
+            _in_lanes(kernel, native, laid, in_lanes, columns, answers)
+        memory = _memory(1)
+        arrays = laid, memory, *columns, answers
+        firsts, addresses = addresses_of(*arrays), np.zeros(len(arrays), np.uintp)
+        rows = np.array([array.strides[0] if array.ndim > 1 else 0 for array in arrays], np.uintp)
+        place = addresses.ctypes.data
+        for knee in others.tolist():
+            memory.fill(0)
+            np.add(firsts, rows * knee, out=addresses)
+            if native.run(place, len(durations), 0.0, 0.0, 0.0, 0.0):
+                raise MemoryError("a run of ticks")
 
     if workers == 1:
         part(shares[0])
     else:
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(part, shares))
+
+
+def _in_lanes(
+    kernel: Kernel, native: Native, laid: NDArray[np.uint8], numbers: Numbers, columns: list[Floats], answers: Rows
+) -> None:
+    """Take knees that fit through by their numbers."""
+    memory, room = _memory(len(numbers)), memory_of(kernel.rows)
+    arrays = laid, memory, *columns, answers
+    one_tick = OneTick(native.address, *[array.ctypes.data for array in arrays])
+    kernel.through(numbers, *columns[:3], memory, answers, room.ctypes.data, one_tick, np.zeros(len(arrays), np.uintp))
 
 
 def _shares(in_lanes: Sequence[bool], workers: int) -> list[tuple[Numbers, Numbers]]:
@@ -98,22 +111,3 @@ def _shares(in_lanes: Sequence[bool], workers: int) -> list[tuple[Numbers, Numbe
 def _memory(number: int) -> ticks.Memory:
     """Of runs that have not begun."""
     return np.zeros(number, MEMORY)
-
-
-@functools.cache
-def _one_by_one(kind: types.Type) -> Kernel:
-    """For a kind of scene: the kernel for knees that do not fit into lanes."""
-    compiled_run, scenes = compiled_function(ticks.run), scene_memory(kind)
-    taken_up, size = scenes.taken_up, scenes.size
-
-    def through(
-        address: int, numbers: Any, durations: Any, angles: Any, loads: Any, heights: Any, memory: Any, answers: Any,
-        _rows: int,
-    ) -> None:  # fmt: skip
-        for i in range(len(numbers)):
-            knee, own = numbers[i], memory[i : i + 1]
-            compiled_run(taken_up(address + knee * size), own, durations, angles, loads[knee], heights, answers[knee])
-
-    made: Any = njit(**ENTRY, nogil=True)(through)
-    made._cache = kernel_cache(through, kind)
-    return Kernel(0, made)

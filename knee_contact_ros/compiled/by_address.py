@@ -1,8 +1,7 @@
-"""A stream's tick, called by address.
+"""The kernel of a kind of scene, called by address: runs, and a stream's ticks, which are runs of one tick.
 
-A call with a scene as its argument spends microseconds on taking the scene apart. So a stream lays its scene down once,
-as compiled code sees it, and ticks with the addresses of scene, memory and answer: as runs of one tick, so that runs
-and streams share what is compiled.
+What was compiled before is loaded by LLVM alone, in a tenth of the time that the import of Numba takes. A scene is laid
+down as compiled code sees it (`layout.py`), and the kernel gets the addresses of scene, memory, samples and answers.
 """
 
 from __future__ import annotations
@@ -10,110 +9,119 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any, NamedTuple
+from typing import Any
 
-import numba
 import numpy as np
-from cffi import FFI
-from numba import carray, njit, types
-from numba.core.ccallback import CFunc
-from numba.core.registry import cpu_target
-from numba.extending import intrinsic
+from numpy.typing import NDArray
 
-from knee_contact_ros.compiled.cache import kernel_cache
-from knee_contact_ros.compiled.functions import ENTRY, compiled_function
+from knee_contact_ros.compiled.keeping import NOT_KEPT, kernel_folder, sources_elsewhere, tell
+from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
+from knee_contact_ros.compiled.layout import kind_of, laid_down, named_tuples, words_of
+from knee_contact_ros.compiled.machine_code import Native, loaded, processor
 from knee_contact_ros.compiled.source_meaning import digest
-from knee_contact_ros.compiled.turns import Told, in_turn
-from knee_contact_ros.core import ticks
+from knee_contact_ros.compiled.turns import Told, in_turn, tell_of_compiling, wait_for_turn
 from knee_contact_ros.core.scene import Scene
-from knee_contact_ros.core.ticks import MEMORY, Memory
-from knee_contact_ros.core.types import ROW, Rows
+from knee_contact_ros.core.ticks import Memory
+from knee_contact_ros.core.types import Rows
 
-TICK = "void (*)(uintptr_t, double, double, double, double)"
-"""C type of the tick: address of the addresses of memory, sample, answer and scene; duration, angle, load and height"""
-_KEPT: list[Any] = []
-"""Compiled code that is called by address"""
+_READY: dict[Any, Native] = {}
+"""Kernels of this process, by kind of scene"""
+
+
+def run(
+    told: Told, scene: Scene, memory: Memory, durations: Any, angles: Any, loads: Any, heights: Any, answers: Rows
+) -> None:
+    """See `ticks.run`."""
+    native, block = kernel_of(scene, told), laid_down(scene)
+    columns = [np.ascontiguousarray(column, np.float64) for column in (durations, angles, loads, heights)]
+    filled = answers if answers.flags.c_contiguous else answers.copy()
+    addresses = addresses_of(block, memory, *columns, filled)
+    if native.run(addresses.ctypes.data, len(durations), 0.0, 0.0, 0.0, 0.0):
+        raise MemoryError("a run of ticks")
+    if filled is not answers:
+        answers[...] = filled
 
 
 def bind(
     scene: Scene, memory: Memory, answer: Rows, told: Told = nullcontext
 ) -> Callable[[float, float, float, float], None]:
     """See `Kernel.bind`."""
-    kind = numba.typeof(scene)
-    with in_turn(lambda: digest(str(kind)), told):
-        size, put, call = _by_address(kind)
-        block = np.zeros(size, dtype=np.uint8)
-        put(scene, block.ctypes.data)
-    sample = np.zeros(4)
-    places = memory, sample, answer, block
-    addresses = np.array([place.ctypes.data for place in places], dtype=np.uintp)
-    tick = functools.partial(call, addresses.ctypes.data)
-    tick.keeps = scene, addresses, places  # type: ignore[attr-defined]
+    native, block, sample = kernel_of(scene, told), laid_down(scene), np.zeros((4, 1))
+    addresses = addresses_of(block, memory, *sample, answer)
+    tick = functools.partial(native.tick, addresses.ctypes.data)
+    tick.keeps = scene, memory, answer, block, sample, addresses  # type: ignore[attr-defined]
     return tick
 
 
-class SceneMemory(NamedTuple):
-    """How scenes of a kind lie in memory, as compiled code sees them."""
-
-    size: int
-    """[B] of one"""
-    put: Callable[..., None]
-    """Lay a scene down at an address"""
-    taken_up: Callable[..., Any]
-    """For compiled code: the scene at an address"""
+def addresses_of(*arrays: NDArray[Any]) -> NDArray[np.uintp]:
+    """Where arrays lie, in the order that a kernel wants: scene, memory, columns, answers."""
+    return np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
 
 
-@functools.cache
-def scene_memory(kind: types.Type) -> SceneMemory:
-    """For a kind of scene, Numba's type of it."""
-    context = cpu_target.target_context
-
-    @intrinsic
-    def laid_down(_typing: Any, scene: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            builder.store(arguments[0], _pointer(context, builder, kind, arguments[1]))
-            return context.get_dummy_value()
-
-        return types.void(scene, address), generate
-
-    @intrinsic
-    def taken_up(_typing: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            return builder.load(_pointer(context, builder, kind, arguments[0]))
-
-        return kind(address), generate
-
-    def put(scene: Any, address: Any) -> None:
-        laid_down(scene, address)
-
-    # Numba's decorators do likewise, with its own cache or none.
-    lay_down: Any = njit(**ENTRY)(put)
-    lay_down._cache = kernel_cache(put, kind)
-    return SceneMemory(context.get_abi_sizeof(context.get_value_type(kind)), lay_down, taken_up)
+def is_kept(scene: Scene, *, only_on_disk: bool = False) -> bool:
+    """Whether the kernel for a kind of scene has been compiled: in this process, or on this machine and kept."""
+    kind = kind_of(scene)
+    if kind in _READY and not only_on_disk:
+        return True
+    try:
+        names = _names(kind)
+        return names is not None and names[0] in KernelFolder(kernel_folder()).names()
+    except Exception:  # whoever loads it tells of it
+        return False
 
 
-@functools.cache
-def _by_address(kind: types.Type) -> tuple[int, Callable[..., None], Callable[..., None]]:
-    """For a kind of scene: its size in bytes, a function that lays one down, and one that ticks with it."""
-    compiled_run, memory_of = compiled_function(ticks.run), scene_memory(kind)
-    taken_up = memory_of.taken_up
-
-    def tick(addresses: Any, duration: float, angle: float, load: float, height: float) -> None:
-        memory, sample = carray(addresses[0], 1, MEMORY), carray(addresses[1], 4, np.float64)
-        sample[0], sample[1], sample[2], sample[3] = duration, angle, load, height
-        answers = carray(addresses[2], 1, ROW)
-        compiled_run(taken_up(addresses[3]), memory, sample[:1], sample[1:2], sample[2:3], sample[3:], answers)
-
-    pointer: Any = CFunc(
-        tick, ((types.CPointer(types.voidptr), *[types.float64] * 4), types.void), locals={}, options={}
-    )
-    pointer._cache = kernel_cache(tick, kind)
-    pointer.compile()
-    _KEPT.append(pointer)
-    return memory_of.size, memory_of.put, FFI().cast(TICK, pointer.address)
+def kernel_of(scene: Scene, told: Told = nullcontext) -> Native:
+    """The kernel for a kind of scene: known already, loaded, or compiled and kept."""
+    kind = kind_of(scene)
+    if kind not in _READY:
+        with in_turn(lambda: digest(words_of(kind)), told):
+            _READY[kind] = _kept(kind) or _compiled(scene, kind)
+    return _READY[kind]
 
 
-def _pointer(context: Any, builder: Any, kind: types.Type, address: Any) -> Any:
-    """An address, a number or a pointer to anything, as a pointer to a scene."""
-    scene = context.get_value_type(kind).as_pointer()
-    return builder.bitcast(address, scene) if address.type.is_pointer else builder.inttoptr(address, scene)
+def _kept(kind: Any) -> Native | None:
+    """What was kept for a kind of scene; None if there is nothing that can be used."""
+    try:
+        names = _names(kind)
+        if names is not None:
+            name, start = names
+            folder = KernelFolder(kernel_folder())
+            code = folder.read(name)
+            if code is None:
+                tell_of_compiling()
+                wait_for_turn(folder, name)
+                code = folder.read(name)
+            if code is not None:
+                return loaded(code)
+            if any(other.startswith(start) for other in folder.names()):
+                raise DoubtError(folder.path, "is from another processor")
+    except Exception as error:  # what is whole and ours may still have been made by something else
+        tell(error, "compiling again")
+    tell_of_compiling()
+    return None
+
+
+def _compiled(scene: Scene, kind: Any) -> Native:
+    """The kernel, compiled, and kept if that can be done."""
+    from knee_contact_ros.compiled.compile_kernel import machine_code
+
+    code = machine_code(scene)
+    try:
+        names = _names(kind)
+        if names is not None:
+            folder = KernelFolder(kernel_folder())
+            folder.write(names[0], code)
+            folder.remove_unused()
+    except Exception as error:
+        tell(error, NOT_KEPT)
+    return loaded(code)
+
+
+def _names(kind: Any) -> tuple[str, str] | None:
+    """The name of a kind's file, and how it starts whatever the processor; None for what cannot be found again."""
+    made_of = list(named_tuples(kind))
+    sources = sources_elsewhere(made_of)
+    if sources is None:
+        return None
+    start = f"knee-{digest((words_of(kind), sources))}-"
+    return f"{start}{digest(processor())}.kernel", start

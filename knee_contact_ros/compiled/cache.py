@@ -5,40 +5,19 @@ Keeping can only help: whatever is odd about what was kept is told in one line, 
 
 from __future__ import annotations
 
-import functools
-import hashlib
-import inspect
-import logging
-import os
 import pickle
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
-import llvmlite
-import numba
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 from numba.core.serialize import dumps
 
-import knee_contact_ros.core
-from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
-from knee_contact_ros.compiled.source_meaning import digest, source_meaning
+from knee_contact_ros.compiled.keeping import NOT_KEPT, fingerprint, kernel_folder, sources_elsewhere, tell
+from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
+from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.turns import tell_of_compiling, wait_for_turn
-from knee_contact_ros.core.kernel_source import FUNCTIONS
-
-COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
-"""Modules that the fingerprint covers"""
-CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
-KEEPING = ("ahead.py", "cache.py", "choice.py", "kernel_folder.py", "turns.py")
-"""Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
-
-NOT_KEPT = "what was compiled is not kept"
-
-_log = logging.getLogger(__name__)
-_told: set[str] = set()
 
 
 def kernel_cache(function: Callable[..., Any], scene: types.Type | None = None) -> FunctionCache | NullCache:
@@ -49,7 +28,7 @@ def kernel_cache(function: Callable[..., Any], scene: types.Type | None = None) 
     try:
         return _KernelCache(function, scene)
     except (OSError, RuntimeError) as error:  # no home, no source
-        _tell(error, "compiling without keeping")
+        tell(error, "compiling without keeping")
         return _NoCache()
 
 
@@ -75,7 +54,7 @@ class _Place(_CacheLocator):
         pass
 
     def get_source_stamp(self) -> str:
-        return _fingerprint()
+        return fingerprint()
 
     def get_disambiguator(self) -> str:
         return ""
@@ -114,7 +93,7 @@ class _KernelCache(FunctionCache):
         try:
             kept = super().load_overload(sig, target_context)
         except Exception as error:  # what is whole and ours may still have been made by something else
-            _tell(error, "compiling again")
+            tell(error, "compiling again")
             kept = None
         if kept is None:
             tell_of_compiling()
@@ -132,7 +111,7 @@ class _KernelCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except Exception as error:
-            _tell(error, NOT_KEPT)
+            tell(error, NOT_KEPT)
 
 
 class _Kernels:
@@ -180,7 +159,7 @@ class _Kernels:
         """The name of a file, and how it starts whatever the processor; None for what cannot be found again."""
         signature, processor, code = key
         made_of: list[Any] = [self._function, *_named_tuples(signature)]
-        sources = _sources_elsewhere(made_of)
+        sources = sources_elsewhere(made_of)
         if sources is None:
             return None
         names = [(one.__module__, one.__qualname__) for one in made_of]
@@ -195,80 +174,3 @@ def _named_tuples(kinds: Iterable[Any]) -> Iterator[type]:
             yield kind.instance_class
         if isinstance(kind, types.BaseTuple):
             yield from _named_tuples(kind.types)
-
-
-def _sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
-    """What compiled code depends on outside the model, a contact law of the user's for instance.
-
-    That is the files of its modules, the numbers in them (others may have defined those), and the marked functions that
-    they take from others. None if something is not in a module and file that another process finds under its name.
-    """
-    sources, waiting, seen = [], list(made_of), set[str]()
-    while waiting:
-        one = waiting.pop()
-        name = one.__module__
-        if name in seen or name.startswith(COVERED):
-            continue
-        seen.add(name)
-        module = sys.modules.get(name)
-        path = getattr(module, "__file__", None)
-        if name == "__main__" or "<locals>" in one.__qualname__ or not path or not Path(path).is_file():
-            return None
-        numbers = {key: value for key, value in vars(module).items() if isinstance(value, int | float)}
-        sources.append((name, source_meaning(Path(path).read_bytes()), numbers))
-        waiting += [value for value in vars(module).values() if inspect.isfunction(value) and value in FUNCTIONS]
-    return sources
-
-
-def _caches() -> Path:
-    """The folder above all of ours."""
-    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if not caches.is_absolute():  # as the XDG specification says
-        caches = Path.home() / ".cache"
-    return caches / "knee_contact_ros"
-
-
-def kernel_folder() -> Path:
-    """The folder for what is compiled from this model by this compiler."""
-    return _caches() / f"{PREFIX}{_fingerprint()}"
-
-
-@functools.cache
-def _fingerprint() -> str:
-    """What all compiled code depends on: what the model's source means, how it is compiled, and the compiler.
-
-    A comment or a docstring means nothing. As a file's meaning takes 25 times as long to find as its bytes, that of the
-    last files is kept.
-    """
-    model = sorted(CORE.rglob("*.py"))
-    if not model:
-        raise FileNotFoundError(f"{CORE} has no Python files")
-    paths = [*model, *sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)]
-    versions = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag
-    files = digest((versions, [_file_digest(path) for path in paths]))
-    kept, name = KernelFolder(_caches() / "meaning"), "model"
-    with suppress(DoubtError):
-        known, _, meaning = (kept.read(name) or b"").decode().partition(" ")
-        if known == files:
-            return meaning
-    meaning = digest((versions, [source_meaning(path.read_bytes()) for path in paths]))
-    with suppress(DoubtError):
-        kept.write(name, f"{files} {meaning}".encode())
-    return meaning
-
-
-def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _tell(error: Exception, then: str) -> None:
-    """One line for each file, folder or error, and one in all for what cannot be kept.
-
-    That what cannot be read cannot be replaced either is no news.
-    """
-    places = [str(error.path), str(error.path.parent)] if isinstance(error, DoubtError) else [repr(error)]
-    once = [then] if then == NOT_KEPT else []
-    if _told.isdisjoint(places + once):
-        words = str(error) if isinstance(error, DoubtError) else f"{type(error).__name__}: {error}"
-        _log.warning("knee_contact_ros: compiled code: %s; %s", " ".join(words.split()), then)
-    _told.update([places[0], *once])

@@ -27,18 +27,18 @@ _log = logging.getLogger(__name__)
 
 
 class Cost(NamedTuple):
-    """Processor time, measured (docs/decisions/0044-python.md)."""
+    """Processor time, measured (docs/decisions/0061-first-use.md)."""
 
     tick: float
     """[s] of a tick by the plain kernel"""
     compiling: float
-    """[s] of compiling run and stream"""
+    """[s] of compiling"""
 
 
-COSTS = (Cost(0.3e-3, 30.0), Cost(3e-3, 45.0), Cost(15e-3, 60.0))
+COSTS = (Cost(0.3e-3, 15.0), Cost(3e-3, 18.0), Cost(15e-3, 20.0))
 """By how many measured surfaces the contact is searched for on"""
-LOADING = 1.0
-"""[s] of importing the compiler and loading what was compiled before"""
+LOADING = 0.1
+"""[s] of loading what was compiled before"""
 
 
 def cost_of(scene: Scene) -> Cost:
@@ -53,14 +53,14 @@ def worth_compiling(scene: Scene, ticks: int) -> bool:
     plain = ticks * cost.tick
     if plain < LOADING and _KERNEL not in sys.modules:
         return False
-    return compiler_works() and (plain > cost.compiling or _is_kept(scene))
+    return _is_kept(scene) or (plain > cost.compiling and compiler_works())
 
 
 @functools.cache
 def compiler_works() -> bool:
-    """Whether Numba can be used; if not, that is told once, and all is computed by the plain kernel."""
+    """Whether Numba can be used; if not, that is told once, and all that is not kept is computed by the plain kernel."""
     try:
-        import_module(_KERNEL)
+        import_module("numba")
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
         _log.warning(
             "knee_contact_ros: Numba cannot be used (%s: %s); nothing is compiled, which gives the same answers, some "
@@ -99,15 +99,15 @@ _KERNEL = "knee_contact_ros.compiled.kernel"
 
 
 def _is_kept(scene: Scene) -> bool:
-    if not compiler_works():
+    try:
+        from knee_contact_ros.compiled.kernel import is_kept
+    except Exception:  # LLVM's library is as Numba is, and that is told once something shall be compiled
         return False
-    from knee_contact_ros.compiled.kernel import is_kept
-
     return is_kept(scene)
 
 
 def _compiled(scene: Scene) -> Kernel:
-    if not compiler_works():
+    if not (_is_kept(scene) or compiler_works()):
         return PLAIN
     from knee_contact_ros.compiled.kernel import compiled_kernel
 

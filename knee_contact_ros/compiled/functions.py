@@ -12,6 +12,7 @@ from numba.extending import overload_method, register_jitable
 
 from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.inner import ApartCompiler, InnerCompiler
+from knee_contact_ros.core import ticks  # noqa: F401  (marks what is registered)
 from knee_contact_ros.core.kernel_source import ALWAYS_INLINED, FUNCTIONS, METHODS, NEVER_INLINED
 
 OPTIONS = {"error_model": "numpy"}
@@ -27,14 +28,14 @@ APART = INNER | {"pipeline_class": ApartCompiler}
 @functools.cache
 def compiled_function(function: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled form of a function; compiling, or loading, happens at its first call with new types."""
-    _register()
+    register()
     made: Callable[..., Any] = njit(**ENTRY)(function)
     made._cache = kernel_cache(function)  # type: ignore[attr-defined]  # Numba's own decorator sets it likewise
     return made
 
 
 @functools.cache
-def _register() -> None:
+def register() -> None:
     """Tell Numba about the marked functions and methods."""
     for function in FUNCTIONS:
         options = INLINE if function in ALWAYS_INLINED else APART if function in NEVER_INLINED else INNER

@@ -1,14 +1,16 @@
 """How the functions inside a kernel are compiled, which only compiled code calls.
 
 Numba would make each of them callable by Python, with machine code of it and of all beneath it. Nobody runs that, and
-it took a fifth of the time; another tenth went into looks for what the source of a kernel does not have. Its documented
-way to customise the compiler is a pipeline of passes.
+it took a fifth of the time; another tenth went into looks for what the source of a kernel does not have. It would also
+link each with all beneath it and have LLVM optimise that, the deepest functions a hundred times; here that is done
+once, in the kernel. Numba's documented way to customise the compiler is a pipeline of passes.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from llvmlite import binding as llvm
 from numba.core import typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -40,9 +42,33 @@ class _Linked(JITCodeLibrary):
         """There is no machine code."""
         return 0
 
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        """Nothing is linked or optimised here: that happens once, with all that a kernel is made of."""
+        self._raise_if_finalized()
         self._finalize_dynamic_globals()
         self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """For a kernel: this code and all beneath it, each part once."""
+        self._ensure_finalized()
+        whole, seen, waiting = self._final_module.clone(), {self}, list(self._linking_libraries)
+        others = []
+        while waiting:
+            library = waiting.pop()
+            if library in seen:
+                continue
+            seen.add(library)
+            if isinstance(library, _Linked):
+                whole.link_in(library._final_module, preserve=True)
+                waiting += library._linking_libraries
+            else:
+                others.append(library)
+        for library in others:  # of these LLVM takes only what is called by something that is there already
+            whole.link_in(library._get_module_for_linking(), preserve=True)
+        for function in whole.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "linkonce_odr"
+        return whole
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

@@ -15,12 +15,11 @@ from typing import Any, NamedTuple, TypeVar
 from numba import config, njit, types
 from numba.extending import register_jitable
 
-from knee_contact_ros.compiled.by_address import scene_memory
 from knee_contact_ros.compiled.cache import kernel_cache
-from knee_contact_ros.compiled.functions import APART, ENTRY, INLINE, compiled_function
+from knee_contact_ros.compiled.functions import APART, ENTRY, INLINE, register
+from knee_contact_ros.compiled.scene_memory import run_at, scene_at, size_of
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, Transposed, kind_of, transposed
-from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_modes import ContactMode
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries.circle import Circle
@@ -30,12 +29,16 @@ from knee_contact_ros.core.levels.smooth import Way, arrived, begun, strode
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.scene import AUTO, DYNAMIC, RunState, Scene, TickResult
-from knee_contact_ros.core.ticks import interval_between, is_calm, read_run_state, write_answer, write_run_state
+from knee_contact_ros.core.ticks import MEMORY, interval_between, is_calm, read_run_state, write_answer, write_run_state
+from knee_contact_ros.core.types import ROW
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 EXPONENT = 1.5
 """Of contact laws that take a root for it; a power of any other exponent is no vector's"""
+
+
+KEPT, ANSWER = MEMORY.itemsize, ROW.itemsize
 
 
 class Kernel(NamedTuple):
@@ -44,7 +47,22 @@ class Kernel(NamedTuple):
     rows: int
     """Of the memory that it works in"""
     through: Callable[..., None]
-    """Takes knees through by their numbers, given where their scenes lie and that memory"""
+    """Takes knees through by their numbers, given also that memory, `OneTick` and a place for seven addresses"""
+
+
+class OneTick(NamedTuple):
+    """What a tick that is not smooth needs."""
+
+    run: int
+    """Address of the kernel that takes it, with those of all its arguments"""
+    scenes: int
+    """Those of arrays, here and below"""
+    memory: int
+    durations: int
+    angles: int
+    loads: int
+    heights: int
+    answers: int
 
 
 class Tick(NamedTuple):
@@ -100,19 +118,19 @@ def fits(scene: Scene) -> bool:
 @functools.cache
 def lanes_kernel(kind: types.Type) -> Kernel:
     """For a kind of scene: the kernel for knees that fit."""
-    scenes, places = scene_memory(kind), _places(kind)
-    taken_up, size = scenes.taken_up, scenes.size
+    register()
+    taken_up, places, size = scene_at(kind), _places(kind), size_of(kind)
     put_scene, put_lane, lane_in = places.scene.put, places.lane.put, places.lane.taken_up
     smooth_ticks, answer = _smooth_ticks(places), _answer(places)
 
     def through(
-        address: int, numbers: Any, durations: Any, angles: Any, loads: Any, heights: Any, memory: Any, answers: Any,
-        rows: int,
+        numbers: Any, durations: Any, angles: Any, loads: Any, memory: Any, answers: Any, rows: int, one_tick: OneTick,
+        addresses: Any,
     ) -> None:  # fmt: skip
         for first in range(0, len(numbers), LANES):
             group = numbers[first : first + LANES]
             for i in range(LANES):  # those without a knee are behind for ever
-                put_scene(taken_up(address + group[min(i, len(group) - 1)] * size), rows, i)
+                put_scene(taken_up(one_tick.scenes + group[min(i, len(group) - 1)] * size), rows, i)
                 put_lane(Lane(0.0, 0.0, 1, False), rows, i)
             for k in range(len(durations)):
                 last = max(k - 1, 0)
@@ -123,11 +141,12 @@ def lanes_kernel(kind: types.Type) -> Kernel:
                 if k > 0:
                     smooth_ticks(rows, tick)
                 for i in range(len(group)):
-                    knee, own, now = group[i], memory[first + i : first + i + 1], slice(k, k + 1)
-                    answer(
-                        rows, i, tick, own, durations[now], angles[now], loads[knee, now], heights[now],
-                        answers[knee, now]
-                    )  # fmt: skip
+                    knee, number = group[i], group[i] * len(durations) + k
+                    addresses[0], addresses[1] = one_tick.scenes + knee * size, one_tick.memory + (first + i) * KEPT
+                    addresses[2], addresses[3] = one_tick.durations + 8 * k, one_tick.angles + 8 * k
+                    addresses[4], addresses[5] = one_tick.loads + 8 * number, one_tick.heights + 8 * k
+                    addresses[6] = one_tick.answers + number * ANSWER
+                    answer(rows, i, tick, memory[first + i], answers[knee, k], one_tick.run, addresses)
 
     made: Any = njit(**ENTRY, nogil=True)(through)
     made._cache = kernel_cache(through, kind)
@@ -237,22 +256,19 @@ def _arrive_all(places: Places) -> Callable[..., None]:
 
 def _answer(places: Places) -> Callable[..., None]:
     """For compiled code: fill a lane's row, whose tick `ticks.run` does if it was not smooth."""
-    compiled_run = compiled_function(ticks.run)
     scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
     result_in, put_lane, put_progress = places.result.taken_up, places.lane.put, places.progress.put
 
-    def answer(
-        rows: Any, i: int, tick: Tick, memory: Any, durations: Any, angles: Any, loads: Any, heights: Any, answers: Any
-    ) -> None:
-        scene, lane, kept = scene_in(rows, i), lane_in(rows, i), memory[0]
+    def answer(rows: Any, i: int, tick: Tick, kept: Any, row: Any, run: int, addresses: Any) -> None:
+        scene, lane = scene_in(rows, i), lane_in(rows, i)
         if lane.smooth:
             angle_rate = (tick.angle - tick.last_angle) / tick.duration
-            write_answer(answers[0], scene, tick.angle, angle_rate, lane.load, result_in(rows, i))
+            write_answer(row, scene, tick.angle, angle_rate, lane.load, result_in(rows, i))
             return
         if kept["begun"] != 0:
             write_run_state(kept["run_state"], progress_in(rows, i))
             kept["angle"], kept["load"] = tick.last_angle, lane.last_load
-        compiled_run(scene, memory, durations, angles, loads, heights, answers)
+        run_at(run, addresses)
         put_progress(read_run_state(kept["run_state"]), rows, i)
         put_lane(Lane(lane.last_load, lane.load, kept["backlog"]["count"], False), rows, i)
 

@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.compiled.choice import compiler_works
+from knee_contact_ros.compiled.choice import forced
 from knee_contact_ros.core.types import ROW, reader
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
 from knee_contact_ros.messages.topics import (
@@ -137,15 +137,10 @@ class ContactSession(Session):
 
     def make_ready(self) -> None:
         """Compile the model's kernel; where that cannot be, the plain one computes."""
-        if not compiler_works():
-            return
-        self.node.get_logger().info(
-            "making the model ready; the first time on a machine it compiles, for half a minute or a minute"
-        )
-        from knee_contact_ros.compiled.ahead import compile_ahead  # half a second to import
+        from knee_contact_ros.compiled.ahead import compile_ahead
 
         compile_ahead(each.model.scene for each in self.pipeline.compartments)
-        self.pipeline.compile()
+        self.pipeline.compile(forced)
 
     def stop(self) -> None:
         """Listen no more; answer what still waits; show nothing any more."""

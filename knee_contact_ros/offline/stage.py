@@ -132,7 +132,7 @@ def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callab
             executor.spin_once(timeout_sec=seconds)
             return ()
 
-        with progress("Starting the node (the first time it compiles, for half a minute or a minute)") as advance:
+        with progress("Starting the node (the first time it compiles, for a quarter of a minute)") as advance:
             deadline = time.monotonic() + NODE_START
             while not (
                 replayer.wait_for_subscribers(0.1, spin)

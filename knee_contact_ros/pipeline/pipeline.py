@@ -49,7 +49,7 @@ class Pipeline(Intake):
 
     def compile(self, kernel: Callable[[KneeModel], KneeModel] | None = None) -> None:
         """Go on with the compiled kernel, or as `kernel` has it; before the first sample."""
-        from knee_contact_ros.compiled.kernel import compiled  # half a second to import
+        from knee_contact_ros.compiled.kernel import compiled  # LLVM
 
         for compartment in self.compartments:
             compartment.compile(kernel or compiled)

@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.compiled import cache
+from knee_contact_ros.compiled import keeping
 from knee_contact_ros.compiled.kernel_folder import HEAD, KEPT, UNUSED, DoubtError, KernelFolder
 from tests.helpers.tiny_kernel import FORKS, Outcome, begin, use, use_own
 
@@ -278,13 +278,13 @@ def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("CORE", "COMPILED"):
-        copy = shutil.copytree(getattr(cache, name), tmp_path / name)
-        monkeypatch.setattr(cache, name, copy)
+        copy = shutil.copytree(getattr(keeping, name), tmp_path / name)
+        monkeypatch.setattr(keeping, name, copy)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    fingerprint = cache._fingerprint.__wrapped__
+    fingerprint = keeping.fingerprint.__wrapped__
     before = fingerprint()
     assert fingerprint() == before
-    for name in cache.KEEPING:
+    for name in keeping.KEEPING:
         (tmp_path / "COMPILED" / name).write_text("edited = True")
     assert fingerprint() == before
     for name in ("CORE/ticks.py", "CORE/contact_laws/hertz.py", "COMPILED/inner.py", "COMPILED/functions.py"):
@@ -298,7 +298,7 @@ def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
 
 def test_a_damaged_note_of_a_meaning_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    fingerprint = cache._fingerprint.__wrapped__
+    fingerprint = keeping.fingerprint.__wrapped__
     right = fingerprint()
     (note,) = (tmp_path / "knee_contact_ros" / "meaning").iterdir()
     whole = note.read_bytes()
@@ -372,7 +372,7 @@ def test_folders_that_nobody_uses_go(tmp_path: Path) -> None:
 
 NOTHING_FITS = """
 import resource
-from knee_contact_ros.compiled.kernel import compiled_function
+from knee_contact_ros.compiled.functions import compiled_function
 from tests.helpers.tiny_kernel import twice
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
 made = compiled_function(twice)

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from knee_contact_ros.compiled.kernel import compiled_function
+from knee_contact_ros.compiled.functions import compiled_function
 from knee_contact_ros.compiled.turns import in_turn
 
 FORKS = get_context("forkserver")

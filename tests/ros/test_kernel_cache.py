@@ -48,7 +48,7 @@ def test_a_kernel_that_was_not_written_to_its_end_is_compiled_again(
     shutil.copytree(cache.kernel_folder(), folder, ignore=shutil.ignore_patterns(".*"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert run() == (answers, True, "")
-    whole = {path: path.read_bytes() for path in folder.glob("tick-*")}
+    whole = {path: path.read_bytes() for path in folder.glob("knee-*")}
     for path in whole:
         path.write_bytes(b"")
     node = start_node(*(word for name, value in PARAMETERS.items() for word in ("-p", f"{name}:={value}")))

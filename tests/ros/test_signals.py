@@ -60,7 +60,7 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     code, output = node.stop(signal.SIGTERM)
     assert code == 0, output
     assert "Traceback" not in output
-    assert not list(tmp_path.glob("cache/**/run-*"))
+    assert not list(tmp_path.glob("cache/**/*.kernel"))
     assert not list(tmp_path.glob("bag/*.partial"))
     assert len(sinks) == 1
     assert not [sink for sink in sinks if sink.is_running()]

@@ -1,0 +1,119 @@
+"""Where compiled code is kept, and under what: all that it depends on. Nothing here imports the compiler.
+
+Keeping can only help: whatever is odd about what was kept is told in one line, and compiled again.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import inspect
+import logging
+import os
+import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import knee_contact_ros.core
+from knee_contact_ros.compiled.kernel_folder import PREFIX, DoubtError, KernelFolder
+from knee_contact_ros.compiled.source_meaning import digest, source_meaning
+from knee_contact_ros.core.kernel_source import FUNCTIONS
+
+COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
+"""Modules that the fingerprint covers"""
+CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
+KEEPING = ("ahead.py", "cache.py", "choice.py", "keeping.py", "kernel_folder.py", "turns.py")
+"""Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
+
+NOT_KEPT = "what was compiled is not kept"
+
+_log = logging.getLogger(__name__)
+_told: set[str] = set()
+
+
+def sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
+    """What compiled code depends on outside the model, a contact law of the user's for instance.
+
+    That is the files of its modules, the numbers in them (others may have defined those), and the marked functions that
+    they take from others. None if something is not in a module and file that another process finds under its name.
+    """
+    sources, waiting, seen = [], list(made_of), set[str]()
+    while waiting:
+        one = waiting.pop()
+        name = one.__module__
+        if name in seen or name.startswith(COVERED):
+            continue
+        seen.add(name)
+        module = sys.modules.get(name)
+        path = getattr(module, "__file__", None)
+        if name == "__main__" or "<locals>" in one.__qualname__ or not path or not Path(path).is_file():
+            return None
+        numbers = {key: value for key, value in vars(module).items() if isinstance(value, int | float)}
+        sources.append((name, source_meaning(Path(path).read_bytes()), numbers))
+        waiting += [value for value in vars(module).values() if inspect.isfunction(value) and value in FUNCTIONS]
+    return sources
+
+
+def _caches() -> Path:
+    """The folder above all of ours."""
+    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not caches.is_absolute():  # as the XDG specification says
+        caches = Path.home() / ".cache"
+    return caches / "knee_contact_ros"
+
+
+def kernel_folder() -> Path:
+    """The folder for what is compiled from this model by this compiler."""
+    return _caches() / f"{PREFIX}{fingerprint()}"
+
+
+@functools.cache
+def fingerprint() -> str:
+    """What all compiled code depends on: what the model's source means, how it is compiled, and the compiler.
+
+    A comment or a docstring means nothing. As a file's meaning takes 25 times as long to find as its bytes, that of the
+    last files is kept.
+    """
+    model = sorted(CORE.rglob("*.py"))
+    if not model:
+        raise FileNotFoundError(f"{CORE} has no Python files")
+    paths = [*model, *sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)]
+    versions = [_file_digest(_version_of(name)) for name in ("numba", "llvmlite")], sys.implementation.cache_tag
+    files = digest((versions, [_file_digest(path) for path in paths]))
+    kept, name = KernelFolder(_caches() / "meaning"), "model"
+    with suppress(DoubtError):
+        known, _, meaning = (kept.read(name) or b"").decode().partition(" ")
+        if known == files:
+            return meaning
+    meaning = digest((versions, [source_meaning(path.read_bytes()) for path in paths]))
+    with suppress(DoubtError):
+        kept.write(name, f"{files} {meaning}".encode())
+    return meaning
+
+
+def _version_of(package: str) -> Path:
+    """The file that tells a package's version; to import the compiler for it would take longer than all else here."""
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError(f"{package} is not installed")
+    return Path(spec.origin).with_name("_version.py")
+
+
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def tell(error: Exception, then: str) -> None:
+    """One line for each file, folder or error, and one in all for what cannot be kept.
+
+    That what cannot be read cannot be replaced either is no news.
+    """
+    places = [str(error.path), str(error.path.parent)] if isinstance(error, DoubtError) else [repr(error)]
+    once = [then] if then == NOT_KEPT else []
+    if _told.isdisjoint(places + once):
+        words = str(error) if isinstance(error, DoubtError) else f"{type(error).__name__}: {error}"
+        _log.warning("knee_contact_ros: compiled code: %s; %s", " ".join(words.split()), then)
+    _told.update([places[0], *once])

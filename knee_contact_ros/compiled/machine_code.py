@@ -1,0 +1,104 @@
+"""Machine code in this process, by LLVM alone: Numba need not be imported for what was compiled before."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from cffi import FFI
+from llvmlite import binding as llvm
+
+RUN, TICK = "knee_contact_ros_run", "knee_contact_ros_tick"
+"""Names of a kernel's functions"""
+TYPES = {
+    RUN: "int32_t (*)(uintptr_t, int64_t, double, double, double, double)",
+    TICK: "void (*)(uintptr_t, double, double, double, double)",
+}
+
+
+class Native(NamedTuple):
+    """A kernel. Its functions take the address of the addresses of scene, memory, four columns and answers."""
+
+    run: Callable[[int, int, float, float, float, float], int]
+    """Takes a number of ticks; the four samples are not looked at. Gives 0, or something else if memory ran out"""
+    tick: Callable[[int, float, float, float, float], None]
+    """Takes one tick: duration [s], angle [rad], load [N], height [m], for which the columns have places"""
+    address: int
+    """That of `run`"""
+
+
+SYMBOLS = np.dtype([
+    ("name", np.uint32), ("kind", np.uint8), ("other", np.uint8), ("section", np.uint16), ("value", np.uint64),
+    ("size", np.uint64),
+])  # fmt: skip
+"""A symbol of an ELF file; one in section 0 is somebody else's"""
+ALLOCATES = "NRT_"
+"""How the names of Numba's functions begin that allocate and free arrays"""
+FREES = "NRT_MemInfo_call_dtor"
+"""Every kernel has calls of it, and none is taken where nothing allocates"""
+_LOADED: list[Any] = []
+"""Code, which is freed with the engine that has loaded it"""
+
+
+def loaded(code: bytes) -> Native:
+    """A kernel from its object code.
+
+    Each has an engine of its own: code is linked by names, and those of two kinds of scene may be the same.
+
+    Raises:
+        LookupError: it is no kernel, or calls something that is nowhere; LLVM would call the address 0.
+    """
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    object_file = llvm.object_file.ObjectFileRef.from_data(code)
+    for name in called_by(object_file):
+        _make_known(name)
+    machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(object_file)
+    engine.finalize_object()
+    addresses = [engine.get_function_address(name) for name in TYPES]
+    if not all(addresses):
+        raise LookupError("it has no kernel")
+    _LOADED.append(engine)
+    ffi = FFI()
+    run, tick = (ffi.cast(kind, address) for kind, address in zip(TYPES.values(), addresses, strict=True))
+    return Native(run, tick, addresses[0])
+
+
+def called_by(object_file: Any) -> list[str]:
+    """Names of what an object file does not have itself."""
+    parts = {part.name(): part.data() for part in object_file.sections()}
+    names, symbols = parts[b".strtab"], np.frombuffer(parts[b".symtab"], SYMBOLS)
+    begins = symbols["name"][(symbols["section"] == 0) & (symbols["name"] > 0)].tolist()
+    return [names[begin : names.index(b"\0", begin)].decode() for begin in begins]
+
+
+def _make_known(name: str) -> None:
+    """Tell LLVM where a function is: one of C's, or of those by which Numba's code allocates arrays."""
+    if name.startswith(ALLOCATES) and name != FREES:
+        from numba.core.registry import cpu_target
+        from numba.core.runtime import rtsys
+
+        rtsys.initialize(cpu_target.target_context)
+    if llvm.address_of_symbol(name) is not None:
+        return
+    for library in (None, "libm.so.6"):
+        with suppress(AttributeError, OSError):
+            function = ctypes.CDLL(library)["abort" if name == FREES else name]
+            llvm.add_symbol(name, ctypes.cast(function, ctypes.c_void_p).value)
+            return
+    raise LookupError(f"it calls {name}, which is nowhere")
+
+
+@functools.cache
+def processor() -> tuple[str, ...]:
+    """What machine code depends on; NUMBA_CPU_NAME and the like make another of it."""
+    asked = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    features = llvm.get_host_cpu_features().flatten()
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), features, *asked
