@@ -58,7 +58,7 @@ def worth_compiling(scene: Scene, ticks: int) -> bool:
 
 @functools.cache
 def compiler_works() -> bool:
-    """Whether Numba can be used; if not, that is told once, and all that is not kept is computed by the plain kernel."""
+    """Whether Numba can be used; if not, that is told once, and what is not kept is computed by the plain kernel."""
     try:
         import_module("numba")
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names

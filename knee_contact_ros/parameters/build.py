@@ -44,7 +44,8 @@ def load_model(
     The compiled kernel computes the same bits some hundred times quicker, after a quarter or a third of a minute of
     compiling or, if this machine has compiled this kind of scene before, a tenth of a second of loading. By itself the
     model takes it for a run where that answers sooner, and for a stream where it need not be compiled; with `compiled`
-    True it always does, with False never. Where Numba cannot be used, one warning says so, and the plain kernel computes.
+    True it always does, with False never. Where Numba cannot be used, one warning says so, and the
+    plain kernel computes.
 
     `curves` gives the contents of files that parameters name, by parameter, in place of the files. What makes no sense
     in the parameters (a stiffness or a body weight that must be meant in other units) is warned of.

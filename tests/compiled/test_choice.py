@@ -148,7 +148,8 @@ print(stream.tick(0.0, 0.4, 900.0).tobytes().hex())
 """
 
 
-def test_without_numba_all_goes_on_uncompiled_with_one_warning() -> None:
+def test_without_numba_all_goes_on_uncompiled_with_one_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # what is kept needs no Numba
     done = subprocess.run([sys.executable, "-c", WITHOUT_NUMBA], capture_output=True, text=True, check=True)
     answers = [bytes.fromhex(line) for line in done.stdout.splitlines()]
     expected = model(compiled=False).run(*SERIES)

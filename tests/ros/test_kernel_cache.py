@@ -66,7 +66,10 @@ def test_a_kernel_that_was_not_written_to_its_end_is_compiled_again(
     assert run() == (answers, True, "")
 
 
-def test_a_node_without_numba_answers_uncompiled(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
+def test_a_node_without_numba_answers_uncompiled(
+    peer: Peer, start_node: Callable[..., NodeProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # what is kept needs no Numba
     node = start_node(without="numba")
     peer.wait_for_node()
     send_all(peer)
