@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 from knee_contact_ros.tools.work_precision.ours import NAME
-from knee_contact_ros.tools.work_precision.study import STREAM, Row
+from knee_contact_ros.tools.work_precision.solver import STREAM
+from knee_contact_ros.tools.work_precision.study import Row
 
 
 def of(rows: Iterable[Row], problem: str, mode: str) -> list[Row]:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.tools.work_precision.frontier import envelope, is_ours, line_name, line_names, of
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.solver import STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
 
 COLOURS = {
     "SciPy": "#0072B2", "CVODE": "#56B4E9", "MuJoCo": "#D55E00", "Exudyn": "#009E73", "Drake": "#CC79A7",

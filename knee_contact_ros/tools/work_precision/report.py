@@ -12,9 +12,9 @@ import numpy as np
 
 from knee_contact_ros.tools.work_precision import frontier, targets
 from knee_contact_ros.tools.work_precision.problems import Problem
-from knee_contact_ros.tools.work_precision.solver import Solver
+from knee_contact_ros.tools.work_precision.solver import STREAM, WHOLE, Solver
 from knee_contact_ros.tools.work_precision.steadiness import Moment
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.study import Row
 from knee_contact_ros.tools.work_precision.timing import summed_up
 
 ASKED = 1e-8

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.tools.work_precision import frontier
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.solver import STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
 
 ASKED, FINEST, COARSE = 1e-8, 1e-10, 1e-6
 """Errors [m]: at which times are compared; that must be reachable; from which to that one the cost's growth is taken"""

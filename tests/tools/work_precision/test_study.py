@@ -15,7 +15,8 @@ from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.tools.work_precision import frontier, run, steadiness, study, targets, worker
 from knee_contact_ros.tools.work_precision.peers import PEERS, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.solver import STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
 
 OURS, PEER = "knee-contact dynamic", "SciPy DOP853"
 

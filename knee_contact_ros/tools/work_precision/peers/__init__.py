@@ -16,6 +16,8 @@ class Peer(NamedTuple):
     module: str
     distribution: str
     drivers: tuple[str, ...]
+    extra: str = "trade"
+    """Of this package, that brings it"""
 
     @property
     def installed(self) -> bool:
@@ -46,4 +48,7 @@ PEERS = (
     Peer("Exudyn", "exudyn", "exudyn", ("exudyn_symbolic",)),
     Peer("Drake", "pydrake", "drake", ("drake_symbolic",)),
     Peer("OpenSim", "opensim", "opensim", ("opensim_expression",)),
+    Peer("CyRK", "CyRK", "CyRK", ("cyrk_compiled",), "peers"),
+    Peer("numbalsoda", "numbalsoda", "numbalsoda", ("numbalsoda_compiled",), "peers"),
+    Peer("diffrax", "diffrax", "diffrax", ("diffrax_jit",), "peers"),
 )
