@@ -17,7 +17,6 @@ LAW = (
     "call per tick in a compiled function, which Python calls for every sample or a compiled loop for all of them"
 )
 METHODS = ("LSODA", "DOP853")
-"""`solve_ivp`, which knows events, takes 5 µs for a call by itself; it is below, for whole runs"""
 MOST_STEPS = 1_000_000
 
 
