@@ -61,7 +61,7 @@ def stream(level: str) -> Run:
         with stopwatch() as watch:
             for stamp, load in samples:
                 ticks.advance(stamp, 0.0, load)
-                depths.append(depth[0] - gap[0])
+                depths.append(depth.item() - gap.item())
         evaluations = model.stream().advance_all(stamps, np.zeros_like(problem.time), problem.load, None)["evaluations"]
         return Outcome(np.array(depths), watch.seconds, float(evaluations.sum()))
 
