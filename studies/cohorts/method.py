@@ -15,10 +15,6 @@ TOLERANCE, STEPS = "tolerance", "steps per tick"
 TOLERANCES = tuple(10.0 ** (-quarters / 4.0) for quarters in range(8, 45))
 """Relative; from coarse to fine in quarters of a decade"""
 COUNTS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-DEPTH_SCALE, RATE_SCALE = 1e-3, 1e-1
-"""[m] and [m/s]: absolute tolerances over the relative one, for every tool the same"""
-RATE_UNIT = DEPTH_SCALE / RATE_SCALE
-"""[s]: a rate times this has the depth's scale, for tools that take one absolute tolerance for all"""
 
 
 class Method(NamedTuple):

@@ -37,7 +37,7 @@ def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], rep
     """Measure what precision costs.
 
     Work and precision of this model and of what could be taken instead (SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim:
-    the extra trade). All of it takes some ten minutes.
+    the extra trade; CyRK, numbalsoda, diffrax: the extra peers). All of it takes a quarter of an hour.
     """
     from knee_contact_ros.tools.work_precision.run import run_trade
 

@@ -6,14 +6,22 @@ import math
 from collections.abc import Iterable, Sequence
 
 from knee_contact_ros.tools.work_precision.ours import NAME
-from knee_contact_ros.tools.work_precision.study import STREAM, Row
+from knee_contact_ros.tools.work_precision.solver import LOOP, MODES, STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
+
+COUNTED = {WHOLE: MODES, LOOP: (LOOP, STREAM), STREAM: (STREAM,)}
+"""What counts for a way of running: who knows less, or is called more often, may do so where that is the cheaper way"""
 
 
 def of(rows: Iterable[Row], problem: str, mode: str) -> list[Row]:
     """The runs of a problem that count for a way of running: a streamed run also is a whole run."""
-    return [
-        row for row in rows if row.problem == problem and (mode != STREAM or row.mode == STREAM) and not row.failure
-    ]
+    return [row for row in rows if row.problem == problem and row.mode in COUNTED[mode] and not row.failure]
+
+
+def quickest(rows: Iterable[Row], error: float) -> Row | None:
+    """The cheapest run with at most this error [m], if there is one."""
+    able = [row for row in rows if row.error <= error]
+    return min(able, key=lambda row: row.microseconds_per_tick) if able else None
 
 
 def cheapest(rows: Iterable[Row], error: float) -> float:

@@ -15,6 +15,8 @@ Jacobian = Callable[[float, State], Matrix]
 
 DEPTH_SCALE, RATE_SCALE = 1e-3, 1e-1
 """What an absolute tolerance is relative to [m], [m/s]: depths and rates that occur"""
+RATE_UNIT = DEPTH_SCALE / RATE_SCALE
+"""[s]: a rate times this has the depth's scale, for tools that take one absolute tolerance for all"""
 
 
 def absolute_tolerances(tolerance: float) -> list[float]:

@@ -5,22 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
+from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, half_decades, stopwatch
 
 NAME = "knee-contact"
 LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
 """Values of `fidelity.level` to measure"""
-LAW = "exact; `KneeModel.run`, or `Stream.advance` for every sample; compiled"
+LAW = (
+    "exact; `KneeModel.run`, `Stream.advance` for every sample, or `Stream.advance_all` with samples that lie in "
+    "memory; compiled"
+)
 
 
 def solvers() -> list[Solver]:
     """One per level."""
-    settings = tolerances(*range(4, 13))
-    return [Solver(solver_name(level), NAME, LAW, settings, whole(level), stream(level)) for level in LEVELS]
+    settings = half_decades(4, 12)
+    return [
+        Solver(solver_name(level), NAME, LAW, settings, whole(level), stream(level), loop(level)) for level in LEVELS
+    ]
 
 
 def solver_name(level: str) -> str:
@@ -46,19 +52,40 @@ def stream(level: str) -> Run:
     """`Stream.advance`."""
 
     def run(problem: Problem, setting: Setting) -> Outcome:
-        ticks = model_of(problem, level, setting).stream()  # compiles
-        samples = list(zip(np.round(problem.time * 1e9).astype(np.int64).tolist(), problem.load.tolist(), strict=True))
+        model = model_of(problem, level, setting)
+        ticks = model.stream()  # compiles
+        stamps = stamps_of(problem)
+        samples = list(zip(stamps.tolist(), problem.load.tolist(), strict=True))
         depths: list[float] = []
-        evaluations, answer = 0, ticks.answer
-        depth, gap, spent = (answer[name] for name in ("penetration_depth", "gap", "evaluations"))
+        depth, gap = (ticks.answer[name] for name in ("penetration_depth", "gap"))
         with stopwatch() as watch:
             for stamp, load in samples:
                 ticks.advance(stamp, 0.0, load)
-                depths.append(depth[0] - gap[0])
-                evaluations += int(spent[0])
-        return Outcome(np.array(depths), watch.seconds, float(evaluations))
+                depths.append(depth.item() - gap.item())
+        evaluations = model.stream().advance_all(stamps, np.zeros_like(problem.time), problem.load, None)["evaluations"]
+        return Outcome(np.array(depths), watch.seconds, float(evaluations.sum()))
 
     return run
+
+
+def loop(level: str) -> Run:
+    """`Stream.advance_all`, which gives the records that `Stream.advance` gives."""
+
+    def run(problem: Problem, setting: Setting) -> Outcome:
+        model, stamps, angle = model_of(problem, level, setting), stamps_of(problem), np.zeros_like(problem.time)
+        model.stream().advance_all(stamps[:2], angle[:2], problem.load[:2], None)  # compiles
+        ticks = model.stream()
+        with stopwatch() as watch:
+            answers = ticks.advance_all(stamps, angle, problem.load, None)
+            depth = answers["penetration_depth"] - answers["gap"]
+        return Outcome(depth, watch.seconds, float(answers["evaluations"].sum()))
+
+    return run
+
+
+def stamps_of(problem: Problem) -> NDArray[np.int64]:
+    """Time in whole nanoseconds, as ROS has it."""
+    return np.round(problem.time * 1e9).astype(np.int64)
 
 
 def model_of(problem: Problem, level: str, setting: Setting) -> KneeModel:

@@ -1,34 +1,49 @@
-"""Work over precision on logarithmic scales: a panel per problem, above for whole runs, below tick by tick."""
+"""Work over precision on logarithmic scales, on one page: a panel per question, ours apart from the others."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from knee_contact_ros.tools.work_precision.frontier import envelope, is_ours, line_name, line_names, of
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+import numpy as np
 
-COLOURS = {
-    "SciPy": "#0072B2", "CVODE": "#56B4E9", "MuJoCo": "#D55E00", "Exudyn": "#009E73", "Drake": "#CC79A7",
-    "OpenSim": "#E69F00",
-}  # fmt: skip
-"""Okabe and Ito's: told apart by colour-blind readers"""
+from knee_contact_ros.tools.work_precision import frontier
+from knee_contact_ros.tools.work_precision.ours import NAME
+from knee_contact_ros.tools.work_precision.peers import COMPILED
+from knee_contact_ros.tools.work_precision.problems import EVENTFUL, SMOOTH
+from knee_contact_ros.tools.work_precision.solver import LOOP, STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
+
+COLOURS = {"CyRK": "#0072B2", "numbalsoda": "#D55E00", "diffrax": "#009E73"}
+"""Okabe and Ito's, which colour-blind readers tell apart; all others share a grey"""
+GREY = "0.62"
 MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
-OUR_STYLES = ("-", "--", ":", "-.")
-OUR_MARKERS = ("o", "s", "X", "*")
-OUR_WIDTHS, OUR_SIZES, OUR_FACES = (4.0, 1.8, 1.8, 1.2), (11, 7, 8, 7), ("black", "white", "white", "#F0E442")
-"""What is drawn later is smaller and lighter, so that levels that cost the same are all seen"""
 ASKED = 1e-8
 """Error [m] that the tables go by"""
-MODES = {WHOLE: "whole run", STREAM: "every tick when its sample arrives"}
+WAYS = {STREAM: "each sample when it arrives", LOOP: "tick by tick, samples in memory", WHOLE: "whole series known"}
+KINDS = {"smooth": SMOOTH, "with events": EVENTFUL}
+ERRORS = np.logspace(-5, -11, 25)
+"""[m], quarters of a decade"""
 KEY = (
-    "Line: the cheapest runs of a solver\nDot: any of its runs\nTriangle at an edge: its error lies beyond\n"
-    "Upright, dashed: 10 nm, as in the tables\nBetter: lower left"
+    "Geometric means over problems; {problems}. Better: lower left.\n"
+    "Colours: right-hand sides are compiled. Grey: they are in Python, or the tool has mechanics of its own. Dashed: "
+    "10 nm, as in the tables."
 )
-ERRORS = (3e-13, 0.1)
-"""Ends of the error axis [m]: rounding, and more than any knee that lands again is wrong by"""
-COLUMNS = 4
+
+
+class Curve(NamedTuple):
+    """What errors cost with a tool."""
+
+    errors: list[float]
+    """[m], falling"""
+    times: list[float]
+    """[µs] per tick"""
+
+    def at(self, error: float) -> float:
+        """Time [µs] at one of the errors; nan if that is not reached."""
+        return next((time for each, time in zip(*self, strict=True) if math.isclose(each, error)), math.nan)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -36,102 +51,95 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    problems, names = list(dict.fromkeys(row.problem for row in rows)), line_names(rows)
-    panels = len(problems) + 1
-    lines = -(-panels // COLUMNS)
-    columns = min(panels, COLUMNS)
-    figure = Figure(figsize=(4.1 * columns, 7.0 * lines), layout="constrained")
+    there = {row.problem for row in rows}
+    kinds = {kind: [name for name in names if name in there] for kind, names in KINDS.items()}
+    kinds = {kind: names for kind, names in kinds.items() if names}
+    figure = Figure(figsize=(11.0, 1.2 + 3.5 * len(kinds)), layout="constrained")
     FigureCanvasAgg(figure)
-    parts: Any = figure.subfigures(2, 1)
-    for part, (mode, heading) in zip(parts, MODES.items(), strict=True):
-        part.suptitle(heading, fontsize=15, fontweight="bold")
-        axes = part.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for axis, problem in zip(axes, problems, strict=False):
-            panel(axis, of(rows, problem, mode), names)
-            axis.set_title(problem, fontsize=12)
-        for axis in axes[len(problems) :]:
-            axis.set_axis_off()
-        label(axes, columns, len(problems))
-        key(axes[len(problems)], axes[: len(problems)], names)
-    figure.savefig(path, dpi=110)
+    axes = figure.subplots(len(kinds), len(WAYS), sharex=True, sharey=True, squeeze=False)
+    for line, (kind, problems) in zip(axes, kinds.items(), strict=True):
+        for axis, (mode, way) in zip(line, WAYS.items(), strict=True):
+            panel(axis, curves(rows, problems, mode))
+            axis.set_title(f"{way}\n", fontsize=10.5, fontweight="bold", loc="left")
+        line[0].set_ylabel(f"{kind}: time per tick [µs]", fontweight="bold")
+    for axis in axes[-1]:
+        axis.set_xlabel("largest error of the depth")
+    legend(figure, axes)
+    asked = "; ".join(f"{kind}: {' · '.join(names)}" for kind, names in kinds.items())
+    figure.supxlabel(KEY.format(problems=asked), fontsize=8, x=0.01, ha="left")
+    figure.savefig(path, dpi=120)
 
 
-def panel(axis: Any, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """One problem: every run a dot, and for each name the line of those that nothing of the same name beats."""
-    for name in names:
-        mine = [row for row in rows if line_name(row) == name]
-        if not mine:
-            continue
-        style = style_of(name, names)
-        errors, costs = zip(*[(within(error), cost) for error, cost in envelope(mine)], strict=True)
-        axis.plot(errors, costs, label=name, **style)
-        scatter(axis, mine, style["color"])
+def curves(rows: Sequence[Row], problems: Sequence[str], mode: str) -> dict[str, Curve]:
+    """By tool, ours last: the geometric mean of some problems, as far as all of them are solved."""
+    names = dict.fromkeys(row.peer for row in rows)
+    found = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
+    return {name: found[name] for name in sorted(found, key=lambda name: name == NAME) if found[name].errors}
+
+
+def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
+    """Of one tool."""
+    runs = [frontier.of(rows, problem, mode) for problem in problems]
+    times = [[frontier.cheapest(each, error * (1.0 + 1e-9)) for each in runs] for error in ERRORS]
+    means = [float(np.exp(np.mean(np.log(each)))) for each in times]
+    reached = [i for i, mean in enumerate(means) if not math.isnan(mean)]
+    return Curve([float(ERRORS[i]) for i in reached], [means[i] for i in reached])
+
+
+def panel(axis: Any, found: dict[str, Curve]) -> None:
+    """One question."""
+    from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+    for name, (errors, times) in found.items():
+        axis.plot(
+            errors, times, label=name, markevery=(min(MARK_FIRST.get(name, 0), len(times) - 1), 6), **style_of(name)
+        )
     axis.set_xscale("log")
     axis.set_yscale("log")
-    axis.set_xlim(*ERRORS)
-    named_lengths(axis)
-    axis.axvline(ASKED, color="0.6", linewidth=1.0, linestyle=(0, (2, 3)), zorder=0)
+    axis.set_xlim(ERRORS.min(), ERRORS.max())
+    axis.axvline(ASKED, color="0.35", linewidth=0.8, linestyle=(0, (2, 3)), zorder=0)
+    axis.xaxis.set_major_locator(FixedLocator([1e-11, 1e-9, 1e-7, 1e-5]))
+    axis.xaxis.set_major_formatter(EngFormatter("m"))
+    axis.xaxis.set_minor_locator(LogLocator(base=10.0, numticks=20))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.grid(visible=True, which="major", color="0.92", linewidth=0.8)
     axis.set_axisbelow(True)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+    say_nearest(axis, found)
 
 
-def named_lengths(axis: Any) -> None:
-    """Ticks of the errors with their unit: pm, nm, µm, mm."""
-    from matplotlib.ticker import EngFormatter, FixedLocator, LogLocator, NullFormatter
-
-    axis.xaxis.set_major_locator(FixedLocator([1e-12, 1e-9, 1e-6, 1e-3]))
-    axis.xaxis.set_major_formatter(EngFormatter("m"))
-    axis.xaxis.set_minor_locator(LogLocator(base=10.0, numticks=20))
-    axis.xaxis.set_minor_formatter(NullFormatter())
-
-
-def scatter(axis: Any, rows: Sequence[Row], colour: str) -> None:
-    """All runs: dots, and triangles at the edges for errors beyond them."""
-    for marker in (".", "<", ">"):
-        dots = [(within(row.error), row.microseconds_per_tick) for row in rows if marker_of(row.error) == marker]
-        if dots:
-            size, alpha = (3, 0.4) if marker == "." else (7, 0.8)
-            axis.plot(*zip(*dots, strict=True), marker, markersize=size, alpha=alpha, color=colour, zorder=1,
-                      clip_on=marker == ".")  # fmt: skip
+def say_nearest(axis: Any, found: dict[str, Curve]) -> None:
+    """At the error asked for: the quickest of the others, and its time over ours."""
+    ours = found.get(NAME, Curve([], [])).at(ASKED)
+    times = {name: each.at(ASKED) for name, each in found.items() if name != NAME}
+    times = {name: time for name, time in times.items() if not math.isnan(time)}
+    if math.isnan(ours) or not times:
+        return
+    name = min(times, key=times.__getitem__)
+    axis.plot([ASKED, ASKED], [ours, times[name]], color="black", linewidth=1.2, zorder=4)
+    axis.text(0.0, 1.02, f"{name}: {frontier.multiple(times[name] / ours)} our time at 10 nm",
+              transform=axis.transAxes, fontsize=9.5, color=COLOURS.get(name, "0.3"))  # fmt: skip
 
 
-def marker_of(error: float) -> str:
-    """A dot, or a triangle that points to where an error [m] beyond the axis lies."""
-    return "<" if error < ERRORS[0] else ">" if error > ERRORS[1] else "."
+MARK_FIRST = {"SciPy": 0, "CVODE": 1, "MuJoCo": 2, "Exudyn": 3, "Drake": 4, "OpenSim": 5}
+"""Marks do not lie upon one another"""
 
 
-def within(error: float) -> float:
-    """An error [m] moved to the edge of the axis if it lies beyond."""
-    return min(max(error, ERRORS[0]), ERRORS[1])
+def style_of(name: str) -> dict[str, Any]:
+    """Ours black and bold, compiled peers in colour, the others grey."""
+    if name == NAME:
+        return {"color": "black", "linewidth": 4.0, "zorder": 6, "solid_capstyle": "round"}
+    if name in COMPILED:
+        return {"color": COLOURS[name], "linewidth": 1.9, "zorder": 4}
+    return {"color": GREY, "linewidth": 0.9, "marker": MARKERS.get(name, "x"), "markersize": 4, "zorder": 2}
 
 
-def key(place: Any, axes: Any, names: Sequence[str]) -> None:
-    """The legend in a panel of its own."""
-    labelled = [axis.get_legend_handles_labels() for axis in axes]
+def legend(figure: Any, axes: Any) -> None:
+    """Above the panels, ours first."""
+    labelled = [axis.get_legend_handles_labels() for axis in axes.ravel()]
     handles = {name: handle for pair in labelled for handle, name in zip(*pair, strict=True)}
-    shown = [name for name in names if name in handles]
-    place.legend([handles[name] for name in shown], shown, loc="upper left", bbox_to_anchor=(0.0, 1.12), fontsize=11,
-                 frameon=False, title=KEY, title_fontsize=11, alignment="left", labelspacing=0.35)  # fmt: skip
-
-
-def style_of(name: str, names: Sequence[str]) -> dict[str, Any]:
-    """Ours black and bold."""
-    if is_ours(name):
-        number = [each for each in names if is_ours(each)].index(name) % len(OUR_STYLES)
-        return {"color": "black", "linewidth": OUR_WIDTHS[number], "linestyle": OUR_STYLES[number],
-                "marker": OUR_MARKERS[number], "markersize": OUR_SIZES[number],
-                "markerfacecolor": OUR_FACES[number], "zorder": 5 + 0.1 * number}  # fmt: skip
-    return {"color": COLOURS.get(name, "0.5"), "linewidth": 1.5, "marker": MARKERS.get(name, "x"), "markersize": 5,
-            "zorder": 3}  # fmt: skip
-
-
-def label(axes: Any, columns: int, problems: int) -> None:
-    """Axes' names at the edge; ticks below the last panel of every column."""
-    for index, axis in enumerate(axes[:problems]):
-        if index % columns == 0:
-            axis.set_ylabel("time per tick [µs]", fontsize=11)
-        if index + columns >= problems:
-            axis.set_xlabel("largest error of the depth", fontsize=11)
-            axis.tick_params(labelbottom=True)
+    order = sorted(handles, key=lambda name: (name != NAME, name not in COMPILED))
+    figure.legend([handles[name] for name in order], order, loc="outside upper left", ncols=len(order), frameon=False,
+                  fontsize=9.5, columnspacing=1.2, handlelength=1.8)  # fmt: skip

@@ -17,6 +17,10 @@ from knee_contact_ros.offline.bundled_gait import gait
 EXPONENT = 1.5
 K1, K2 = 7.905694e7, 3.112e9
 BASE, PEAK = 150.0, 1615.0
+SMOOTH = ("gait", "gait, 1 kg", "bag, right", "bag, left")
+"""Problems that stay in contact, in one layer"""
+EVENTFUL = ("lift-off", "osteoarthritis", "impact")
+"""Problems that lift off and land, or go from layer to layer"""
 
 
 class Problem(NamedTuple):

@@ -12,16 +12,20 @@ import numpy as np
 
 from knee_contact_ros.tools.work_precision import frontier, targets
 from knee_contact_ros.tools.work_precision.problems import Problem
-from knee_contact_ros.tools.work_precision.solver import Solver
+from knee_contact_ros.tools.work_precision.solver import LOOP, STREAM, WHOLE, Solver
 from knee_contact_ros.tools.work_precision.steadiness import Moment
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.study import Row
 from knee_contact_ros.tools.work_precision.timing import summed_up
 
 ASKED = 1e-8
 """Error [m] that the tables go by"""
 LEVELS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Errors [m] of the frontiers"""
-TITLES = {WHOLE: "Whole run", STREAM: "Every tick when its sample arrives"}
+TITLES = {
+    WHOLE: "Whole run",
+    LOOP: "Tick by tick in a loop",
+    STREAM: "Every tick when its sample arrives",
+}
 INTRODUCTION = """
 What precision costs, here and with what a user would take instead, in one run of the study. The error is the largest
 difference of the signed depth (penetration, or gap) from the reference at any tick; the reference is DOP853 at 1e-12,
@@ -34,15 +38,28 @@ stays on one processor. All runs are timed in {repeat} turns, minutes apart, and
 (runs of 0.25 s and more in fewer turns, but two); the fastest counts. Read the ratios: times are of this machine and
 this run. {noise}
 
-Functions that a tool takes from Python are in plain Python, as users write them. Where a tool's own contact is another
-law (linear in the depth in MuJoCo and Drake, not clamped in Exudyn, Hunt and Crossley's in OpenSim), it is not used:
-the law is given as a force.
+Functions that a tool takes from Python are in plain Python, as users write them; those of CyRK, numbalsoda and diffrax
+are compiled, by Numba or XLA, and called by what is compiled, without Python in between. Their tolerances and ours are
+half a decade apart, those of the others a decade. Where a tool's own contact is another law (linear in the depth in
+MuJoCo and Drake, not clamped in Exudyn, Hunt and Crossley's in OpenSim), it is not used: the law is given as a force.
+The others give the depth; ours besides gives contact force, contact point and an estimate of its error, in the same
+time.
 
-A whole run knows all samples beforehand and may be one call; a streamed run counts here too, where it is the cheaper
-way. With the load linear between the ticks, every tick begins with a kink: solvers with error control that step across
-them pay for small tolerances, and runs that stop at every tick do not.
+There are three ways to run. *Every tick when its sample arrives*: Python has a sample and calls the tool, which carries
+its state on. *Tick by tick in a loop*: the samples lie in memory, and compiled code takes one after another, none
+before its time: what a user of compiled code does with a stream that reaches it without Python; our
+`Stream.advance_all`. *Whole run*: all samples are known beforehand, and it may be one call. What is allowed in one way
+is so in the next; a streamed run counts as a loop and a whole run, where it is the cheaper way. With the load linear
+between the ticks, every tick begins with a kink: solvers with error control that step across them pay for small
+tolerances, and runs that stop at every tick do not. Where a series is so smooth that a step spans many ticks, only a
+whole run can make it.
+
+Lift-off, landing and layers: the compiled tools step across them, by their error control; numbalsoda also stops at them
+in whole runs ("events"), where its `solve_ivp` can. CyRK knows events from Python only (`pysolve_ivp`), where a whole
+run takes nine times as long by itself, and diffrax takes longer for a run without an event than the others with them.
 """
 SEE = "`trade.csv` has every run. `trade.png`:\n\n![Time per tick over error](trade.png)"
+QUICKEST = "Its time over ours (less than 1x: it is the quicker one), and both times per tick in µs."
 HOW_TO_READ = "In µs, of the cheapest setting, in brackets as a multiple of ours; otherwise the smallest error reached."
 LONG_RUNS = (
     "One run of gait over and over, tick by tick: time per tick since the line above, and what the run holds in memory."
@@ -79,6 +96,9 @@ def write_page(path: Path, study: Study) -> None:
     problems, rows = [problem.name for problem in study.problems], study.rows
     parts = ["# Work and precision", f"Made by `{study.command}` on {study.machine}."]
     parts += [INTRODUCTION.format(repeat=study.repeat, noise=noise(study)).strip(), SEE]
+    if best := against_the_quickest(rows, problems):
+        parts += [f"## Against the quickest of the others at an error of {power_of_ten(ASKED)} m", QUICKEST]
+        parts += [table(("problem", *TITLES.values()), best)]
     parts += ["## Problems", table(("problem", "what happens"), [[each.name, each.about] for each in study.problems])]
     parts += ["## Solvers", table(("solvers", "the contact law"), laws(study.solvers)), *study.absent]
     if judgement := targets.judged(rows, problems):
@@ -89,7 +109,7 @@ def write_page(path: Path, study: Study) -> None:
         parts += [table(("solver", *problems), asked_for(rows, problems, mode))]
     for problem in problems:
         header = ("error [m] at most", *(power_of_ten(level) for level in LEVELS))
-        for mode, title in TITLES.items():
+        for mode, title in ((mode, TITLES[mode]) for mode in (WHOLE, STREAM)):
             parts += [
                 f"## {problem}, {title.lower()}: time per tick [µs]",
                 table(header, frontiers(rows, problem, mode)),
@@ -139,6 +159,24 @@ def laws(solvers: Sequence[Solver]) -> Table:
     """A line for all solvers that express the law in the same way."""
     return [[", ".join(each.name for each in solvers if each.law == law), law]
             for law in dict.fromkeys(each.law for each in solvers)]  # fmt: skip
+
+
+def against_the_quickest(rows: Sequence[Row], problems: Sequence[str]) -> Table:
+    """A line per problem, a column per way to run: the quickest of the others, its time over ours, and both times."""
+    lines = []
+    for problem in problems:
+        cells = []
+        for mode in TITLES:
+            ours, theirs = targets.split(frontier.of(rows, problem, mode))
+            us, them = frontier.quickest(ours, ASKED), frontier.quickest(theirs, ASKED)
+            if us is None or them is None:
+                cells.append("-")
+                continue
+            times = them.microseconds_per_tick, us.microseconds_per_tick
+            ratio = frontier.multiple(times[0] / times[1])
+            cells.append(f"{ratio} ({them.solver}: {times[0]:.3g}; ours: {times[1]:.3g})")
+        lines.append([problem, *cells])
+    return lines if any(cell != "-" for _, *cells in lines for cell in cells) else []
 
 
 def asked_for(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Table:

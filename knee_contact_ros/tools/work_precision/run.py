@@ -80,7 +80,7 @@ def available() -> tuple[list[Entry], list[str]]:
         if peer.installed:
             found += peer.entries()
         else:
-            absent.append(not_installed(peer.name, EXTRA))
+            absent.append(not_installed(peer.name, peer.extra))
     return found, absent
 
 

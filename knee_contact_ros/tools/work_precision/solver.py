@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.tools.work_precision.problems import Problem
 
+WHOLE, LOOP, STREAM = "whole", "loop", "stream"
+"""Ways to run: all samples known; one after another, in a loop of the tool's or of compiled code; when each arrives"""
+MODES = (WHOLE, LOOP, STREAM)
+
 
 class Setting(NamedTuple):
     """A tolerance or a step, from coarse to fine."""
@@ -48,7 +52,13 @@ class Solver(NamedTuple):
     whole: Run | None
     """The run in one call, if the tool can; output at every tick"""
     stream: Run | None
-    """Every tick solved when its sample arrives: nothing later is known"""
+    """Every tick solved when its sample arrives, a call from Python for each: nothing later is known"""
+    loop: Run | None = None
+    """Likewise, but the samples lie in memory and compiled code takes them one after another"""
+
+    def way(self, mode: str) -> Run | None:
+        """Its run in a mode, if there is one."""
+        return {WHOLE: self.whole, LOOP: self.loop, STREAM: self.stream}[mode]
 
 
 class Stopwatch:
@@ -70,6 +80,13 @@ def stopwatch() -> Iterator[Stopwatch]:
 def tolerances(*exponents: int) -> list[Setting]:
     """Settings 1e-4 and the like."""
     return [Setting(f"1e-{exponent}", 10.0**-exponent) for exponent in exponents]
+
+
+def half_decades(first: int, last: int) -> list[Setting]:
+    """Settings 1e-4, 3e-5, 1e-5 and so on."""
+    halves = [(f"{digit}e-{exponent}", float(f"{digit}e-{exponent}")) for exponent in range(first, last + 1)
+              for digit in ((1,) if exponent == first else (3, 1))]  # fmt: skip
+    return [Setting(*each) for each in halves]
 
 
 def steps_per_tick(*counts: int) -> list[Setting]:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from knee_contact_ros.tools.work_precision import yardstick
 from knee_contact_ros.tools.work_precision.peers import Entry
 from knee_contact_ros.tools.work_precision.problems import Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome
+from knee_contact_ros.tools.work_precision.solver import MODES, WHOLE, Outcome
 from knee_contact_ros.tools.work_precision.start import exact_depth
 from knee_contact_ros.tools.work_precision.timing import summed_up, turns_for
 from knee_contact_ros.tools.work_precision.worker import FailedRunError, GivenUpError, LostProcessError, Task, Worker
 
-WHOLE, STREAM = "whole", "stream"
 LIMIT = 20.0
 """Seconds after which a run is given up"""
 SLOW = 1.0
@@ -104,8 +103,8 @@ def measure(
             yardsticks.append(time_yardstick(worker, problems[0]))
             for entry in (each for each in entries if each.solver.peer == peer):
                 for problem in problems:
-                    for streamed in (False, True):
-                        runs += sweep(worker, entry, problem, exact[problem.name], streamed)
+                    for mode in MODES:
+                        runs += sweep(worker, entry, problem, exact[problem.name], mode)
                     steps.done()
         for turn in range(1, turns):
             for peer, worker in workers.items():
@@ -132,7 +131,7 @@ class Steps:
 
 def time_yardstick(worker: Worker, problem: Problem) -> float:
     """Seconds of the yardstick in a worker's process."""
-    task = Task(yardstick.__name__, yardstick.NAME, False, problem, yardstick.SETTING)
+    task = Task(yardstick.__name__, yardstick.NAME, WHOLE, problem, yardstick.SETTING)
     return worker.run(task, LIMIT).seconds
 
 
@@ -145,15 +144,15 @@ def time_again(worker: Worker, runs: Iterable[Run]) -> None:
             continue
 
 
-def sweep(worker: Worker, entry: Entry, problem: Problem, exact: NDArray[np.float64], streamed: bool) -> Iterator[Run]:
+def sweep(worker: Worker, entry: Entry, problem: Problem, exact: NDArray[np.float64], mode: str) -> Iterator[Run]:
     """From the coarsest setting to the first one that is fine or slow enough."""
-    solver, mode, ticks = entry.solver, STREAM if streamed else WHOLE, len(problem.time) - 1
-    if (solver.stream if streamed else solver.whole) is None:
+    solver, ticks = entry.solver, len(problem.time) - 1
+    if solver.way(mode) is None:
         return
     losses = 0
     for setting in solver.settings:
         row = Row(problem.name, solver.name, solver.peer, mode, setting.label, math.nan, math.nan, math.nan)
-        task = Task(entry.driver, solver.name, streamed, problem, setting)
+        task = Task(entry.driver, solver.name, mode, problem, setting)
         try:
             outcome = worker.run(task, LIMIT)
         except FailedRunError as error:

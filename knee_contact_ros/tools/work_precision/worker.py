@@ -28,7 +28,8 @@ class Task(NamedTuple):
     driver: str
     """Module with a function `solvers`"""
     solver: str
-    streamed: bool
+    mode: str
+    """Of `solver.MODES`"""
     problem: Problem
     setting: Setting
 
@@ -115,9 +116,10 @@ def serve(connection: Connection) -> None:
 def best(task: Task) -> Outcome:
     """The fastest of some runs, one after another; a long run is not repeated."""
     solver: Solver = next(each for each in import_module(task.driver).solvers() if each.name == task.solver)
-    run = solver.stream if task.streamed else solver.whole
+    run = solver.way(task.mode)
     assert run is not None  # noqa: S101 - for the type checker
     gc.collect()
+    gc.freeze()  # a compiler's objects take 0.1 s to look through, for every task
     gc.disable()  # as `timeit` does: one run in many would pay for all
     try:
         outcome = run(task.problem, task.setting)

@@ -10,8 +10,16 @@ from CyRK import nbsolve_ivp
 from CyRK.nb.numba_solver import cyjit, nbsolve2_ivp
 from numba import njit, prange, set_num_threads
 
-from studies.cohorts.method import COUNTS, DEPTH_SCALE, STEPS, TOLERANCE, TOLERANCES, Method, Run
-from studies.cohorts.peers.compiled_motion import load_in_series, load_in_tick, rates, series_numbers, tick_numbers
+from knee_contact_ros.tools.work_precision.compiled_motion import (
+    load_in_series,
+    load_in_tick,
+    rates,
+    series_numbers,
+    set_ramp,
+    tick_numbers,
+)
+from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE
+from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 
 TOOL = "CyRK"
@@ -107,7 +115,7 @@ def _anew(
         numbers, state = tick_numbers(stiffness[i], damping[i], mass[i]), np.array([start[i], 0.0])
         depths[i, 0] = start[i]
         for j in range(1, len(time)):
-            numbers[3], numbers[4] = load[j - 1], (load[j] - load[j - 1]) / tick
+            set_ramp(numbers, load[j - 1], (load[j] - load[j - 1]) / tick)
             # CyRK refuses a first step beyond half the span
             found = nbsolve2_ivp(
                 IN_TICK, (0.0, tick), state, method=solver, args=numbers, rtol=rtol, atol=atol, first_step=0.5 * tick,
@@ -134,7 +142,7 @@ def _anew_in_numba(
         numbers, state = tick_numbers(stiffness[i], damping[i], mass[i]), np.array([start[i], 0.0])
         depths[i, 0] = start[i]
         for j in range(1, len(time)):
-            numbers[3], numbers[4] = load[j - 1], (load[j] - load[j - 1]) / tick
+            set_ramp(numbers, load[j - 1], (load[j] - load[j - 1]) / tick)
             found = nbsolve_ivp(
                 _in_tick_for_numba, (0.0, tick), state, args=(numbers,), rtol=rtol, atol=atol, rk_method=solver,
                 first_step=tick, warnings=False,

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from studies.cohorts.method import COUNTS, DEPTH_SCALE, RATE_UNIT, STEPS, TOLERANCE, TOLERANCES, Method, Run
+from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE, RATE_UNIT
+from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 
 TOOL = "diffrax"

@@ -10,8 +10,16 @@ import numpy as np
 from numba import cfunc, njit, prange, set_num_threads
 from numbalsoda import dop853, lsoda, lsoda_sig, solve_ivp
 
-from studies.cohorts.method import COUNTS, DEPTH_SCALE, STEPS, TOLERANCE, TOLERANCES, Method, Run
-from studies.cohorts.peers.compiled_motion import load_in_series, load_in_tick, rates, series_numbers, tick_numbers
+from knee_contact_ros.tools.work_precision.compiled_motion import (
+    load_in_series,
+    load_in_tick,
+    rates,
+    series_numbers,
+    set_ramp,
+    tick_numbers,
+)
+from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE
+from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 
 TOOL = "numbalsoda"
@@ -81,7 +89,7 @@ def _anew(solver: Any) -> Callable[..., Any]:
             span = np.array([0.0, tick])
             depths[i, 0] = start[i]
             for j in range(1, len(time)):
-                numbers[3], numbers[4] = load[j - 1], (load[j] - load[j - 1]) / tick
+                set_ramp(numbers, load[j - 1], (load[j] - load[j - 1]) / tick)
                 states, reached = solver(IN_TICK, state, span, numbers, rtol, atol, MOST_STEPS)
                 if not reached:
                     break

@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from studies.cohorts.method import COUNTS, DEPTH_SCALE, RATE_SCALE, STEPS, TOLERANCE, TOLERANCES, Method, Run
+from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE, RATE_SCALE
+from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 
 TOOL = "SciPy, one system"

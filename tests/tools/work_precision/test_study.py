@@ -12,10 +12,11 @@ from click.testing import CliRunner
 
 from knee_contact_ros.cli.main import knee_contact, main
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.tools.work_precision import frontier, run, steadiness, study, targets, worker
+from knee_contact_ros.tools.work_precision import frontier, plot, report, run, steadiness, study, targets, worker
 from knee_contact_ros.tools.work_precision.peers import PEERS, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems
-from knee_contact_ros.tools.work_precision.study import STREAM, WHOLE, Row
+from knee_contact_ros.tools.work_precision.solver import LOOP, STREAM, WHOLE
+from knee_contact_ros.tools.work_precision.study import Row
 
 OURS, PEER = "knee-contact dynamic", "SciPy DOP853"
 
@@ -38,6 +39,8 @@ ROWS = [
 def test_a_streamed_run_is_also_a_whole_run_but_not_the_other_way() -> None:
     assert len(frontier.of(ROWS, "gait", WHOLE)) == 6
     assert len(frontier.of(ROWS, "gait", STREAM)) == 5
+    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, LOOP)]
+    assert [len(frontier.of(rows, "gait", mode)) for mode in (WHOLE, LOOP, STREAM)] == [7, 6, 5]
 
 
 def test_the_envelope_leaves_out_what_is_beaten_in_both() -> None:
@@ -54,6 +57,29 @@ def test_targets_are_judged_by_their_ratios() -> None:
     assert judged["1e-10 m is reachable; smallest error [m]"] == "1e-11, yes"
     # From 1 to 10 µs between 1e-6 and 1e-10 m.
     assert judged["cost grows like error^-p, p at most 1/4"] == "0.25, yes"
+
+
+def test_a_peer_that_is_quicker_is_said_to_be() -> None:
+    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, LOOP)]
+    judged = {line[0]: line[1] for line in targets.judged(rows, ["gait"])}
+    compiled = "less time than the best of CyRK, numbalsoda, diffrax"
+    # Ours needs 10 µs for 1e-8 m, in every way to run.
+    assert judged[f"tick by tick in a loop: 10x {compiled}"] == "0.2x, no"
+    assert judged[f"whole run: 5x {compiled}"] == "0.2x, no"
+    assert f"tick by tick, a call each: 10x {compiled}" not in judged
+    (line,) = report.against_the_quickest(rows, ["gait"])
+    assert line[1:] == [
+        "0.2x (CyRK RK45: 2; ours: 10)", "0.2x (CyRK RK45: 2; ours: 10)", "30x (SciPy DOP853: 300; ours: 10)"
+    ]  # fmt: skip
+
+
+def test_a_curve_is_the_mean_over_problems_where_all_are_solved() -> None:
+    pair = [row(OURS, "knee-contact", 1e-9, 1.0), row(OURS, "knee-contact", 1e-7, 4.0)._replace(problem="bag, right")]
+    errors, times = plot.curves(pair, ["gait", "bag, right"], STREAM)["knee-contact"]
+    assert min(errors) == pytest.approx(1e-7)
+    # The geometric mean of 1 and 4.
+    assert times == pytest.approx([2.0] * len(errors))
+    assert plot.curves(pair, ["gait", "bag, right", "bag, left"], STREAM) == {}
 
 
 def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +112,7 @@ def test_the_command_writes_its_three_files(tmp_path: Path, monkeypatch: pytest.
         assert expected in page
     with (tmp_path / "trade.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {each["mode"] for each in rows} == {WHOLE, STREAM}
+    assert {each["mode"] for each in rows} == {WHOLE, LOOP, STREAM}
     ours = [each for each in rows if each["solver"] == OURS and each["setting"] == "1e-8"]
     assert all(float(each["error"]) < 1e-8 for each in ours)
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")

@@ -16,6 +16,8 @@ class Peer(NamedTuple):
     module: str
     distribution: str
     drivers: tuple[str, ...]
+    extra: str = "trade"
+    """Of this package, that brings it"""
 
     @property
     def installed(self) -> bool:
@@ -39,6 +41,8 @@ def entries(driver: str) -> list[Entry]:
     return [Entry(driver, solver) for solver in import_module(driver).solvers()]
 
 
+COMPILED = ("CyRK", "numbalsoda", "diffrax")
+"""Peers whose right-hand side is compiled, and called by what is compiled"""
 PEERS = (
     Peer("SciPy", "scipy", "scipy", ("scipy_ivp", "scipy_odeint", "scipy_events")),
     Peer("CVODE", "sksundae", "scikit-sundae", ("cvode",)),
@@ -46,4 +50,7 @@ PEERS = (
     Peer("Exudyn", "exudyn", "exudyn", ("exudyn_symbolic",)),
     Peer("Drake", "pydrake", "drake", ("drake_symbolic",)),
     Peer("OpenSim", "opensim", "opensim", ("opensim_expression",)),
+    Peer("CyRK", "CyRK", "CyRK", ("cyrk_compiled",), "peers"),
+    Peer("numbalsoda", "numbalsoda", "numbalsoda", ("numbalsoda_compiled", "numbalsoda_events"), "peers"),
+    Peer("diffrax", "diffrax", "diffrax", ("diffrax_jit",), "peers"),
 )
