@@ -139,6 +139,8 @@ class ContactSession(Session):
         """Compile the model's kernel; where that cannot be, the plain one computes."""
         from knee_contact_ros.compiled.ahead import compile_ahead
 
+        text = "making the model ready; the first time on a machine it compiles, for a third of a minute or so"
+        self.node.get_logger().info(text)
         compile_ahead(each.model.scene for each in self.pipeline.compartments)
         self.pipeline.compile(forced)
 
