@@ -13,16 +13,18 @@ from numba.extending import overload_method, register_jitable
 from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.inner import ApartCompiler, InnerCompiler
 from knee_contact_ros.core import ticks  # noqa: F401  (marks what is registered)
-from knee_contact_ros.core.kernel_source import ALWAYS_INLINED, FUNCTIONS, METHODS, NEVER_INLINED
+from knee_contact_ros.core.kernel_source import ALLOCATING, ALWAYS_INLINED, FUNCTIONS, METHODS, NEVER_INLINED
 
 OPTIONS = {"error_model": "numpy"}
 """Divisions are not checked: the functions are written so that none by zero happens"""
 ENTRY = OPTIONS | {"forceinline": False, "_nrt": False, "no_cfunc_wrapper": False}
 """What Python calls borrows the arrays of its arguments: counting references to them took longer than the contact"""
-INNER = OPTIONS | {"forceinline": False, "_nrt": True, "no_cfunc_wrapper": True, "pipeline_class": InnerCompiler}
+INNER = OPTIONS | {"forceinline": False, "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": InnerCompiler}
 """Callers' options are inherited, so those of the others are said"""
 INLINE = INNER | {"forceinline": True}
 APART = INNER | {"pipeline_class": ApartCompiler}
+MAKING = APART | {"_nrt": True}
+"""With references to arrays and lists counted"""
 
 
 @functools.cache
@@ -39,6 +41,7 @@ def register() -> None:
     """Tell Numba about the marked functions and methods."""
     for function in FUNCTIONS:
         options = INLINE if function in ALWAYS_INLINED else APART if function in NEVER_INLINED else INNER
+        options = MAKING if function in ALLOCATING else options
         register_jitable(**options)(function)
     for name, signature in METHODS.items():
         _register_method(name, signature)

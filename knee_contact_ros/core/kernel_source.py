@@ -20,6 +20,8 @@ ALWAYS_INLINED: list[Callable[..., Any]] = []
 """Those of them that are made a part of their callers"""
 NEVER_INLINED: list[Callable[..., Any]] = []
 """Those of them that are kept out of their callers"""
+ALLOCATING: list[Callable[..., Any]] = []
+"""Those of the latter that make arrays or lists"""
 METHODS: dict[str, inspect.Signature] = {}
 """All marked methods by name; none may be the name of a named tuple's field, too"""
 
@@ -47,6 +49,16 @@ def never_inlined(function: _Function) -> _Function:
     """
     NEVER_INLINED.append(function)
     return in_kernel(function)
+
+
+def allocating(function: _Function) -> _Function:
+    """Mark a function that makes arrays or lists for its own use; it is kept out of its callers.
+
+    No other function does. So the others need not count references to the arrays of a scene, which took as long as to
+    find the contact. It must neither call what returns an array, alone or in a named tuple, nor return one.
+    """
+    ALLOCATING.append(function)
+    return never_inlined(function)
 
 
 def kernel_interface(interface: _Interface) -> _Interface:

@@ -13,8 +13,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from knee_contact_ros.core.contact_pairs.base import Closest
+from knee_contact_ros.core.contact_pairs.certain import Pose, certain_contact
 from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
-from knee_contact_ros.core.contact_pairs.profile_search import CELL, Pose, deepest_of
+from knee_contact_ros.core.contact_pairs.profile_search import deepest_of, searched_contact
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile
 from knee_contact_ros.core.geometries import Circle, Profile
@@ -253,19 +254,62 @@ def test_the_nearest_place_of_a_plateau_against_sampling(noise: float) -> None:
     assert found == pytest.approx(nearest, abs=SAMPLING)
 
 
-def test_the_candidates_of_a_cell_hold_the_deepest_point() -> None:
-    """Against a search of all segments, at the far end of the cell; steep places, where n_y differs the most."""
+def pose_of(angle: float, x: float) -> Pose:
+    return Pose(x, angle, math.sin(angle), math.cos(angle))
+
+
+def test_the_listed_segments_hold_the_deepest_point() -> None:
+    """Against a search of all segments; steep places, where n_y differs the most."""
     rng = np.random.default_rng(6)
     for seed in range(6):
         pair = CurveContact(noisy_femur(1e-5, seed=seed), CUP)
         curve = pair.searched.curve
-        every = np.array([[0.0, len(curve.cubics) - 1], *([-math.inf, i] for i in range(len(curve.cubics) - 1))])
+        every = np.array([(-math.inf, i) for i in range(len(curve.cubics) - 1)])
         for _ in range(60):
             angle, x = rng.uniform(-0.3, 1.5), rng.uniform(0.025, 0.04)
-            height = CELL * (round(touching(PAIRS["circle in circle"], angle, x, 0.0) / CELL) + 0.4999)
-            every[0, 0] = height
-            pose = Pose(x, math.sin(angle), math.cos(angle))
-            assert pair.closest(angle, x, height).depth == deepest_of(every, curve, CUP, pose, height).depth
+            height = touching(PAIRS["circle in circle"], angle, x, 0.0)
+            found = searched_contact(curve, CUP, pose_of(angle, x), height)
+            assert found.depth == deepest_of(every, curve, CUP, pose_of(angle, x), height).depth
+
+
+def wavy(points: int, height: float, waves: int, phase: float) -> tuple[Profile, TibialProfile]:
+    """A femur and a plateau with waves [m], which are dents where they are high."""
+    t = np.linspace(-np.pi - 0.9, 0.9, points)
+    wave = height * np.cos(waves * t + phase)
+    x, y = plateau(points)
+    return (
+        Profile((0.034 + wave) * np.cos(t), (0.028 + wave) * np.sin(t)),
+        TibialProfile(x, y + 0.3 * height * np.cos(40.0 * waves * x - phase)),
+    )
+
+
+@pytest.mark.parametrize("cup", [False, True])
+@given(
+    angle=st.floats(-3.2, 3.2), x=st.floats(-0.03, 0.03), depth=st.floats(-0.02, 0.008),
+    height=st.sampled_from([0.0, 1e-6, 1e-5, 1e-4, 3e-4]), waves=st.integers(2, 12), phase=st.floats(0.0, 6.3),
+)  # fmt: skip
+@settings(max_examples=150, deadline=None)
+def test_what_is_certain_is_what_a_search_of_all_finds(
+    cup: bool, angle: float, x: float, depth: float, height: float, waves: int, phase: float
+) -> None:
+    """To rounding, of 0.1 m and of the places, which the distance does not fix, times curvatures up to 1000/m."""
+    femur, measured = wavy(60, height, waves, phase)
+    pair = CurveContact(femur, CUP if cup else measured)
+    above = touching(PAIRS["circle in circle"], angle, x, depth)
+    certain = certain_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), above)
+    if certain.proven:
+        found = searched_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), above)
+        assert certain.contact.depth == pytest.approx(found.depth, abs=LAST_BITS)
+        assert certain.contact.turning == pytest.approx(found.turning, abs=1e-11)
+        assert certain.contact.normal_x == pytest.approx(found.normal_x, abs=1e-11)
+
+
+def test_smooth_contacts_are_certain() -> None:
+    rounder = ellipse(80, 0.030, 0.028)  # than the plateau is hollow
+    for pair in (PAIRS["ellipse in circle"], CurveContact(rounder, PLATEAU)):
+        for angle, x, depth in itertools.product((0.0, 0.6, 1.2), (-0.003, 0.0, 0.003), (-1e-3, 5e-4)):
+            height = touching(pair, angle, x, depth)
+            assert certain_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), height).proven
 
 
 def test_the_measured_surfaces_against_sampling(reference_data) -> None:
@@ -293,8 +337,7 @@ def test_touch_gives_the_bits_of_closest(
 ) -> None:
     height = touching(pair, angle, x, depth)
     touch = pair.at(angle, 0.7, x, -0.2)
-    edge = CELL * (math.floor(height / CELL) + 0.5)
-    for at in (height, *(height + move for move in moves), edge, math.nextafter(edge, 0.0), height):
+    for at in (height, *(height + move for move in moves), height):
         found = pair.closest(angle, x, at)
         rate = found.turning * 0.7 - found.normal_x * -0.2
         assert touch.touch(at) == (found.depth, rate, found.normal_y)

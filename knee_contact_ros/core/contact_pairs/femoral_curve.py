@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +10,14 @@ import numpy as np
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.least import Sample, least_between
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface, level_curvatures
+from knee_contact_ros.core.contact_pairs.touching_balls import SHARP, Pieces, least_roundness
 from knee_contact_ros.core.geometries.profile import Profile
 from knee_contact_ros.core.kernel_source import in_kernel
 
+PARTS = 4
+"""Of a segment, one by one of which it is bounded how round the curve is"""
+ANGLES = 512
+"""At which the lowest point is kept"""
 Cubic = tuple[float, float, float, float]
 
 
@@ -28,6 +34,14 @@ class FemoralCurve(NamedTuple):
 
     The width is the least power of 2 that has room for all segments; they are the blocks from there on.
     """
+    sense: float
+    """1.0 if the bone lies to the left of the curve, -1.0 if to the right"""
+    balls: Floats
+    """Shape (segments,): a ball of this curvature [1/m] that touches in the segment, on the bone's side, holds all of
+    the curve; there is none if it is not > 0 (`touching_balls`)"""
+    lowest: Floats
+    """Shape (angles, 4): what is lowest on a plane in the middle of equal cells of the full turn: the segment, its
+    parameter u [m], x and y [m]"""
 
 
 def femoral_curve(profile: Profile) -> FemoralCurve:
@@ -47,7 +61,46 @@ def femoral_curve(profile: Profile) -> FemoralCurve:
     for k in range(width - 1, 0, -1):
         blocks[k] = np.maximum(blocks[2 * k], blocks[2 * k + 1])
         blocks[k, 0] = blocks[2 * k, 0] + blocks[2 * k + 1, 0]
-    return FemoralCurve(np.concatenate([cubics, end]), blocks)
+    sense, balls = _balls(cubics, blocks[width : width + count, 1:])
+    return FemoralCurve(np.concatenate([cubics, end]), blocks, sense, balls, _lowest(profile))
+
+
+def _balls(cubics: Floats, bounds: Floats) -> tuple[float, Floats]:
+    """`FemoralCurve.sense` and `balls`; `bounds` are upper ones of the lengths of p' and p'', segment by segment."""
+    u = cubics[:, 0, None] * (np.arange(PARTS) + 0.5) / PARTS
+    half = 0.5 * cubics[:, 0, None] / PARTS
+    (x0, x1, x2, x3), (y0, y1, y2, y3) = cubics[:, 2:6].T[:, :, None], cubics[:, 6:].T[:, :, None]
+    places = np.stack([x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))], axis=2)
+    slopes = np.stack([x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)], axis=2)
+    speeds = np.hypot(slopes[..., 0], slopes[..., 1])
+    cross0, cross1, cross2 = 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)  # p' x p''
+    cross, over = cross0 + u * (cross1 + u * cross2), half * (np.abs(cross1 + 2.0 * u * cross2) + half * np.abs(cross2))
+    way = half * bounds[:, 1:]
+    slowest, fastest = speeds - way, np.minimum(speeds + way, bounds[:, :1])
+    low, high = _least_curvature(cross - over, slowest, fastest), -_least_curvature(-cross - over, slowest, fastest)
+    sense = 1.0 if float(np.sum(cross * half)) > 0.0 else -1.0
+    pieces = Pieces(
+        places=places.reshape(-1, 2), tangents=sense * (slopes / speeds[..., None]).reshape(-1, 2),
+        reach=(half * fastest).ravel(), low=(low if sense > 0.0 else -high).ravel(),
+        high=(high if sense > 0.0 else -low).ravel(),
+    )  # fmt: skip
+    return sense, least_roundness(pieces).reshape(-1, PARTS).min(axis=1)
+
+
+def _least_curvature(cross: Floats, slowest: Floats, fastest: Floats) -> Floats:
+    """Lower bound of the curvature [1/m] from one of p' x p'' and bounds of the length of p'."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = cross / np.where(cross > 0.0, fastest, slowest) ** 3
+    return np.asarray(np.where(slowest > 0.0, np.maximum(bound, -SHARP), -SHARP))
+
+
+def _lowest(profile: Profile) -> Floats:
+    """See `FemoralCurve.lowest`."""
+    angles = (np.arange(ANGLES) + 0.5) * (math.tau / ANGLES)
+    starts = profile.curve.cubics[:, 1]
+    _, x, y, places = np.array([profile.lowest(angle) for angle in angles.tolist()]).T
+    segments = np.searchsorted(starts, places, side="right") - 1
+    return np.column_stack([segments, places - starts[segments], x, y])
 
 
 @in_kernel
@@ -95,6 +148,22 @@ def place_on(arc: Arc, u: float) -> tuple[float, float]:
     return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
 
 
+@in_kernel
+def slope_on(arc: Arc, u: float) -> tuple[float, float]:
+    """First derivative p' at a parameter."""
+    _, x1, x2, x3 = arc.x
+    _, y1, y2, y3 = arc.y
+    return x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
+
+
+@in_kernel
+def bend_on(arc: Arc, u: float) -> tuple[float, float]:
+    """Second derivative p'' [1/m] at a parameter."""
+    _, _, x2, x3 = arc.x
+    _, _, y2, y3 = arc.y
+    return 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+
+
 class ArcDistance(NamedTuple):
     """Signed distance [m] of an arc above a surface as a function of u; see `Problem`.
 
@@ -139,6 +208,5 @@ class ArcDistance(NamedTuple):
 @in_kernel
 def bend_along(arc: Arc, u: float, direction: tuple[float, float]) -> float:
     """Part of the second derivative p'' [1/m] in a direction."""
-    _, _, x2, x3 = arc.x
-    _, _, y2, y3 = arc.y
-    return (2.0 * x2 + 6.0 * u * x3) * direction[0] + (2.0 * y2 + 6.0 * u * y3) * direction[1]
+    x_bend, y_bend = bend_on(arc, u)
+    return x_bend * direction[0] + y_bend * direction[1]

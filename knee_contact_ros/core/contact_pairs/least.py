@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
-from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
+from knee_contact_ros.core.kernel_source import allocating, in_kernel, kernel_interface
 
 
 class Sample(NamedTuple):
@@ -61,7 +61,7 @@ def least(problem: Problem, begin: float, end: float, best: Sample, resolution: 
     return lower_of(best, dip(problem, first, last)) if left == ONE_DIP else best
 
 
-@in_kernel
+@allocating
 def _least_of_parts(problem: Problem, first: Sample, last: Sample, best: Sample, resolution: float) -> Sample:
     """The least value in an interval between two samples that must be halved."""
     intervals = [(first, last)]

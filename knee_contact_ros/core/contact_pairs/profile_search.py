@@ -1,6 +1,7 @@
 """The deepest point of a femoral profile under a tibial surface.
 
-Bounds of blocks of segments leave a few segments for a cell of heights, and these are searched at each height.
+Where its common normal cannot be proven to be the right one (`certain.py`), bounds of blocks of segments leave a few
+segments, and these are searched.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.base import Closest
+from knee_contact_ros.core.contact_pairs.certain import Pose, certain_contact
 from knee_contact_ros.core.contact_pairs.femoral_curve import (
     Arc,
     ArcDistance,
@@ -22,24 +24,12 @@ from knee_contact_ros.core.contact_pairs.femoral_curve import (
 )
 from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
-from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
+from knee_contact_ros.core.kernel_source import allocating, in_kernel
 
-CELL = 2.0**-14
-"""Heights within a cell of this size [m] share one shortlist; a power of 2, so that its middle is exact"""
 RESOLUTION = 1e-9
 """Two dips of the distance within one segment that the bounds cannot tell apart count as one below this [m]"""
 ROUNDING = 1e-14
 """Kept from the bounds, as a part of the distances: they are rounded themselves"""
-
-
-class Pose(NamedTuple):
-    """Where the femur is but for its height."""
-
-    x: float
-    """Of the reference point [m]"""
-    sine: float
-    """Of the flexion angle"""
-    cosine: float
 
 
 class ProfileOver(NamedTuple):
@@ -48,19 +38,11 @@ class ProfileOver(NamedTuple):
     curve: FemoralCurve
     tibia: TibialSurface
     pose: Pose
-    shortlist: Floats
-    """Shape (segments + 1, 2): the segments that can hold the deepest point at the heights of one cell.
-
-    In the first row the cell's middle [m], nan before there is one, and how many segments follow. In the others, the
-    likeliest first, the least distance [m] that a segment may have in the cell's middle, and the segment.
-    """
 
     def deepest(self, height: float) -> Closest:
         """See `Search`."""
-        cell = cell_of(height)
-        if self.shortlist[0, 0] != cell:
-            _fill(self.shortlist, self.curve, self.tibia, self.pose, cell)
-        return deepest_of(self.shortlist, self.curve, self.tibia, self.pose, height)
+        certain = certain_contact(self.curve, self.tibia, self.pose, height)
+        return certain.contact if certain.proven else searched_contact(self.curve, self.tibia, self.pose, height)
 
 
 class ProfileSearch(NamedTuple):
@@ -70,25 +52,27 @@ class ProfileSearch(NamedTuple):
 
     def over(self, tibia: TibialSurface, angle: float, x: float) -> ProfileOver:
         """See `Searched`."""
-        shortlist = np.empty((len(self.curve.cubics), 2), np.float64)
-        shortlist[0, 0] = math.nan
-        return ProfileOver(self.curve, tibia, Pose(x, math.sin(angle), math.cos(angle)), shortlist)
+        return ProfileOver(self.curve, tibia, Pose(x, angle, math.sin(angle), math.cos(angle)))
+
+
+@allocating
+def searched_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
+    """The common normal at the deepest point of all segments, at a height [m]."""
+    shortlist = np.empty((len(curve.cubics) - 1, 2), np.float64)
+    listed = _fill(shortlist, curve, tibia, pose, height)
+    return deepest_of(shortlist[:listed], curve, tibia, pose, height)
 
 
 @in_kernel
-def cell_of(height: float) -> float:
-    """Middle of the cell of heights that a height belongs to [m]."""
-    raised = height + 0.5 * CELL
-    return raised - raised % CELL
-
-
-@never_inlined
 def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
-    """The common normal at the deepest point of the listed segments, at a height [m] within the list's cell."""
-    raised = height - float(shortlist[0, 0])
-    slack = max(-raised, -raised * tibia.least_normal_y()) + _rounding(pose.x, height)
+    """The common normal at the deepest point of the listed segments, at a height [m].
+
+    The list has the shape (segments, 2): the least distance [m] that a segment may have, and the segment; the likeliest
+    ones come first.
+    """
+    slack = _rounding(pose.x, height)
     best, answer = NOTHING, Closest(depth=math.nan, extent=math.nan, turning=math.nan, normal_x=0.0, normal_y=1.0)
-    for k in range(1, 1 + int(shortlist[0, 1])):
+    for k in range(len(shortlist)):
         if shortlist[k, 0] > best.value + slack:
             break
         arc = turned_arc(curve, int(shortlist[k, 1]), pose.sine, pose.cosine)
@@ -110,19 +94,18 @@ def _common_normal(arc: Arc, sample: Sample) -> Closest:
     )  # fmt: skip
 
 
-@never_inlined
-def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, cell: float) -> None:
-    """List the segments that can hold the deepest point at some height of a cell with this middle [m].
+@allocating
+def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> int:
+    """List the segments that can hold the deepest point at a height [m], and return their number.
 
-    Blocks of segments are halved as long as they can. Over a height dy, a distance changes by dy n_y, so one segment
-    gains on another no more than dy (1 - least n_y).
+    Blocks of segments are halved as long as they can.
     """
-    margin = 0.5 * CELL * (1.0 - tibia.least_normal_y()) + _rounding(pose.x, cell)
+    margin = _rounding(pose.x, height)
     count, width = len(curve.cubics) - 1, len(curve.blocks) // 2
-    begin, upper = _bounds_of(0, curve, tibia, pose, cell)
-    end, other = _bounds_of(count, curve, tibia, pose, cell)
+    begin, upper = _bounds_of(0, curve, tibia, pose, height)
+    end, other = _bounds_of(count, curve, tibia, pose, height)
     upper = min(upper, other)
-    shortlist[0, 0], shortlist[0, 1] = cell, 0.0
+    listed = 0
     # Block, its first segment and their number, bounds at both ends, bound of all between
     blocks = [(1, 0, width, begin, end, least_distance(curve, 1, tibia, begin, end))]
     while len(blocks) > 0:
@@ -130,32 +113,31 @@ def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Po
         if lowest > upper + margin:
             continue
         if width == 1:
-            _insert(shortlist, first, lowest)
+            _insert(shortlist, listed, first, lowest)
+            listed += 1
             continue
         half = width // 2
         middle = first + half
         if middle >= count:  # the other half is empty
             blocks.append((2 * block, first, half, begin, end, lowest))
             continue
-        at, other = _bounds_of(middle, curve, tibia, pose, cell)
+        at, other = _bounds_of(middle, curve, tibia, pose, height)
         upper = min(upper, other)
         one = (2 * block, first, half, begin, at, least_distance(curve, 2 * block, tibia, begin, at))
         two = (2 * block + 1, middle, half, at, end, least_distance(curve, 2 * block + 1, tibia, at, end))
         near, far = (one, two) if one[5] <= two[5] else (two, one)
         blocks.append(far)
         blocks.append(near)  # the likelier one comes next
-    listed = int(shortlist[0, 1])
-    while listed > 0 and shortlist[listed, 0] > upper + margin:
+    while listed > 0 and shortlist[listed - 1, 0] > upper + margin:
         listed -= 1
-    shortlist[0, 1] = listed
+    return listed
 
 
 @in_kernel
-def _insert(shortlist: Floats, segment: int, lowest: float) -> None:
+def _insert(shortlist: Floats, listed: int, segment: int, lowest: float) -> None:
     """Put a segment in its place on the list; the first of two that are equally likely is the first on the curve."""
-    k = int(shortlist[0, 1]) + 1
-    shortlist[0, 1] = k
-    while k > 1 and (lowest, segment) < (float(shortlist[k - 1, 0]), int(shortlist[k - 1, 1])):
+    k = listed
+    while k > 0 and (lowest, segment) < (float(shortlist[k - 1, 0]), int(shortlist[k - 1, 1])):
         shortlist[k, 0], shortlist[k, 1] = shortlist[k - 1, 0], shortlist[k - 1, 1]
         k -= 1
     shortlist[k, 0], shortlist[k, 1] = lowest, segment

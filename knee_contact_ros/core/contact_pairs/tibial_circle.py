@@ -53,6 +53,19 @@ class TibialCircle(_TibialCircle):
         distance = self.foot(x, y).distance
         return distance, distance
 
+    def graph(self, x: float) -> tuple[float, float, float]:
+        """Height [m], slope and second derivative [1/m] at x [m]."""
+        end = SINE * self.radius
+        on_arc = min(abs(x), end)
+        root = math.sqrt(self.radius * self.radius - on_arc * on_arc)
+        slope = math.copysign(on_arc / root, x)
+        height = on_arc * on_arc / (self.radius + root) + (abs(x) - on_arc) * abs(slope)
+        return height, slope, self.radius * self.radius / (root * root * root) if abs(x) < end else 0.0
+
+    def cup(self, x: float) -> float:
+        """Curvature [1/m] of the ball whose arc this is."""
+        return 1.0 / self.radius
+
     def curvatures(self) -> tuple[float, float]:
         """Bounds of the curvature [1/m]."""
         return 0.0, 1.0 / self.radius

@@ -11,10 +11,17 @@ import numpy as np
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
 from knee_contact_ros.core.contact_pairs.tibial_surface import Foot
+from knee_contact_ros.core.contact_pairs.touching_balls import Pieces, least_roundness
 from knee_contact_ros.core.kernel_source import in_kernel
 
 RESOLUTION = 1e-9
 """Two nearest places that the bounds cannot tell apart are taken as one when they differ by less than this [m]"""
+PARTS = 4
+"""Of a piece, one by one of which it is bounded how round the surface is"""
+GROWTH = 1.25
+"""The same of parts beyond the measured points, as they become longer"""
+FAR = 10.0
+"""[m] to which they go; the circle through what lies beyond has no more curvature than 2/FAR"""
 OUTLINE_POINTS = 201
 """Of a drawing, besides the measured ones"""
 
@@ -23,10 +30,12 @@ class _TibialProfile(NamedTuple):
     """What a tibial profile consists of."""
 
     pieces: Floats
-    """Shape (points + 1, 6): base x, c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - base [m], and y'' there.
+    """Shape (points + 1, 7): base x, c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - base [m], y'' there,
+    and a ball.
 
     The first two have the first point as their base, the others the following ones; the outer two are straight. The
-    last column is the spline's y'' [1/m], also at the end points; it is linear between two points.
+    sixth column is the spline's y'' [1/m], also at the end points; it is linear between two points. A ball of the last
+    column's curvature [1/m] that touches from above in the piece lies above all of the surface (`touching_balls`).
     """
     steepest: float
     """Upper bound of the slope's size"""
@@ -63,7 +72,7 @@ class TibialProfile(_TibialProfile):
         before = [nodes[0], heights[0], inner[1, 0], 0.0, 0.0, bends[0]]
         behind = [nodes[-1], heights[-1], end_slope, 0.0, 0.0, bends[-1]]
         pieces = np.stack([before, *np.column_stack([nodes[:-1], inner.T, bends[:-1]]), behind])
-        return super().__new__(cls, pieces, *_bounds(inner, widths))
+        return super().__new__(cls, np.column_stack([pieces, _balls(pieces)]), *_bounds(inner, widths))
 
     def foot(self, x: float, y: float) -> Foot:
         """The nearest point of the surface to (x, y) [m]; it cannot be further to the side than the one below."""
@@ -97,6 +106,14 @@ class TibialProfile(_TibialProfile):
         along, across = (aside + slope * over) / norm, (over - slope * aside) / norm
         lower, upper = _from_ball(self.concave, along, across), _from_ball(self.convex, along, across)
         return max(lower, above * self.least_normal_y()) if above > 0.0 else lower, upper
+
+    def graph(self, x: float) -> tuple[float, float, float]:
+        """Height [m], slope and second derivative [1/m] at x [m]."""
+        return height_at(self.pieces, x)
+
+    def cup(self, x: float) -> float:
+        """Curvature [1/m] of a ball that touches from above at x [m] and lies above all of the surface."""
+        return float(self.pieces[_piece_at(self.pieces, x), 6])
 
     def curvatures(self) -> tuple[float, float]:
         """Bounds of the curvature [1/m]."""
@@ -166,14 +183,18 @@ def height_at(pieces: Floats, x: float) -> tuple[float, float, float]:
 @in_kernel
 def _piece_at(pieces: Floats, x: float) -> int:
     """The piece that a place [m] belongs to."""
-    low, high = 1, len(pieces)
-    while low < high:
-        middle = (low + high) // 2
-        if x < pieces[middle, 0]:
-            high = middle
-        else:
-            low = middle + 1
-    return low - 1
+    first, last = _ends(pieces)
+    if not x >= first:
+        return 0
+    end = len(pieces) - 1
+    if x >= last:
+        return end
+    i = min(1 + int((x - first) / (last - first) * (end - 1)), end - 1)  # as if they were equally long
+    while x < pieces[i, 0]:
+        i -= 1
+    while x >= pieces[i + 1, 0]:
+        i += 1
+    return i
 
 
 @in_kernel
@@ -220,6 +241,37 @@ def _bounds(inner: Floats, widths: Floats) -> tuple[float, float, float, float, 
     flattest = np.maximum(slopes[0] - np.abs(bends).max(axis=0) * widths, 0.0)
     curvatures = bends / (1.0 + flattest**2) ** 1.5
     return float(slopes.max()), *_range_with_0(bends), *_range_with_0(curvatures)
+
+
+def _balls(pieces: Floats) -> Floats:
+    """The last column of `_TibialProfile.pieces` from the others: the bound from below of the surface turned over."""
+    nodes = pieces[1:, 0]
+    inner = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(PARTS) / PARTS
+    shortest = float(np.diff(nodes).min()) / PARTS
+    outward = np.cumsum(shortest * GROWTH ** np.arange(1 + math.ceil(math.log(FAR / shortest, GROWTH))))
+    edges = np.concatenate([nodes[0] - outward[::-1], inner.ravel(), nodes[-1:], nodes[-1] + outward])
+    x, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    base, c0, c1, c2, c3 = pieces[np.searchsorted(nodes, x, side="right"), :5].T
+    u = x - base
+    slope, bend, change = c1 + u * (2.0 * c2 + 3.0 * u * c3), 2.0 * c2 + 6.0 * u * c3, 6.0 * half * np.abs(c3)
+    turn = half * (np.abs(bend) + change)
+    norm = np.sqrt(1.0 + slope * slope)
+    flattest, steepest = (
+        (1.0 + np.maximum(np.abs(slope) - turn, 0.0) ** 2) ** 1.5,
+        (1.0 + (np.abs(slope) + turn) ** 2) ** 1.5,
+    )
+    low, high = -bend - change, change - bend
+    bounds = least_roundness(
+        Pieces(
+            places=np.column_stack([x, -(c0 + u * (c1 + u * (c2 + u * c3)))]),
+            tangents=np.column_stack([1.0 / norm, -slope / norm]),
+            reach=half * steepest ** (1.0 / 3.0),
+            low=low / np.where(low < 0.0, flattest, steepest),
+            high=high / np.where(high > 0.0, flattest, steepest),
+        )
+    )
+    measured = bounds[len(outward) : -len(outward)].reshape(-1, PARTS).min(axis=1)
+    return np.concatenate([[np.inf], np.maximum(-measured, 2.5 / FAR), [np.inf]])
 
 
 def _range_with_0(values: Floats) -> tuple[float, float]:

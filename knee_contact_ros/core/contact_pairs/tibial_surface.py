@@ -41,6 +41,14 @@ class SignedDistance(Protocol):
         """Lower and upper bound of the signed distance [m] of a point (x, y) [m]; quicker than `foot`."""
         ...
 
+    def graph(self, x: float) -> tuple[float, float, float]:
+        """Height [m], slope and second derivative [1/m] of the surface at x [m]."""
+        ...
+
+    def cup(self, x: float) -> float:
+        """Curvature [1/m], >= 0, of a ball that touches from above at x [m] and lies above all of the surface."""
+        ...
+
     def curvatures(self) -> tuple[float, float]:
         """Bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0."""
         ...
