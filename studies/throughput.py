@@ -17,7 +17,8 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
+from knee_contact_ros.bags.batch import Batch
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import blank
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
@@ -86,7 +87,7 @@ def solve_blocks(bag: Path, output: Path) -> None:
 def solve_one_by_one(bag: Path, output: Path) -> None:
     """`solve` where no block can be taken at once."""
 
-    def refuse(_run: Run, _block: list[RawMessage]) -> bool:
+    def refuse(_run: Run, _block: Batch) -> bool:
         return False
 
     Run._take_at_once = refuse  # type: ignore[assignment,method-assign]
