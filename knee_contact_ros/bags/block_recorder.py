@@ -7,6 +7,7 @@ messages of a block as they would lie in the chunk, with their index; the librar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +16,8 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.mcap_records import HEAD, MESSAGE_HEAD
 from knee_contact_ros.bags.writer import BagWriter
-
-HEAD = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
-)
-"""What a message record begins with"""
-OPCODE_AND_LENGTH = 9
-"""[B] that its length does not count"""
 
 
 class Messages(NamedTuple):
@@ -37,23 +32,31 @@ class Messages(NamedTuple):
     """Shape (n,), growing: messages are written in this order, those of one place in that of the channels given"""
 
 
+class Channel(NamedTuple):
+    """The messages of a channel in a block; arrays have shape (n,)."""
+
+    number: int
+    stamps: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    """Where in the block its records begin, growing"""
+
+
 class Block(NamedTuple):
-    """Message records, one behind the other; arrays have shape (n,)."""
+    """Message records, one behind the other."""
 
     data: NDArray[np.uint8]
     """All bytes"""
     ends: NDArray[np.int64]
     """Where each record ends in them"""
-    channels: NDArray[np.int64]
-    stamps: NDArray[np.int64]
+    channels: list[Channel]
 
 
 class Index(MessageIndex):
-    """The library's, written at once."""
+    """The library's, of which many entries are added and written at once: an array (n, 2) may stand for them."""
 
     def write(self, stream: RecordBuilder) -> None:
         """Write the record."""
-        entries = np.array(self.records, dtype="<u8").tobytes()
+        entries = np.concatenate([np.reshape(np.asarray(entry, "<u8"), (-1, 2)) for entry in self.records]).tobytes()
         stream.start_record(Opcode.MESSAGE_INDEX)
         stream.write2(self.channel_id)
         stream.write4(len(entries))
@@ -81,64 +84,73 @@ def block_of(rows: Sequence[Messages], channels: Sequence[int], sequences: Seque
     """Message records in their order; `channels` and `sequences` give each topic's channel and next sequence number."""
     records = [_records(*what) for what in zip(rows, channels, sequences, strict=True)]
     order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
-    lengths = np.concatenate([np.full(len(record), record.shape[1]) for record in records])
+    lengths = np.concatenate([np.full(len(record), record.itemsize) for record in records])
     ends = np.cumsum(lengths[order])
     begins = np.empty(len(order), dtype=np.int64)
     begins[order] = ends - lengths[order]
     data = np.empty(ends[-1] if len(ends) else 0, dtype=np.uint8)
-    done = 0
-    for record in records:
-        data[begins[done : done + len(record), None] + np.arange(record.shape[1])] = record
-        done += len(record)
-    channel = np.concatenate([np.full(len(row.stamps), number) for row, number in zip(rows, channels, strict=True)])
-    return Block(data, ends, channel[order], np.concatenate([row.stamps for row in rows])[order])
+    found = []
+    for row, record, number, own in zip(rows, records, channels, _split(begins, records), strict=True):
+        windows = np.ndarray(max(len(data) - record.itemsize + 1, 0), record.dtype, data, strides=(1,))
+        windows[own] = record
+        found.append(Channel(number, row.stamps, own))
+    return Block(data, ends, found)
+
+
+def _split(values: NDArray[np.int64], like: Sequence[NDArray[Any]]) -> list[NDArray[np.int64]]:
+    """Parts of values, as many in each as there are in those."""
+    return np.split(values, np.cumsum([len(part) for part in like])[:-1])
 
 
 def write_block(writer: Any, block: Block) -> None:
     """Hand a block to an `mcap.writer.Writer`, chunk by chunk as it would cut them itself."""
-    builder, limit, done = writer._Writer__chunk_builder, writer._Writer__chunk_size, 0
+    builder, limit, done, start = writer._Writer__chunk_builder, writer._Writer__chunk_size, 0, 0
     while done < len(block.ends):
-        start = int(block.ends[done - 1]) if done else 0
-        offset = builder.count - start
-        end = min(int(np.searchsorted(block.ends, limit - offset, "right")) + 1, len(block.ends))
-        _add(builder, block, slice(done, end), start)
-        _count(writer._Writer__statistics, block, slice(done, end))
+        done = min(int(np.searchsorted(block.ends, limit - builder.count + start, "right")) + 1, len(block.ends))
+        end = int(block.ends[done - 1])
+        _add(builder, block, start, end)
         writer._Writer__maybe_finalize_chunk()
-        done = end
+        start = end
+    _count(writer._Writer__statistics, block.channels)
 
 
-def _records(rows: Messages, channel: int, sequence: int) -> NDArray[np.uint8]:
-    """Message records, shape (n, length)."""
+def _records(rows: Messages, channel: int, sequence: int) -> NDArray[Any]:
+    """Message records, each as one thing, shape (n,)."""
     number, length = rows.data.shape
-    heads = np.empty(number, dtype=HEAD)
-    heads["opcode"], heads["length"] = Opcode.MESSAGE, HEAD.itemsize - OPCODE_AND_LENGTH + length
+    records = np.empty((number, MESSAGE_HEAD.itemsize + length), dtype=np.uint8)
+    heads = np.ndarray(number, MESSAGE_HEAD, records, strides=records.strides[:1])
+    heads["opcode"], heads["length"] = Opcode.MESSAGE, MESSAGE_HEAD.itemsize - HEAD.size + length
     heads["channel"], heads["sequence"] = channel, sequence + np.arange(number)
     heads["log"] = heads["publish"] = rows.stamps
-    return np.hstack([heads.view(np.uint8).reshape(number, HEAD.itemsize), rows.data])
+    records[:, MESSAGE_HEAD.itemsize :] = rows.data
+    return records.view(f"V{records.shape[1]}").reshape(number)
 
 
-def _add(builder: Any, block: Block, part: slice, start: int) -> None:
-    """Add records, which begin at `start` in the block, to a chunk."""
-    offset = builder.count - start
-    stamps, channels = block.stamps[part], block.channels[part]
-    begins = np.concatenate([[start], block.ends[part][:-1]]) + offset
-    for channel in dict.fromkeys(channels.tolist()):
-        chosen = channels == channel
-        index = builder.message_indices.setdefault(channel, Index(channel, []))
-        index.records.extend(zip(stamps[chosen].tolist(), begins[chosen].tolist(), strict=True))
-    first, last = int(stamps.min()), int(stamps.max())
-    builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
-    builder.message_end_time = max(last, builder.message_end_time)
-    builder.num_messages += len(stamps)
-    builder.record_writer.write(block.data[start : block.ends[part][-1]].data)
+def _add(builder: Any, block: Block, start: int, end: int) -> None:
+    """Add the records between two places [B] of a block to a chunk."""
+    indices, offset, first_ones = builder.message_indices, builder.count - start, []
+    for channel in block.channels:
+        part = slice(*np.searchsorted(channel.begins, (start, end)))
+        stamps, begins = channel.stamps[part], channel.begins[part]
+        if len(stamps):
+            first_ones.append((begins[0], channel.number, np.column_stack((stamps, begins + offset))))
+    for _, number, entries in sorted(first_ones, key=itemgetter(0)):
+        known: Any = indices.get(number)
+        if not isinstance(known, Index):
+            indices[number] = known = Index(number, known.records if known else [])
+        known.records.append(entries)
+        first, last = int(entries[:, 0].min()), int(entries[:, 0].max())
+        builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
+        builder.message_end_time = max(last, builder.message_end_time)
+        builder.num_messages += len(entries)
+    builder.record_writer.write(block.data[start:end].data)
 
 
-def _count(statistics: Any, block: Block, part: slice) -> None:
-    """Take records into account in the file's statistics."""
-    stamps, channels = block.stamps[part], block.channels[part]
-    first, last = int(stamps.min()), int(stamps.max())
-    statistics.message_start_time = min(first, statistics.message_start_time) if statistics.message_count else first
-    statistics.message_end_time = max(last, statistics.message_end_time)
-    statistics.message_count += len(stamps)
-    for channel, count in zip(*np.unique(channels, return_counts=True), strict=True):
-        statistics.channel_message_counts[int(channel)] += int(count)
+def _count(statistics: Any, channels: Sequence[Channel]) -> None:
+    """Take messages into account in the file's statistics."""
+    for channel in channels:
+        first, last = int(channel.stamps.min()), int(channel.stamps.max())
+        statistics.message_start_time = min(first, statistics.message_start_time) if statistics.message_count else first
+        statistics.message_end_time = max(last, statistics.message_end_time)
+        statistics.message_count += len(channel.stamps)
+        statistics.channel_message_counts[channel.number] += len(channel.stamps)
