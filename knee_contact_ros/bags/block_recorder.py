@@ -6,8 +6,9 @@ messages of a block as they would lie in the chunk, with their index; the librar
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
-from operator import itemgetter
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.mcap_records import HEAD, MESSAGE_HEAD
 from knee_contact_ros.bags.writer import BagWriter
+
+ENTRY = struct.Struct("<QQ")
+"""Of an index: log time [ns], and place in the chunk"""
 
 
 class Messages(NamedTuple):
@@ -33,30 +37,32 @@ class Messages(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """The messages of a channel in a block; arrays have shape (n,)."""
+    """The messages of a channel in a block."""
 
     number: int
-    stamps: NDArray[np.int64]
     begins: NDArray[np.int64]
-    """Where in the block its records begin, growing"""
+    """Where in the block its records begin, growing; shape (n,)"""
+    entries: NDArray[np.int64]
+    """Stamp [ns] and place of each, as its index has them; shape (n, 2)"""
 
 
 class Block(NamedTuple):
-    """Message records, one behind the other."""
+    """Message records, one behind the other; arrays have shape (n,)."""
 
     data: NDArray[np.uint8]
     """All bytes"""
     ends: NDArray[np.int64]
     """Where each record ends in them"""
+    stamps: NDArray[np.int64]
     channels: list[Channel]
 
 
 class Index(MessageIndex):
-    """The library's, of which many entries are added and written at once: an array (n, 2) may stand for them."""
+    """The library's, of which many entries are added and written at once: bytes may stand for them."""
 
     def write(self, stream: RecordBuilder) -> None:
         """Write the record."""
-        entries = np.concatenate([np.reshape(np.asarray(entry, "<u8"), (-1, 2)) for entry in self.records]).tobytes()
+        entries = b"".join([entry if isinstance(entry, bytes) else ENTRY.pack(*entry) for entry in self.records])
         stream.start_record(Opcode.MESSAGE_INDEX)
         stream.write2(self.channel_id)
         stream.write4(len(entries))
@@ -93,8 +99,8 @@ def block_of(rows: Sequence[Messages], channels: Sequence[int], sequences: Seque
     for row, record, number, own in zip(rows, records, channels, _split(begins, records), strict=True):
         windows = np.ndarray(max(len(data) - record.itemsize + 1, 0), record.dtype, data, strides=(1,))
         windows[own] = record
-        found.append(Channel(number, row.stamps, own))
-    return Block(data, ends, found)
+        found.append(Channel(number, own, np.column_stack((row.stamps, own))))
+    return Block(data, ends, np.concatenate([row.stamps for row in rows])[order], found)
 
 
 def _split(values: NDArray[np.int64], like: Sequence[NDArray[Any]]) -> list[NDArray[np.int64]]:
@@ -104,14 +110,23 @@ def _split(values: NDArray[np.int64], like: Sequence[NDArray[Any]]) -> list[NDAr
 
 def write_block(writer: Any, block: Block) -> None:
     """Hand a block to an `mcap.writer.Writer`, chunk by chunk as it would cut them itself."""
-    builder, limit, done, start = writer._Writer__chunk_builder, writer._Writer__chunk_size, 0, 0
-    while done < len(block.ends):
-        done = min(int(np.searchsorted(block.ends, limit - builder.count + start, "right")) + 1, len(block.ends))
-        end = int(block.ends[done - 1])
-        _add(builder, block, start, end)
+    builder, limit = writer._Writer__chunk_builder, writer._Writer__chunk_size
+    cuts, start, room = [0], 0, limit - builder.count
+    while cuts[-1] < len(block.ends):
+        cuts.append(min(int(np.searchsorted(block.ends, start + room, "right")) + 1, len(block.ends)))
+        start, room = int(block.ends[cuts[-1] - 1]), limit
+    places = [0, *block.ends[np.array(cuts[1:], np.intp) - 1].tolist()]
+    by_channel = [np.searchsorted(channel.begins, places).tolist() for channel in block.channels]
+    for number, (begin, end) in enumerate(pairwise(cuts)):
+        parts = [slice(*of_channel[number : number + 2]) for of_channel in by_channel]
+        _add_indices(builder, block.channels, parts, builder.count - places[number])
+        _count(builder, "num_messages", block.stamps[begin:end])
+        builder.record_writer.write(block.data[places[number] : places[number + 1]].data)
         writer._Writer__maybe_finalize_chunk()
-        start = end
-    _count(writer._Writer__statistics, block.channels)
+    statistics = writer._Writer__statistics
+    _count(statistics, "message_count", block.stamps)
+    for channel in block.channels:
+        statistics.channel_message_counts[channel.number] += len(channel.begins)
 
 
 def _records(rows: Messages, channel: int, sequence: int) -> NDArray[Any]:
@@ -126,31 +141,21 @@ def _records(rows: Messages, channel: int, sequence: int) -> NDArray[Any]:
     return records.view(f"V{records.shape[1]}").reshape(number)
 
 
-def _add(builder: Any, block: Block, start: int, end: int) -> None:
-    """Add the records between two places [B] of a block to a chunk."""
-    indices, offset, first_ones = builder.message_indices, builder.count - start, []
-    for channel in block.channels:
-        part = slice(*np.searchsorted(channel.begins, (start, end)))
-        stamps, begins = channel.stamps[part], channel.begins[part]
-        if len(stamps):
-            first_ones.append((begins[0], channel.number, np.column_stack((stamps, begins + offset))))
-    for _, number, entries in sorted(first_ones, key=itemgetter(0)):
-        known: Any = indices.get(number)
-        if not isinstance(known, Index):
-            indices[number] = known = Index(number, known.records if known else [])
-        known.records.append(entries)
-        first, last = int(entries[:, 0].min()), int(entries[:, 0].max())
-        builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
-        builder.message_end_time = max(last, builder.message_end_time)
-        builder.num_messages += len(entries)
-    builder.record_writer.write(block.data[start:end].data)
+def _add_indices(builder: Any, channels: Sequence[Channel], parts: Sequence[slice], offset: int) -> None:
+    """Add a part of each channel to the indices of a chunk, in which the block begins at an offset [B]."""
+    there = [(channel, part) for channel, part in zip(channels, parts, strict=True) if part.start < part.stop]
+    for channel, part in sorted(there, key=lambda each: int(each[0].begins[each[1].start])):
+        index = builder.message_indices.get(channel.number)
+        if not isinstance(index, Index):
+            index = Index(channel.number, index.records if index else [])
+            builder.message_indices[channel.number] = index
+        entries: Any = (channel.entries[part] + (0, offset)).tobytes()
+        index.records.append(entries)
 
 
-def _count(statistics: Any, channels: Sequence[Channel]) -> None:
-    """Take messages into account in the file's statistics."""
-    for channel in channels:
-        first, last = int(channel.stamps.min()), int(channel.stamps.max())
-        statistics.message_start_time = min(first, statistics.message_start_time) if statistics.message_count else first
-        statistics.message_end_time = max(last, statistics.message_end_time)
-        statistics.message_count += len(channel.stamps)
-        statistics.channel_message_counts[channel.number] += len(channel.stamps)
+def _count(told: Any, count: str, stamps: NDArray[np.int64]) -> None:
+    """Take messages into account where their number and their first and last stamp are told."""
+    known, first, last = getattr(told, count), int(stamps.min()), int(stamps.max())
+    told.message_start_time = min(first, told.message_start_time) if known else first
+    told.message_end_time = max(last, told.message_end_time)
+    setattr(told, count, known + len(stamps))

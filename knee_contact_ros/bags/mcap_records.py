@@ -365,28 +365,25 @@ def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
     Raises:
         DamagedError: a message is too short.
     """
-    begins, others = indexed(data, indices), list[Record]()
-    number = end = 0
-    if begins is None:
-        found = list[int]()
-        for opcode, begin, end in records_in(data, most):
-            number += 1
-            if opcode == Opcode.MESSAGE:
-                if end - begin < MESSAGE.size:
-                    raise DamagedError("has a message that is too short")
-                found.append(begin - HEAD.size)
-            elif opcode in DECLARATIONS:
-                others.append(Record(opcode, begin, data[begin:end]))
-        begins = np.array(found, np.int64)
-    else:
-        number, end = len(begins), len(data)
-    heads = _windows(data, np.dtype(f"V{MESSAGE_HEAD.itemsize}"))[begins].view(MESSAGE_HEAD)
+    if found := indexed(data, indices):
+        return found
+    places, others, number, end = list[int](), list[Record](), 0, 0
+    for opcode, begin, end in records_in(data, most):
+        number += 1
+        if opcode == Opcode.MESSAGE:
+            if end - begin < MESSAGE.size:
+                raise DamagedError("has a message that is too short")
+            places.append(begin - HEAD.size)
+        elif opcode in DECLARATIONS:
+            others.append(Record(opcode, begin, data[begin:end]))
+    begins = np.array(places, np.int64)
+    heads = _heads(data, begins)
     ends = begins + HEAD.size + heads["length"].astype(np.int64)
     return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, others, number, end)
 
 
-def indexed(data: bytes, indices: Sequence[bytes]) -> NDArray[np.int64] | None:
-    """Where [B] the records of a chunk begin, as the `indices` behind it tell, if these are right beyond doubt.
+def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
+    """What a chunk holds, as the `indices` behind it tell, if these are right beyond doubt.
 
     They are if there is a message wherever they say, which goes on to the next one, and nothing else.
     """
@@ -396,16 +393,19 @@ def indexed(data: bytes, indices: Sequence[bytes]) -> NDArray[np.int64] | None:
     if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.itemsize:
         return None
     begins = np.sort(places.astype(np.int64), kind="stable")  # runs that are in order: quickly done
-    lengths = np.diff(begins, append=len(data)) - HEAD.size
-    told = _windows(data, np.dtype("<i8"), 1)[begins]
-    kinds = _windows(data, np.dtype("u1"))[begins]
-    right = begins[0] == 0 and (lengths >= MESSAGE.size).all() and (told == lengths).all()
-    return begins if right and (kinds == Opcode.MESSAGE).all() else None
+    heads, ends = _heads(data, begins), np.append(begins[1:], len(data))
+    lengths = ends - begins - HEAD.size
+    right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
+    if not (right and (heads["opcode"] == Opcode.MESSAGE).all()):
+        return None
+    return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, [], len(begins), len(data))
 
 
-def _windows(data: bytes, kind: np.dtype[Any], offset: int = 0) -> NDArray[Any]:
-    """What begins at every byte from an offset [B] on."""
-    return np.ndarray(max(len(data) - offset - kind.itemsize + 1, 0), kind, data, offset, (1,))
+def _heads(data: bytes, begins: NDArray[np.int64]) -> NDArray[Any]:
+    """The heads of the messages that begin there, as `MESSAGE_HEAD`."""
+    heads = np.dtype(f"V{MESSAGE_HEAD.itemsize}")  # as one thing each, which is copied at once
+    windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
+    return windows[begins].view(MESSAGE_HEAD)
 
 
 def with_indices(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, list[Record]]]:

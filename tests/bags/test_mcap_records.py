@@ -14,6 +14,7 @@ from knee_contact_ros.bags import mcap_records
 from knee_contact_ros.bags.mcap_records import (
     HEAD,
     MAGIC,
+    MESSAGE_HEAD,
     Hole,
     Record,
     contents_of,
@@ -101,7 +102,8 @@ def index(*places: int, channel: int = 1) -> bytes:
 def test_an_index_that_is_right_tells_where_messages_begin() -> None:
     found = indexed(DATA, [index(*PLACES[1::2]), index(*PLACES[::2])])
     assert found is not None
-    assert found.tolist() == PLACES
+    assert [begin - MESSAGE_HEAD.itemsize for begin in found.begins] == PLACES
+    assert found.heads["log"].tolist() == list(range(100, 140))
 
 
 WRONG = {
