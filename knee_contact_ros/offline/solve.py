@@ -29,6 +29,7 @@ from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
@@ -89,7 +90,7 @@ def solve(
         prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None
-        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes), 0
+        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes, opened.enter_context(Behind())), 0
         for block in inputs.blocks(BLOCK):
             run.take(block)
             done += len(block)
@@ -139,8 +140,11 @@ class Run:
         recorder: AnswerWriter | None,
         takers: Sequence[Callable[[Sequence[Rows]], object]],
         changes: Changes,
+        behind: Behind,
     ) -> None:
+        """What is taken at once is written `behind`; all is when `keep` returns."""
         self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
+        self._behind = behind
 
     def take(self, block: Batch) -> None:
         """Take angles (0) and forces (1) in their order: at once if they allow it, else one by one."""
@@ -150,6 +154,7 @@ class Run:
     def keep(self, answers: Iterable[Answer]) -> None:
         """Write answers and take them into account, and what has changed between them."""
         rows = []
+        self._behind.wait()
         for answer in answers:
             if self._pipeline.frame.turn_note:
                 self._note(FORCE_TURNED, self._pipeline.frame.told())
@@ -167,7 +172,7 @@ class Run:
             return False
         if self._recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
-            write_messages(self._recorder.bag, parts)
+            self._behind.do(write_messages, self._recorder.bag, parts)
         self._tell(answers.rows)
         return True
 
