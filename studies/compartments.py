@@ -15,6 +15,7 @@ from time import perf_counter
 import click
 
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.column import Column
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.parameters.reading import load_parameters
@@ -56,7 +57,7 @@ def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
 def offline(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
     """Take them as `solve` does."""
     first = live(pipeline, states[:2], forces[:2])
-    taken = take(pipeline, states[2:], forces[2:])
+    taken = take(pipeline, Column.of(states[2:]), Column.of(forces[2:]))
     if taken is None:
         raise RuntimeError("the gait is not taken at once")
     return first + len(taken.rows[0])

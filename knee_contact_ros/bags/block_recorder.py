@@ -6,7 +6,9 @@ messages of a block as they would lie in the chunk, with their index; the librar
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +17,11 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.mcap_records import HEAD, MESSAGE_HEAD
 from knee_contact_ros.bags.writer import BagWriter
 
-HEAD = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
-)
-"""What a message record begins with"""
-OPCODE_AND_LENGTH = 9
-"""[B] that its length does not count"""
+ENTRY = struct.Struct("<QQ")
+"""Of an index: log time [ns], and place in the chunk"""
 
 
 class Messages(NamedTuple):
@@ -37,6 +36,16 @@ class Messages(NamedTuple):
     """Shape (n,), growing: messages are written in this order, those of one place in that of the channels given"""
 
 
+class Channel(NamedTuple):
+    """The messages of a channel in a block."""
+
+    number: int
+    begins: NDArray[np.int64]
+    """Where in the block its records begin, growing; shape (n,)"""
+    entries: NDArray[np.int64]
+    """Stamp [ns] and place of each, as its index has them; shape (n, 2)"""
+
+
 class Block(NamedTuple):
     """Message records, one behind the other; arrays have shape (n,)."""
 
@@ -44,16 +53,16 @@ class Block(NamedTuple):
     """All bytes"""
     ends: NDArray[np.int64]
     """Where each record ends in them"""
-    channels: NDArray[np.int64]
     stamps: NDArray[np.int64]
+    channels: list[Channel]
 
 
 class Index(MessageIndex):
-    """The library's, written at once."""
+    """The library's, of which many entries are added and written at once: bytes may stand for them."""
 
     def write(self, stream: RecordBuilder) -> None:
         """Write the record."""
-        entries = np.array(self.records, dtype="<u8").tobytes()
+        entries = b"".join([entry if isinstance(entry, bytes) else ENTRY.pack(*entry) for entry in self.records])
         stream.start_record(Opcode.MESSAGE_INDEX)
         stream.write2(self.channel_id)
         stream.write4(len(entries))
@@ -81,64 +90,72 @@ def block_of(rows: Sequence[Messages], channels: Sequence[int], sequences: Seque
     """Message records in their order; `channels` and `sequences` give each topic's channel and next sequence number."""
     records = [_records(*what) for what in zip(rows, channels, sequences, strict=True)]
     order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
-    lengths = np.concatenate([np.full(len(record), record.shape[1]) for record in records])
+    lengths = np.concatenate([np.full(len(record), record.itemsize) for record in records])
     ends = np.cumsum(lengths[order])
     begins = np.empty(len(order), dtype=np.int64)
     begins[order] = ends - lengths[order]
     data = np.empty(ends[-1] if len(ends) else 0, dtype=np.uint8)
-    done = 0
-    for record in records:
-        data[begins[done : done + len(record), None] + np.arange(record.shape[1])] = record
-        done += len(record)
-    channel = np.concatenate([np.full(len(row.stamps), number) for row, number in zip(rows, channels, strict=True)])
-    return Block(data, ends, channel[order], np.concatenate([row.stamps for row in rows])[order])
+    found = []
+    for row, record, number, own in zip(rows, records, channels, _split(begins, records), strict=True):
+        windows = np.ndarray(max(len(data) - record.itemsize + 1, 0), record.dtype, data, strides=(1,))
+        windows[own] = record
+        found.append(Channel(number, own, np.column_stack((row.stamps, own))))
+    return Block(data, ends, np.concatenate([row.stamps for row in rows])[order], found)
+
+
+def _split(values: NDArray[np.int64], like: Sequence[NDArray[Any]]) -> list[NDArray[np.int64]]:
+    """Parts of values, as many in each as there are in those."""
+    return np.split(values, np.cumsum([len(part) for part in like])[:-1])
 
 
 def write_block(writer: Any, block: Block) -> None:
     """Hand a block to an `mcap.writer.Writer`, chunk by chunk as it would cut them itself."""
-    builder, limit, done = writer._Writer__chunk_builder, writer._Writer__chunk_size, 0
-    while done < len(block.ends):
-        start = int(block.ends[done - 1]) if done else 0
-        offset = builder.count - start
-        end = min(int(np.searchsorted(block.ends, limit - offset, "right")) + 1, len(block.ends))
-        _add(builder, block, slice(done, end), start)
-        _count(writer._Writer__statistics, block, slice(done, end))
+    builder, limit = writer._Writer__chunk_builder, writer._Writer__chunk_size
+    cuts, start, room = [0], 0, limit - builder.count
+    while cuts[-1] < len(block.ends):
+        cuts.append(min(int(np.searchsorted(block.ends, start + room, "right")) + 1, len(block.ends)))
+        start, room = int(block.ends[cuts[-1] - 1]), limit
+    places = [0, *block.ends[np.array(cuts[1:], np.intp) - 1].tolist()]
+    by_channel = [np.searchsorted(channel.begins, places).tolist() for channel in block.channels]
+    for number, (begin, end) in enumerate(pairwise(cuts)):
+        parts = [slice(*of_channel[number : number + 2]) for of_channel in by_channel]
+        _add_indices(builder, block.channels, parts, builder.count - places[number])
+        _count(builder, "num_messages", block.stamps[begin:end])
+        builder.record_writer.write(block.data[places[number] : places[number + 1]].data)
         writer._Writer__maybe_finalize_chunk()
-        done = end
+    statistics = writer._Writer__statistics
+    _count(statistics, "message_count", block.stamps)
+    for channel in block.channels:
+        statistics.channel_message_counts[channel.number] += len(channel.begins)
 
 
-def _records(rows: Messages, channel: int, sequence: int) -> NDArray[np.uint8]:
-    """Message records, shape (n, length)."""
+def _records(rows: Messages, channel: int, sequence: int) -> NDArray[Any]:
+    """Message records, each as one thing, shape (n,)."""
     number, length = rows.data.shape
-    heads = np.empty(number, dtype=HEAD)
-    heads["opcode"], heads["length"] = Opcode.MESSAGE, HEAD.itemsize - OPCODE_AND_LENGTH + length
+    records = np.empty((number, MESSAGE_HEAD.itemsize + length), dtype=np.uint8)
+    heads = np.ndarray(number, MESSAGE_HEAD, records, strides=records.strides[:1])
+    heads["opcode"], heads["length"] = Opcode.MESSAGE, MESSAGE_HEAD.itemsize - HEAD.size + length
     heads["channel"], heads["sequence"] = channel, sequence + np.arange(number)
     heads["log"] = heads["publish"] = rows.stamps
-    return np.hstack([heads.view(np.uint8).reshape(number, HEAD.itemsize), rows.data])
+    records[:, MESSAGE_HEAD.itemsize :] = rows.data
+    return records.view(f"V{records.shape[1]}").reshape(number)
 
 
-def _add(builder: Any, block: Block, part: slice, start: int) -> None:
-    """Add records, which begin at `start` in the block, to a chunk."""
-    offset = builder.count - start
-    stamps, channels = block.stamps[part], block.channels[part]
-    begins = np.concatenate([[start], block.ends[part][:-1]]) + offset
-    for channel in dict.fromkeys(channels.tolist()):
-        chosen = channels == channel
-        index = builder.message_indices.setdefault(channel, Index(channel, []))
-        index.records.extend(zip(stamps[chosen].tolist(), begins[chosen].tolist(), strict=True))
-    first, last = int(stamps.min()), int(stamps.max())
-    builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
-    builder.message_end_time = max(last, builder.message_end_time)
-    builder.num_messages += len(stamps)
-    builder.record_writer.write(block.data[start : block.ends[part][-1]].data)
+def _add_indices(builder: Any, channels: Sequence[Channel], parts: Sequence[slice], offset: int) -> None:
+    """Add a part of each channel to the indices of a chunk, in which the block begins at an offset [B]."""
+    there = [(channel, part) for channel, part in zip(channels, parts, strict=True) if part.start < part.stop]
+    for channel, part in sorted(there, key=lambda each: int(each[0].begins[each[1].start])):
+        index = builder.message_indices.get(channel.number)
+        if not isinstance(index, Index):
+            index = Index(channel.number, index.records if index else [])
+            builder.message_indices[channel.number] = index
+        entries: Any = (channel.entries[part] + (0, offset)).tobytes()
+        index.records.append(entries)
 
 
-def _count(statistics: Any, block: Block, part: slice) -> None:
-    """Take records into account in the file's statistics."""
-    stamps, channels = block.stamps[part], block.channels[part]
-    first, last = int(stamps.min()), int(stamps.max())
-    statistics.message_start_time = min(first, statistics.message_start_time) if statistics.message_count else first
-    statistics.message_end_time = max(last, statistics.message_end_time)
-    statistics.message_count += len(stamps)
-    for channel, count in zip(*np.unique(channels, return_counts=True), strict=True):
-        statistics.channel_message_counts[int(channel)] += int(count)
+def _count(told: Any, count: str, stamps: NDArray[np.int64]) -> None:
+    """Take messages into account where their number and their first and last stamp are told."""
+    known, first, last = getattr(told, count), int(stamps.min()), int(stamps.max())
+    told.message_start_time = min(first, told.message_start_time) if known else first
+    told.message_end_time = max(last, told.message_end_time)
+    setattr(told, count, known + len(stamps))

@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-import math
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from heapq import heappop, heappush
-from itertools import accumulate
-from operator import attrgetter
+from itertools import accumulate, zip_longest
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Header, Metadata, Schema, Statistics
 
+from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.mcap_records import (
     BLOCK,
+    DECLARATIONS,
     HEAD,
     MESSAGE,
     Chunk,
+    Contents,
     CutChunk,
     DamagedError,
     Hole,
-    Message,
+    Piece,
     Record,
     beginning_of,
+    contents_of,
     magic_at,
-    messages_in,
     parsed,
     read_at,
     read_chunk,
@@ -35,10 +38,11 @@ from knee_contact_ros.bags.mcap_records import (
     record_at,
     records_in,
     unpack,
+    with_indices,
 )
+from knee_contact_ros.messages.column import Column
 from knee_contact_ros.system.regular_file import open_regular
 
-DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 CHUNK, CUT_CHUNK, LOOSE = "chunk", "cut chunk", "loose"
 MOST_GROWTH = 200
 """Times the file's size that its chunks may hold altogether; recordings of motion take a tenth at best"""
@@ -50,6 +54,8 @@ LITTLE_RECORDS = 2**21
 """Records that the chunks of a file may hold whatever its size; of more, each takes a byte of the file"""
 LONGEST_RUN = 2**20
 """[B] of messages outside chunks that are read at once"""
+CHANNELS = 2**16
+"""That a file can have"""
 Advance = Callable[[int, int], None]
 """Told how many bytes are done, and how many there are"""
 
@@ -59,6 +65,18 @@ class Stream(NamedTuple):
 
     channel: Channel
     schema: Schema | None
+
+
+class Message(NamedTuple):
+    """A message with all that its record tells."""
+
+    channel: int
+    log_time: int
+    """[ns]"""
+    data: bytes
+    publish_time: int
+    """[ns]"""
+    sequence: int
 
 
 class Segment(NamedTuple):
@@ -77,6 +95,8 @@ class Segment(NamedTuple):
     """Largest one"""
     counts: Counter[int]
     """Messages by channel"""
+    indices_end: int = 0
+    """[B] of the indices that follow a chunk; 0: there are none"""
 
 
 class McapFile:
@@ -111,8 +131,8 @@ class McapFile:
         self._unpacking, self._records = max(MOST_GROWTH * self.size, LITTLE), self.size + LITTLE_RECORDS
         self._file = open_regular(path)
         try:
-            for piece in read_records(self._file, self.size):
-                self._take(piece)
+            for piece, indices in with_indices(read_records(self._file, self.size)):
+                self._take(piece, indices)
                 advance(piece.offset, self.size)
         except BaseException:
             self._file.close()
@@ -136,23 +156,24 @@ class McapFile:
         ends = [end for s in self._segments for end in ((s.first, s.size), (s.last + 1, -s.size))]
         return max(accumulate(size for _, size in sorted(ends)), default=0)
 
-    def by_time(self, channels: Collection[int]) -> Iterator[Message]:
-        """The messages of some channels in the order of log time; equal times as in the file."""
-        wanted, waiting = frozenset(channels), list[Message]()
-        segments = [segment for segment in self._segments if not wanted.isdisjoint(segment.counts)]
+    def by_time(self, numbers: Mapping[int, int]) -> Iterator[Batch]:
+        """The messages of channels that have a number, under it, by log time; equal times as in the file."""
+        number_of = np.full(CHANNELS, -1, np.intp)
+        for channel, number in numbers.items():
+            number_of[channel] = number
+        segments = [segment for segment in self._segments if not numbers.keys().isdisjoint(segment.counts)]
         segments.sort(key=attrgetter("first", "offset"))
-        firsts = (segment.first for segment in segments[1:])
-        for segment in segments:
-            while waiting and waiting[0].log_time < segment.first:
-                yield heappop(waiting)
-            coming = sorted(self._messages(segment, wanted))
-            following = next(firsts, math.inf)
-            if waiting or following <= segment.last:
-                for message in coming:
-                    heappush(waiting, message)
+        waiting = list[tuple[int, int, Batch]]()  # what is left of segments: by time, and equal times as in the file
+        for segment, following in zip_longest(segments, segments[1:]):
+            data, found = self._read(segment)
+            messages = Column(data, found.begins, found.ends)
+            batch = Batch(number_of[found.heads["channel"]], found.heads["log"], messages)
+            batch = batch.part(np.flatnonzero(batch.numbers >= 0)).by_time()
+            if waiting or (following and following.first <= segment.last):
+                heappush(waiting, (int(batch.times[0]), segment.offset, batch))
+                yield from _until(following, waiting)
             else:
-                yield from coming
-        yield from sorted(waiting)
+                yield batch
 
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
         """Everything but schemas and channels as the file has it, each with where [B] it was."""
@@ -162,8 +183,12 @@ class McapFile:
             if segment is None:
                 yield offset, self._record(offset)
                 continue
-            for message in self._messages(segment, self.streams):
-                yield offset, message
+            data, found = self._read(segment)
+            told = found.heads[["channel", "sequence", "log", "publish"]].tolist()
+            contents = Column(data, found.begins, found.ends)
+            for (channel, sequence, log_time, publish_time), content in zip(told, contents, strict=True):
+                if channel in self.streams:
+                    yield offset, Message(channel, log_time, content, publish_time, sequence)
 
     def metadata(self) -> Iterator[Metadata]:
         """The metadata records that can be read."""
@@ -177,20 +202,25 @@ class McapFile:
         record = record_at(self._file, offset, self.size)
         return parsed(record) if record else None
 
-    def _messages(self, segment: Segment, channels: Collection[int]) -> Iterator[Message]:
-        begin = segment.offset if segment.kind == LOOSE else segment.offset + HEAD.size
-        data = read_at(self._file, begin, segment.end - begin)
-        if segment.kind != LOOSE:
-            data = (unpack if segment.kind == CHUNK else beginning_of)(read_chunk(data))
-        return messages_in(data, segment.offset, channels, len(data))
+    def _read(self, segment: Segment) -> tuple[bytes, Contents]:
+        """The records of a segment, and what they are."""
+        if segment.kind == LOOSE:
+            data = read_at(self._file, segment.offset, segment.end - segment.offset)
+            return data, contents_of(data, (), len(data))
+        begin, behind = segment.offset + HEAD.size, max(segment.indices_end, segment.end)
+        read = read_at(self._file, begin, behind - begin)
+        record, indices = read[: segment.end - begin], read[segment.end - begin :]
+        data = (unpack if segment.kind == CHUNK else beginning_of)(read_chunk(record))
+        told = [indices[first:last] for _, first, last in records_in(indices, len(indices))]
+        return data, contents_of(data, told, len(data))
 
-    def _take(self, piece: Record | CutChunk | Hole) -> None:
+    def _take(self, piece: Piece, indices: list[Record]) -> None:
         if isinstance(piece, Hole):
             self._hole(piece)
         elif isinstance(piece, CutChunk):
             self._cut_chunk(piece)
         elif piece.opcode == Opcode.CHUNK:
-            self._chunk(piece)
+            self._chunk(piece, indices)
         elif piece.opcode == Opcode.MESSAGE:
             self._loose(piece)
         elif piece.opcode == Opcode.FOOTER:
@@ -206,7 +236,7 @@ class McapFile:
         self.unread += hole.length
         self.faults.append(f"{hole.length} bytes from byte {hole.offset} on are no records")
 
-    def _chunk(self, record: Record) -> None:
+    def _chunk(self, record: Record, indices: list[Record]) -> None:
         chunk = read_chunk(record.content)
         self.compression = chunk.compression if self.compression is None else self.compression
         try:
@@ -214,7 +244,7 @@ class McapFile:
                 raise DamagedError(f"is one too many: they hold more than {MOST_GROWTH} times the file")
             self._unpacking -= chunk.size
             data = unpack(chunk)
-            self._keep(record, chunk, data, CHUNK)
+            self._keep(record, chunk, data, CHUNK, indices)
         except DamagedError as fault:
             self.unread += len(record.content)
             where = f"the chunk at byte {record.offset}"
@@ -226,7 +256,7 @@ class McapFile:
         self.compression = chunk.compression if self.compression is None else self.compression
         data = beginning_of(chunk) if chunk.size <= self._unpacking else b""
         try:
-            self._keep(Record(Opcode.CHUNK, piece.offset, piece.content), chunk, data, CUT_CHUNK)
+            self._keep(Record(Opcode.CHUNK, piece.offset, piece.content), chunk, data, CUT_CHUNK, [])
         except DamagedError:
             self.unread += len(piece.content)
         told = f"{self.messages - before} messages could be read"
@@ -268,39 +298,28 @@ class McapFile:
         self.unread += record.end - record.offset
         self.faults.append(f"the message at byte {record.offset} may not be as long as it says; it is left out")
 
-    def _keep(self, record: Record, chunk: Chunk, data: bytes, kind_of_segment: str) -> None:
+    def _keep(self, record: Record, chunk: Chunk, data: bytes, kind: str, indices: list[Record]) -> None:
         """Take the records of a chunk.
 
         Raises:
             DamagedError: they are too many, or not all of the data are records.
         """
-        counts, times, most, end, number = Counter[int](), list[int](), min(MOST_RECORDS, self._records), 0, 0
-        channel_and_time, size, kind = MESSAGE.unpack_from, MESSAGE.size, int(Opcode.MESSAGE)
-        declared = []
-        for opcode, begin, end in records_in(data, most):
-            number += 1
-            if opcode == kind:
-                if end - begin < size:
-                    raise DamagedError("has a message that is too short")
-                channel, _, log_time, _ = channel_and_time(data, begin)
-                counts[channel] += 1
-                times.append(log_time)
-            elif opcode in DECLARATIONS:
-                declared.append(Record(opcode, begin, data[begin:end]))
-        self._records -= number
-        if number > most:
+        most = min(MOST_RECORDS, self._records)
+        found = contents_of(data, [index.content for index in indices], most)
+        self._records -= found.number
+        if found.number > most:
             raise DamagedError(f"holds more than {most} records")
-        if end != len(data):
-            raise DamagedError(f"ends in {len(data) - end} bytes that are no records")
-        for each in declared:
+        if found.end != len(data):
+            raise DamagedError(f"ends in {len(data) - found.end} bytes that are no records")
+        for each in found.others:
             self._declare(each, self._declared)
-        if times:
-            first, last = min(times), max(times)
-            self._segments.append(Segment(record.offset, record.end, len(data), kind_of_segment, first, last, counts))
-            if kind_of_segment == CHUNK and not chunk.checksum and (first, last) != (chunk.first, chunk.last):
-                self._say(
-                    f"the chunk at byte {record.offset}, which has no checksum, tells other times than its messages"
-                )
+        if not len(found.heads):
+            return
+        first, last = int(found.heads["log"].min()), int(found.heads["log"].max())
+        counts, behind = Counter[int](found.heads["channel"].tolist()), indices[-1].end if indices else 0
+        self._segments.append(Segment(record.offset, record.end, len(data), kind, first, last, counts, behind))
+        if kind == CHUNK and not chunk.checksum and (first, last) != (chunk.first, chunk.last):
+            self._say(f"the chunk at byte {record.offset}, which has no checksum, tells other times than its messages")
 
     def _declare(self, record: Record, declared: dict[tuple[type, int], Any]) -> None:
         """Take any other record."""
@@ -366,6 +385,19 @@ class McapFile:
     def _say(self, fault: str) -> None:
         if fault not in self.faults:
             self.faults.append(fault)
+
+
+def _until(following: Segment | None, waiting: list[tuple[int, int, Batch]]) -> Iterator[Batch]:
+    """Take away what comes before a segment, all if there is none; in one batch, if there is any."""
+    parts = []
+    while waiting and (following is None or waiting[0][0] < following.first):
+        _, offset, batch = heappop(waiting)
+        number = int(np.searchsorted(batch.times, np.uint64(following.first))) if following else len(batch)
+        parts.append((offset, batch.part(slice(number))))
+        if number < len(batch):
+            heappush(waiting, (int(batch.times[number]), offset, batch.part(slice(number, None))))
+    if parts:
+        yield Batch.together([batch for _, batch in sorted(parts, key=itemgetter(0))]).by_time()
 
 
 def _checksum(file: IO[bytes], begin: int, end: int) -> int:

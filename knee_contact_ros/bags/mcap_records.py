@@ -9,11 +9,12 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Container, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from typing import IO, Any, NamedTuple
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
@@ -32,6 +33,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from numpy.typing import NDArray
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
@@ -42,6 +44,14 @@ LONGEST_NAME = 16
 """[B] of a compression's name"""
 MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time [ns]"""
+MESSAGE_HEAD = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+"""The same behind opcode and length"""
+INDEX_HEAD = 6
+"""[B] of a chunk's index of a channel before times and places: the channel, and how long they are"""
+LONGEST_INDEX = 2**24
+"""[B] of the indices behind a chunk that are looked at"""
 LARGEST_RECORD = 2**30
 """[B] that is ever read at once"""
 LARGEST_CHUNK = 2**28
@@ -64,6 +74,7 @@ PARSERS: dict[int, Any] = {
     Opcode.ATTACHMENT: Attachment,
     Opcode.DATA_END: DataEnd,
 }
+DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 UNPARSED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 PRIVATE = 0x80
 """Opcodes from here on are anybody's"""
@@ -101,6 +112,10 @@ class CutChunk(NamedTuple):
     content: bytes
 
 
+Piece = Record | CutChunk | Hole
+"""Of a file"""
+
+
 class Chunk(NamedTuple):
     """A chunk as its record tells of it."""
 
@@ -115,18 +130,20 @@ class Chunk(NamedTuple):
     data: bytes
 
 
-class Message(NamedTuple):
-    """A message; messages are ordered by time, and those of one time as in the file."""
+class Contents(NamedTuple):
+    """The records of a chunk, or of a piece of the file; arrays have shape (n,)."""
 
-    log_time: int
-    """[ns]"""
-    place: tuple[int, int]
-    """[B] of its chunk in the file, and in that chunk"""
-    channel: int
-    data: bytes
-    publish_time: int
-    """[ns]"""
-    sequence: int
+    heads: NDArray[Any]
+    """Of its messages, as `MESSAGE_HEAD`"""
+    begins: NDArray[np.int64]
+    """[B] of what they hold"""
+    ends: NDArray[np.int64]
+    others: list[Record]
+    """Schemas and channels"""
+    number: int
+    """Of all records"""
+    end: int
+    """[B] of the last one"""
 
 
 class DamagedError(Exception):
@@ -156,7 +173,7 @@ def parsed(record: Record) -> Any:
     return found if stream.count == len(record.content) else None
 
 
-def read_records(file: IO[bytes], size: int) -> Iterator[Record | CutChunk | Hole]:
+def read_records(file: IO[bytes], size: int) -> Iterator[Piece]:
     """All that a file of `size` [B] holds behind its magic, in order; no byte is read twice but for heads."""
     position = magic_at(file, 0)
     while position < size:
@@ -342,12 +359,66 @@ def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:
         yield opcode, begin, position
 
 
-def messages_in(data: bytes, offset: int, channels: Container[int], most: int) -> Iterator[Message]:
-    """The messages of some channels among the records of a chunk, or of a piece of the file, at `offset` [B]."""
-    unpack_message, size, kind = MESSAGE.unpack_from, MESSAGE.size, int(Opcode.MESSAGE)
+def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
+    """What there is up to the first record that is not whole, one more record than `most` at most.
+
+    Raises:
+        DamagedError: a message is too short.
+    """
+    if found := indexed(data, indices):
+        return found
+    places, others, number, end = list[int](), list[Record](), 0, 0
     for opcode, begin, end in records_in(data, most):
-        if opcode == kind and end - begin >= size:
-            channel, sequence, log_time, publish_time = unpack_message(data, begin)
-            if channel in channels:
-                place = (offset, begin)
-                yield Message(log_time, place, channel, data[begin + size : end], publish_time, sequence)
+        number += 1
+        if opcode == Opcode.MESSAGE:
+            if end - begin < MESSAGE.size:
+                raise DamagedError("has a message that is too short")
+            places.append(begin - HEAD.size)
+        elif opcode in DECLARATIONS:
+            others.append(Record(opcode, begin, data[begin:end]))
+    begins = np.array(places, np.int64)
+    heads = _heads(data, begins)
+    ends = begins + HEAD.size + heads["length"].astype(np.int64)
+    return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, others, number, end)
+
+
+def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
+    """What a chunk holds, as the `indices` behind it tell, if these are right beyond doubt.
+
+    They are if there is a message wherever they say, which goes on to the next one, and nothing else.
+    """
+    if not indices or any(len(index) % 16 != INDEX_HEAD for index in indices):
+        return None
+    places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX_HEAD)[1::2] for index in indices])
+    if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.itemsize:
+        return None
+    begins = np.sort(places.astype(np.int64), kind="stable")  # runs that are in order: quickly done
+    heads, ends = _heads(data, begins), np.append(begins[1:], len(data))
+    lengths = ends - begins - HEAD.size
+    right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
+    if not (right and (heads["opcode"] == Opcode.MESSAGE).all()):
+        return None
+    return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, [], len(begins), len(data))
+
+
+def _heads(data: bytes, begins: NDArray[np.int64]) -> NDArray[Any]:
+    """The heads of the messages that begin there, as `MESSAGE_HEAD`."""
+    heads = np.dtype(f"V{MESSAGE_HEAD.itemsize}")  # as one thing each, which is copied at once
+    windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
+    return windows[begins].view(MESSAGE_HEAD)
+
+
+def with_indices(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, list[Record]]]:
+    """Each piece of a file with what a chunk's indices are that follow it, instead of these."""
+    last, indices, size = None, list[Record](), 0
+    for piece in pieces:
+        if isinstance(piece, Record) and piece.opcode == Opcode.MESSAGE_INDEX and isinstance(last, Record):
+            size += len(piece.content)
+            if last.opcode == Opcode.CHUNK and size <= LONGEST_INDEX:
+                indices.append(piece)
+            continue
+        if last:
+            yield last, indices
+        last, indices, size = piece, [], 0
+    if last:
+        yield last, indices

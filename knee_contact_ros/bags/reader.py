@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+import numpy as np
 import zstandard
 from rosbags.interfaces import MessageDefinition
 
 from knee_contact_ros.bags.bag_files import in_a_line
-from knee_contact_ros.bags.stored_bag import StoredBag
+from knee_contact_ros.bags.batch import Batch, blocks
+from knee_contact_ros.bags.stored_bag import Connection, StoredBag
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, absolute
 from knee_contact_ros.bags.topics_in_bag import find_topic
 from knee_contact_ros.messages.ros_types import deserialize
@@ -103,13 +108,37 @@ class BagReader:
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
         """Messages that are not decoded, each with the definition that the bag holds of its type."""
+        for batch, connections in self._batches(topics, start, stop):
+            described = [(self._topic_of(connection), connection.definition) for connection in connections]
+            for number, log_time, data in batch:
+                topic, definition = described[number]
+                yield RawMessage(topic, log_time, data), definition
+
+    def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
+        """All messages, of these topics if there are any, by so many; numbers are those of topics asked for at first.
+
+        Raises:
+            UsageError: the bag breaks off.
+        """
+        places = {topic: place for place, topic in enumerate(self._connections)}
+        for connections, found in groupby(self._batches(topics), key=itemgetter(1)):
+            place_of = np.array([places[self._topic_of(connection)] for connection in connections], np.intp)
+            batches = (replace(batch, numbers=place_of[batch.numbers]) for batch, _ in found)
+            yield from blocks(batches, most)
+
+    def _batches(
+        self, topics: Collection[str], start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[Batch, list[Connection]]]:
         asked = [connection for topic in topics or self._connections for connection in self._connections[topic]]
         try:
-            for connection, log_time, data in self._bag.messages(asked, start, stop):
-                message = unpacked(data) if self._bag.packed else data
-                yield RawMessage(self._topics[absolute(connection.topic)], log_time, message), connection.definition
+            for batch, connections in self._bag.batches(asked, start, stop):
+                every = np.ones(len(batch), dtype=bool)
+                yield batch.changed(unpacked, every) if self._bag.packed else batch, connections
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
+
+    def _topic_of(self, connection: Connection) -> str:
+        return self._topics[absolute(connection.topic)]
 
     def messages(self) -> Iterator[BagMessage]:
         """Messages in the order of log time, decoded by the definitions that this package knows.

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+import numpy as np
+
+from knee_contact_ros.bags.batch import Batch
+from knee_contact_ros.messages.column import Column
 from knee_contact_ros.system.errors import UsageError
 
 TABLES = ("topics", "messages", "message_definitions")
@@ -19,6 +23,7 @@ COUNTS = f"SELECT topic_id, count(*) FROM messages WHERE {KINDS} GROUP BY topic_
 OTHERS = f"SELECT count(*) FROM messages WHERE NOT ({KINDS})"  # noqa: S608
 ROWS = f"SELECT topic_id, timestamp, data FROM messages WHERE {KINDS} ORDER BY timestamp, id"  # noqa: S608
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+ROWS_AT_ONCE = 256
 TIMES = f"SELECT min(timestamp), max(timestamp) FROM messages WHERE {KINDS}"  # noqa: S608
 
 
@@ -72,11 +77,14 @@ class SqliteFile:
         first, last = self._database.execute(TIMES).fetchone()
         return None if first is None else (first, last)
 
-    def by_time(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Time [ns], topic and bytes of the messages of some topics, by time; equal times in the order of rows."""
-        for topic, time, data in self._database.execute(ROWS):
-            if topic in topics:
-                yield time, topic, data
+    def by_time(self, numbers: Mapping[int, int]) -> Iterator[Batch]:
+        """The messages of topics that have a number, under it, by time; equal times in the order of rows."""
+        cursor = self._database.execute(ROWS)
+        while rows := cursor.fetchmany(ROWS_AT_ONCE):
+            found = [(numbers[topic], time, data) for topic, time, data in rows if topic in numbers]
+            if found:
+                numbers_of, times, messages = zip(*found, strict=True)
+                yield Batch(np.array(numbers_of, np.intp), np.array(times, np.int64), Column.of(messages))
 
     def close(self) -> None:
         """Close the file."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from knee_contact_ros.bags.bag_files import File, find_files, in_a_line
+from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.folder_metadata import METADATA
 from knee_contact_ros.bags.sqlite_file import SqliteFile
 from knee_contact_ros.system.errors import UsageError
@@ -67,16 +68,19 @@ class StoredBag:
         """Log time [ns] behind the last message."""
         return 1 + max((file.times[1] for file in self._files if file.times), default=-1)
 
-    def messages(
+    def batches(
         self, topics: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Messages in the order of log time [ns], from `start` to before `stop`; one file after another."""
+    ) -> Iterator[tuple[Batch, list[Connection]]]:
+        """Messages in the order of log time [ns], from `start` to before `stop`; one file after another.
+
+        Each batch comes with the connections, as the file has them, that its numbers count.
+        """
         wanted = {connection[:3] for connection in topics}
         for file, declared in zip(self._files, self._topics, strict=True):
-            numbers = {number: connection for number, connection in declared.items() if connection[:3] in wanted}
-            for log_time, channel, data in _by_time(file, numbers):
-                if (start is None or log_time >= start) and (stop is None or log_time < stop):
-                    yield numbers[channel], log_time, data
+            chosen = {channel: connection for channel, connection in declared.items() if connection[:3] in wanted}
+            connections = list(chosen.values())
+            for batch in file.by_time({channel: number for number, channel in enumerate(chosen)}):
+                yield batch.between(start, stop), connections
 
     def close(self) -> None:
         """Close the bag."""
@@ -96,13 +100,6 @@ class StoredBag:
             elif count > promised:
                 faults.append(f"{METADATA} knows of {promised} messages on {topic} and not of {count}")
         return faults
-
-
-def _by_time(file: File, channels: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-    """Log time [ns], channel and bytes."""
-    if isinstance(file, SqliteFile):
-        return file.by_time(channels)
-    return ((log_time, channel, data) for log_time, _, channel, data, *_ in file.by_time(channels))
 
 
 def _connections(file: File) -> dict[int, Connection]:

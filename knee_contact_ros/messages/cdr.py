@@ -16,6 +16,8 @@ from typing import Any, Generic, Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.messages.column import Column
+
 Bytes = NDArray[np.uint8]
 Stamps = NDArray[np.int64]
 Order = Literal["<", ">"]
@@ -209,18 +211,17 @@ class Coder(Generic[Content]):
         layout = _written_layout(self._kind, shape_of(content))
         return layout.pack(*layout.parts(content))
 
-    def decode_all(self, messages: Sequence[bytes]) -> Block | None:
+    def decode_all(self, messages: Column) -> Block | None:
         """Many messages, at least one; None if they have not all the same shape, or if `decode` knows one not."""
         first = self.decode(messages[0])
         if first is None:
             return None
         shape = shape_of(first[0])
         layout = _written_layout(self._kind, shape)
-        lengths = set(map(len, messages))
-        if not layout.length <= min(lengths) <= max(lengths) <= layout.length + MOST_TRAILING:
+        lengths = messages.ends - messages.begins
+        if not layout.length <= lengths.min() <= lengths.max() <= layout.length + MOST_TRAILING:
             return None
-        received = messages if lengths == {layout.length} else [message[: layout.length] for message in messages]
-        matrix = np.frombuffer(b"".join(received), dtype=np.uint8).reshape(len(messages), layout.length)
+        matrix = messages.rows(layout.length)
         if (matrix[:, :2] != list(HEADER[:2])).any():
             return None
         kind = layout.numbers

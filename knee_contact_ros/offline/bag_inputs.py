@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
@@ -21,6 +22,9 @@ from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import warn
 
+FEW = 256
+"""Messages that are read ahead"""
+
 
 class BagInputs:
     """A bag that is known to hold forces, and angles of one source."""
@@ -35,7 +39,7 @@ class BagInputs:
         types = {f"/{source}": kind, f"/{force_topic}": MESSAGE_TYPES[force_topic]}
         self.path = bag
         self.reader = BagReader(bag, types, names)
-        self.source = source
+        self.source, self.force = source, f"/{force_topic}"
 
     def __enter__(self) -> BagInputs:
         return self
@@ -43,20 +47,25 @@ class BagInputs:
     def __exit__(self, *_: object) -> None:
         self.reader.close()
 
+    def blocks(self, most: int, topics: Collection[str] = ()) -> Iterator[Batch]:
+        """Messages in the order of log time, by so many: 0 has angles, as JointStates, and 1 forces."""
+        for batch in self.reader.blocks(topics, most=most):
+            angles = batch.numbers == 0
+            yield batch.changed(as_joint_state, angles) if self.source == DYNAMIC_JOINT_STATES else batch
+
     def messages(self) -> Iterator[RawMessage]:
         """All of both topics, in the order of log time; angles are JointStates."""
-        return self._as_joint_states(self.reader.raw_messages())
+        return self._one_by_one(())
 
     def angles(self) -> Iterator[RawMessage]:
         """Those with angles, likewise."""
-        return self._as_joint_states(self.reader.raw_messages((f"/{self.source}",)))
+        return self._one_by_one((f"/{self.source}",))
 
-    def _as_joint_states(self, messages: Iterable[RawMessage]) -> Iterator[RawMessage]:
-        for message in messages:
-            if message.topic == f"/{DYNAMIC_JOINT_STATES}":
-                yield message._replace(topic=f"/{JOINT_STATES}", data=as_joint_state(message.data))
-            else:
-                yield message
+    def _one_by_one(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        names = (f"/{JOINT_STATES}", self.force)
+        for batch in self.blocks(FEW, topics):
+            for number, time, data in batch:
+                yield RawMessage(names[number], time, data)
 
 
 def transform_messages(bag: Path) -> list[bytes]:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES, AnswerWriter
+from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
+from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.block_recorder import write_messages
 from knee_contact_ros.bags.provenance import Provenance, provenance_record
-from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, recorded_topics
+from knee_contact_ros.messages.topics import JOINT_STATES, recorded_topics
 from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
 from knee_contact_ros.offline.history import Changes
 from knee_contact_ros.offline.joints import check_joints, wanted_joints
@@ -30,6 +29,7 @@ from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
@@ -90,8 +90,8 @@ def solve(
         prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None
-        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes), 0
-        for block in blocks(inputs.messages()):
+        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes, opened.enter_context(Behind())), 0
+        for block in inputs.blocks(BLOCK):
             run.take(block)
             done += len(block)
             advance(done, reader.count)
@@ -140,17 +140,21 @@ class Run:
         recorder: AnswerWriter | None,
         takers: Sequence[Callable[[Sequence[Rows]], object]],
         changes: Changes,
+        behind: Behind,
     ) -> None:
+        """What is taken at once is written `behind`; all is when `keep` returns."""
         self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
+        self._behind = behind
 
-    def take(self, block: Sequence[RawMessage]) -> None:
-        """Take messages in their order: at once if they allow it, else one by one."""
+    def take(self, block: Batch) -> None:
+        """Take angles (0) and forces (1) in their order: at once if they allow it, else one by one."""
         if self._changes.waiting or not self._take_at_once(block):
-            self.keep(answer for message in block for answer in self._take_one(message))
+            self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
         """Write answers and take them into account, and what has changed between them."""
         rows = []
+        self._behind.wait()
         for answer in answers:
             if self._pipeline.frame.turn_note:
                 self._note(FORCE_TURNED, self._pipeline.frame.told())
@@ -162,17 +166,13 @@ class Run:
             together, number = np.frombuffer(b"".join(rows), ROW), len(self._pipeline.compartments)
             self._tell([together[first::number] for first in range(number)])
 
-    def _take_at_once(self, block: Sequence[RawMessage]) -> bool:
-        by_topic = [
-            [message.data for message in block if message.topic == ABSOLUTE_NAMES[topic]]
-            for topic in (JOINT_STATES, JOINT_REACTION_FORCE)
-        ]
-        answers = take(self._pipeline, *by_topic)
+    def _take_at_once(self, block: Batch) -> bool:
+        answers = take(self._pipeline, block.of(0), block.of(1))
         if answers is None:
             return False
         if self._recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
-            write_messages(self._recorder.bag, parts)
+            self._behind.do(write_messages, self._recorder.bag, parts)
         self._tell(answers.rows)
         return True
 
@@ -184,18 +184,10 @@ class Run:
         if self._recorder:
             self._recorder.note(name, values)
 
-    def _take_one(self, message: RawMessage) -> Iterator[Answer]:
+    def _take_one(self, number: int, data: bytes) -> Iterator[Answer]:
         self._make_changes()
-        ours = message.topic == ABSOLUTE_NAMES[JOINT_STATES]
-        return (self._pipeline.joint_state if ours else self._pipeline.force)(message.data)
+        return (self._pipeline.force if number else self._pipeline.joint_state)(data)
 
     def _make_changes(self) -> None:
         for name, values in self._changes.make(self._pipeline):
             self._note(name, values)
-
-
-def blocks(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
-    """Messages by the block."""
-    coming = iter(messages)
-    while block := list(islice(coming, BLOCK)):
-        yield block

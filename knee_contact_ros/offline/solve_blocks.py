@@ -7,7 +7,6 @@ again: `Synchroniser.steady` and `go_on` hand over what waits between them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
 from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Block
+from knee_contact_ros.messages.column import Column
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
 from knee_contact_ros.pipeline.compartment import summed_wrenches
 from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
@@ -43,8 +43,8 @@ class Answers(NamedTuple):
 class _Received(NamedTuple):
     """Messages behind those that waited before them."""
 
-    states: list[bytes]
-    forces: list[bytes]
+    states: Column
+    forces: Column
 
 
 class _Samples(NamedTuple):
@@ -60,13 +60,13 @@ class _Samples(NamedTuple):
     moment: Floats
 
 
-def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -> Answers | None:
+def take(pipeline: Pipeline, states: Column, forces: Column) -> Answers | None:
     """Take the messages of both topics, in the order in which they come; None: nothing was taken.
 
     What `pipeline` holds afterwards is what it would hold after all of them one by one.
     """
     steady = pipeline.synchroniser.steady()
-    if steady is None or not (states and forces):
+    if steady is None or not (len(states) and len(forces)):
         return None
     pairing = pipeline.parameters.pairing
     max_gap = round(pairing.max_gap * SECOND)
@@ -88,13 +88,13 @@ def take(pipeline: Pipeline, states: Sequence[bytes], forces: Sequence[bytes]) -
     return answers
 
 
-def _with_held(steady: Steady, states: Sequence[bytes], forces: Sequence[bytes]) -> tuple[_Received, Fresh]:
+def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Received, Fresh]:
     """The messages behind those that wait; and which of the angles are still to be recorded."""
     held = {angle.stamp: angle.data for angle in (*steady.fresh, *steady.angles)}
     untaken = {angle.stamp for angle in steady.fresh}
     block = _Received(
-        [*(held[stamp] for stamp in sorted(held)), *states],
-        [*(load.data for load in steady.loads), *forces],
+        Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states]),
+        Column.together([Column.of([load.data for load in steady.loads]), forces]),
     )
     return block, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags import mcap_records
+from knee_contact_ros.bags import mcap_file
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recover import recover
@@ -111,7 +111,7 @@ def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     return [
         (file.streams[entry.channel].channel.topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
         for _, entry in file.in_file_order()
-        if isinstance(entry, mcap_records.Message)
+        if isinstance(entry, mcap_file.Message)
     ]
 
 

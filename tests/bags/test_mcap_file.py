@@ -36,10 +36,10 @@ def made(tmp_path: Path, form: str) -> Path:
 def read(path: Path) -> tuple[list[Message], list[str]]:
     """Messages by time, and faults."""
     with closing(McapFile(path)) as file:
-        found = list(file.by_time(file.streams))
+        found = [row for batch in file.by_time({number: number for number in file.streams}) for row in batch]
         topics = {number: stream.channel.topic for number, stream in file.streams.items()}
         assert file.counts.total() == len(found)
-        return [(topics[message.channel], message.log_time, message.data) for message in found], file.faults
+        return [(topics[number], time, data) for number, time, data in found], file.faults
 
 
 def chunks(path: Path) -> list[tuple[int, int]]:

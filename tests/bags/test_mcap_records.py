@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from io import BytesIO
 
 import pytest
@@ -9,14 +10,27 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 
-from knee_contact_ros.bags.mcap_records import MAGIC, Hole, Record, parsed, read_records
-from tests.hostile.bags import chunk
+from knee_contact_ros.bags import mcap_records
+from knee_contact_ros.bags.mcap_records import (
+    HEAD,
+    MAGIC,
+    MESSAGE_HEAD,
+    Hole,
+    Record,
+    contents_of,
+    indexed,
+    parsed,
+    read_records,
+    records_in,
+    with_indices,
+)
+from tests.hostile.bags import channel, chunk, message, record
 
 
 def bytes_of(*records: Header | Schema | Channel | Metadata | Attachment | DataEnd | Footer) -> bytes:
     builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
+    for each in records:
+        each.write(builder)
     return bytes(builder.end())
 
 
@@ -74,3 +88,72 @@ def test_behind_a_hole_the_next_chunk_is_found_or_the_end_of_the_data() -> None:
         Opcode.DATA_END,
         Opcode.FOOTER,
     ]
+
+
+DATA = b"".join(message(number % 2 + 1, b"m" * (number % 5), 100 + number) for number in range(40))
+PLACES = [begin - HEAD.size for _, begin, _ in records_in(DATA, 100)]
+
+
+def index(*places: int, channel: int = 1) -> bytes:
+    """What a chunk's index of a channel holds."""
+    return struct.pack("<HI", channel, 16 * len(places)) + b"".join(struct.pack("<QQ", 7, place) for place in places)
+
+
+def test_an_index_that_is_right_tells_where_messages_begin() -> None:
+    found = indexed(DATA, [index(*PLACES[1::2]), index(*PLACES[::2])])
+    assert found is not None
+    assert [begin - MESSAGE_HEAD.itemsize for begin in found.begins] == PLACES
+    assert found.heads["log"].tolist() == list(range(100, 140))
+
+
+WRONG = {
+    "none": [],
+    "empty": [index()],
+    "one missing": [index(*PLACES[:7], *PLACES[8:])],
+    "the last one missing": [index(*PLACES[:-1])],
+    "one twice": [index(*PLACES, PLACES[3])],
+    "one beside": [index(*PLACES[:7], PLACES[7] + 1, *PLACES[8:])],
+    "one beyond the end": [index(*PLACES, len(DATA))],
+    "one beyond all memory": [index(*PLACES, 2**64 - 1)],
+    "half an entry": [index(*PLACES)[:-8]],
+    "half a head": [b"\1"],
+}
+
+
+@pytest.mark.parametrize("indices", WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize("others", [b"", channel(1, "/a"), record(0x80, b"anybody's")])
+def test_an_index_that_is_wrong_is_not_believed(indices: list[bytes], others: bytes) -> None:
+    for data in (DATA + others, others + DATA):
+        assert indexed(data, indices) is None
+        found = contents_of(data, indices, 100)
+        assert (len(found.heads), found.number, found.end) == (40, 40 + bool(others), len(data))
+        assert [data[begin:end] for begin, end in zip(found.begins, found.ends, strict=True)] == [
+            b"m" * (number % 5) for number in range(40)
+        ]
+        assert len(found.others) == (others[:1] == b"\4")
+
+
+@pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])
+def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
+    """Whatever an index says."""
+    data = bytearray(DATA)
+    data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
+    assert indexed(bytes(data), [index(*PLACES)]) is None
+    assert indexed(bytes(data), [index(*PLACES, PLACES[4])]) is None
+
+
+def test_a_chunk_comes_with_the_indices_behind_it() -> None:
+    about = record(Opcode.MESSAGE_INDEX, index(3))
+    content = MAGIC + about + chunk(b"", 0) + about * 2 + bytes_of(NOTE) + about + chunk(b"", 0)
+    found = list(with_indices(read_records(BytesIO(content), len(content))))
+    assert [(piece.opcode, len(indices)) for piece, indices in found if isinstance(piece, Record)] == [
+        (Opcode.MESSAGE_INDEX, 0), (Opcode.CHUNK, 2), (Opcode.METADATA, 0), (Opcode.CHUNK, 0),
+    ]  # fmt: skip
+
+
+def test_indices_beyond_all_chunks_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    about = record(Opcode.MESSAGE_INDEX, index(3))
+    monkeypatch.setattr(mcap_records, "LONGEST_INDEX", 3 * (len(about) - HEAD.size))
+    content = MAGIC + chunk(b"", 0) + about * 10
+    ((_, indices),) = with_indices(read_records(BytesIO(content), len(content)))
+    assert len(indices) == 3

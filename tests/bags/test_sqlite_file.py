@@ -23,9 +23,13 @@ def database(tmp_path: Path) -> Path:
     return tmp_path / "bag" / "bag.db3"
 
 
+def rows(file: SqliteFile) -> list[tuple[int, int, bytes]]:
+    return [row for batch in file.by_time({number: number for number in file.topics}) for row in batch]
+
+
 def read(path: Path) -> tuple[list[Message], list[str]]:
     with closing(SqliteFile(path)) as file:
-        found = [(file.topics[topic].name, time, data) for time, topic, data in file.by_time(file.topics)]
+        found = [(file.topics[topic].name, time, data) for topic, time, data in rows(file)]
         assert file.counts.total() == len(found)
         return found, file.faults
 
@@ -68,7 +72,7 @@ def test_messages_that_are_no_table_are_not_computed(database: Path) -> None:
 def test_a_thread_may_read(database: Path) -> None:
     """As replay does."""
     with ThreadPoolExecutor(1) as threads, closing(SqliteFile(database)) as file:
-        assert threads.submit(lambda: sum(1 for _ in file.by_time(file.topics))).result() == len(WRITTEN)
+        assert threads.submit(lambda: len(rows(file))).result() == len(WRITTEN)
 
 
 def test_a_numbers_beyond_all_integers_is_damage(database: Path) -> None:
