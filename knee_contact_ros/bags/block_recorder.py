@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import MessageIndex
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.mcap_writer import Index
 from knee_contact_ros.bags.writer import BagWriter
 
 HEAD = np.dtype(
@@ -46,19 +45,6 @@ class Block(NamedTuple):
     """Where each record ends in them"""
     channels: NDArray[np.int64]
     stamps: NDArray[np.int64]
-
-
-class Index(MessageIndex):
-    """The library's, written at once."""
-
-    def write(self, stream: RecordBuilder) -> None:
-        """Write the record."""
-        entries = np.array(self.records, dtype="<u8").tobytes()
-        stream.start_record(Opcode.MESSAGE_INDEX)
-        stream.write2(self.channel_id)
-        stream.write4(len(entries))
-        stream.write(entries)
-        stream.finish_record()  # type: ignore[no-untyped-call]
 
 
 def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
