@@ -18,6 +18,7 @@ from typing import Any
 
 from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.scheduling import yield_to_others
 
 REPORT_PERIOD = 1.0
 """[s]"""
@@ -129,9 +130,7 @@ def step_back(niceness: int) -> None:
     # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    if niceness:
-        os.nice(niceness)
+    yield_to_others(niceness)
 
 
 def main() -> None:
