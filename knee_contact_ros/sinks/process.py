@@ -113,7 +113,7 @@ class SinkProcess:
         """Hand over an answer; never waits. Not to be called from two threads, nor beside `note`."""
         if self._take(answer):
             now = time.monotonic()
-            if now >= self._due or len(self._waiting) >= self._many or self._waiting_size() >= self._much:
+            if now >= self._due or len(self._waiting) >= self._many or self._put_size - self._sent_size >= self._much:
                 self._due = now + self._gather
                 self._wake.set()
 
@@ -219,7 +219,7 @@ class SinkProcess:
 
     def _take(self, item: Answer | Note) -> bool:
         """Have it wait; False if there is no room."""
-        if not self._has_room():
+        if len(self._waiting) >= self._room or self._put_size - self._sent_size >= self._room_size:
             self._refused += not self._ended
             return False
         self._put_size += size_of(item)
@@ -236,9 +236,6 @@ class SinkProcess:
             self._waiting.clear()
             self._sent_size = self._put_size
         return lost
-
-    def _has_room(self) -> bool:
-        return len(self._waiting) < self._room and self._waiting_size() < self._room_size
 
     def _waiting_size(self) -> int:
         return self._put_size - self._sent_size
