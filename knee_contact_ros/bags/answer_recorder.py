@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from shutil import disk_usage
 from threading import Event, Thread
@@ -22,6 +23,8 @@ from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impo
 INTERRUPTED = "interrupted"
 """Name of the metadata record of a recording that the node could not end, or that ended before it"""
 NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
+GATHER = 0.03
+"""How long [s] answers are gathered in the node at most: what a kill of it loses of a recording"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}
 
 
@@ -51,6 +54,15 @@ class AnswerWriter:
         self.bag.split_if_due(records[-1][1])
         self._write(records)
 
+    def write_all(self, answers: Sequence[Sequence[Record]]) -> None:
+        """Write many answers: the same bytes as one by one, but for where chunks end if they are flushed otherwise."""
+        if self.bag.has_limits:
+            for records in answers:
+                self.bag.split_if_due(records[-1][1])
+                self.bag.write_all(records, self._names)
+        else:
+            self.bag.write_all(chain.from_iterable(answers), self._names)
+
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record behind the answers so far."""
         self.bag.flush()  # messages go by chunks, and metadata at once
@@ -63,8 +75,7 @@ class AnswerWriter:
         self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
 
     def _write(self, records: Iterable[Record]) -> None:
-        for topic, stamp, data in records:
-            self.bag.write(self._names[topic], stamp, data)
+        self.bag.write_all(records, self._names)
 
 
 class Recorder:
@@ -83,9 +94,9 @@ class Recorder:
         if settings.sync_period:
             Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
 
-    def write(self, records: Sequence[Record]) -> None:
-        """Write an answer's records."""
-        self._writer.write(records)
+    def write(self, parts: Sequence[Sequence[Record]]) -> None:
+        """Write answers' records."""
+        self._writer.write_all(parts)
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record behind the answers so far."""
@@ -171,7 +182,8 @@ def sink_for(knee: Knee) -> Sink | None:
     limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
     settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
     job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as))
-    return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False)
+    gather = min(record.flush_period, GATHER)
+    return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False, gather=gather)
 
 
 def open_output(

@@ -6,22 +6,17 @@ messages of a block as they would lie in the chunk, with their index; the librar
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import MessageIndex
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.mcap_records import HEAD, MESSAGE_HEAD
+from knee_contact_ros.bags.mcap_writer import Index
 from knee_contact_ros.bags.writer import BagWriter
-
-ENTRY = struct.Struct("<QQ")
-"""Of an index: log time [ns], and place in the chunk"""
 
 
 class Messages(NamedTuple):
@@ -55,19 +50,6 @@ class Block(NamedTuple):
     """Where each record ends in them"""
     stamps: NDArray[np.int64]
     channels: list[Channel]
-
-
-class Index(MessageIndex):
-    """The library's, of which many entries are added and written at once: bytes may stand for them."""
-
-    def write(self, stream: RecordBuilder) -> None:
-        """Write the record."""
-        entries = b"".join([entry if isinstance(entry, bytes) else ENTRY.pack(*entry) for entry in self.records])
-        stream.start_record(Opcode.MESSAGE_INDEX)
-        stream.write2(self.channel_id)
-        stream.write4(len(entries))
-        stream.write(entries)
-        stream.finish_record()  # type: ignore[no-untyped-call]
 
 
 def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:

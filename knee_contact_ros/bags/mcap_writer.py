@@ -8,21 +8,60 @@ from __future__ import annotations
 
 import errno
 import os
+import struct
 from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import MessageIndex
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.metadata import OFFERED_QOS, FileFacts, information, to_yaml
+from knee_contact_ros.messages.answer import Record
 from knee_contact_ros.messages.ros_types import definition, typestore
 from knee_contact_ros.system.output_files import open_claimed, sync_folder, take_name
 
 LIBRARY = "knee_contact_ros"
+HEAD = struct.Struct("<BQHIQQ").pack
+"""Of a message record: opcode, length behind it, channel, sequence number, log time and publish time [ns]"""
+HEAD_LENGTH, RECORD_LENGTH = 22, 31
+"""[B] of it that count as the record's, and all"""
+ENTRY = struct.Struct("<QQ")
+"""Of an index: log time [ns], and place in the chunk"""
 CHUNK_SIZE = 64 * 1024
 """[B] Small chunks: closing one stalls the writer 2-4 ms at most, and little is lost in a crash."""
+
+
+class Index(MessageIndex):
+    """The library's, of which many entries are added and written at once: bytes may stand for them."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        """Write the record."""
+        entries = b"".join([entry if isinstance(entry, bytes) else ENTRY.pack(*entry) for entry in self.records])
+        stream.start_record(Opcode.MESSAGE_INDEX)
+        stream.write2(self.channel_id)
+        stream.write4(len(entries))
+        stream.write(entries)
+        stream.finish_record()  # type: ignore[no-untyped-call]
+
+
+@dataclass(slots=True)
+class _Written:
+    """Messages of a topic that are being written."""
+
+    name: str
+    channel: int
+    next: int
+    """Number of the next one"""
+    places: list[tuple[int, int]] = field(default_factory=list)
+    """Stamp [ns] of each, and where it begins in the chunk"""
 
 
 class BagFile:
@@ -66,6 +105,54 @@ class BagFile:
         """Write a message's CDR bytes under its stamp [ns] and its number among those of its topic."""
         self.writer.add_message(self.channels[topic], stamp, data, stamp, number)
         self.count(topic, 1, stamp, stamp)
+
+    def write_all(self, records: Iterable[Record], names: Mapping[str, str], numbers: Counter[str]) -> None:
+        """Write messages under the names of their topics: the same bytes as by `write`, in a third of the time.
+
+        `numbers` has how many of each name there are in the recording, and goes on.
+
+        The library makes some thirty calls for a message. Its chunk builder takes bytes as well, and is handed the
+        messages as they would lie in the chunk, with their index; the library compresses and writes the chunk.
+        """
+        builder: Any = self.writer._Writer__chunk_builder  # type: ignore[attr-defined]
+        files: dict[str, _Written] = {}
+        pieces: list[bytes] = []
+        offset = builder.count
+        for topic, stamp, data in records:
+            written = files.get(topic)
+            if written is None:
+                name = names[topic]
+                files[topic] = written = _Written(name, self.channels[name], numbers[name])
+            length = len(data)
+            pieces += HEAD(Opcode.MESSAGE, HEAD_LENGTH + length, written.channel, written.next, stamp, stamp), data
+            written.next += 1
+            written.places.append((stamp, offset))
+            offset += RECORD_LENGTH + length
+            if offset > CHUNK_SIZE:
+                self._hand_over(builder, pieces, files.values(), numbers)
+                self.writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
+                files, pieces, offset = {}, [], 0
+        self._hand_over(builder, pieces, files.values(), numbers)
+
+    def _hand_over(
+        self, builder: Any, pieces: Sequence[bytes], files: Iterable[_Written], numbers: Counter[str]
+    ) -> None:
+        """Give message records to the library's chunk, and count them as it would."""
+        statistics: Any = self.writer._Writer__statistics  # type: ignore[attr-defined]
+        for written in files:
+            first, last, number = min(written.places)[0], max(written.places)[0], len(written.places)
+            builder.message_indices.setdefault(written.channel, Index(written.channel, [])).records += written.places
+            builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
+            builder.message_end_time = max(last, builder.message_end_time)
+            builder.num_messages += number
+            start = statistics.message_start_time
+            statistics.message_start_time = min(first, start) if statistics.message_count else first
+            statistics.message_end_time = max(last, statistics.message_end_time)
+            statistics.message_count += number
+            statistics.channel_message_counts[written.channel] += number
+            self.count(written.name, number, first, last)
+            numbers[written.name] = written.next
+        builder.record_writer.write(b"".join(pieces))
 
     def count(self, topic: str, number: int, first: int, last: int) -> None:
         """Take messages into account that were written, with their first and last stamp [ns]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +15,7 @@ from mcap.writer import CompressionType
 
 from knee_contact_ros.bags.mcap_writer import BagFile
 from knee_contact_ros.bags.metadata import FileFacts, Identity, information, prepare_metadata
+from knee_contact_ros.messages.answer import Record
 from knee_contact_ros.system.output_files import all_names, claim, claim_first, later_names
 
 REFUSED_SAMPLES = "refused_samples"
@@ -102,6 +103,15 @@ class BagWriter:
         """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
         self.file.write(topic, stamp, data, self.counts[topic])
         self.counts[topic] += 1
+
+    def write_all(self, records: Iterable[Record], names: Mapping[str, str]) -> None:
+        """Write many messages into one file, under the names of their topics: the same bytes as by `write`."""
+        self.file.write_all(records, names, self.counts)
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether `split_if_due` ever begins a new file."""
+        return self._limits != Limits()
 
     def split_if_due(self, stamp: int) -> None:
         """Go on in a new file if the present one is full, or would span too much with this stamp [ns].

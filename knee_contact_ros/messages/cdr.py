@@ -8,7 +8,7 @@ Written are little-endian CDR (XCDR1) and zeros as padding, as `rosbags` writes;
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import itemgetter
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
@@ -25,8 +25,11 @@ SECOND = 1_000_000_000
 """[ns]"""
 HEADER = b"\x00\x01\x00\x00"
 """Little-endian CDR, no options; alignment counts from behind it"""
+LITTLE_ENDIAN = HEADER[:2]
 BYTE_ORDERS: dict[bytes, Order] = {b"\x00\x01": "<", b"\x00\x00": ">"}
 """By the first two bytes of the header. The other two are options, which ROS ignores on reading."""
+STAMPS = {kind: struct.Struct(f"{order}4xiI").unpack_from for kind, order in BYTE_ORDERS.items()}
+"""Likewise: what takes seconds and nanoseconds out of a message that begins with a header"""
 STAMP_END = 12
 """Behind header and stamp, which all messages begin with [B]"""
 MOST_TRAILING = 12
@@ -91,16 +94,20 @@ class Layout:
         self.known: dict[int, bytes] = {}
         """By the number of the part"""
         self._form, self._end, self._parts = [f"{order}2s2xiI"], STAMP_END, 3
-        self._slots: list[Any] = []  # for each field its text or texts, or the parts that are its numbers
+        self.texts: list[Any] = []
+        """Of the fields that are text or texts, which come before the others"""
+        self._slots: list[slice] = []  # for each of those others the parts that are its numbers
         self._order, self._types = order, {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
         for (name, form), given in zip(FIELDS[kind].items(), shape, strict=True):
             if form in (NUMBERS, VECTOR):
                 self._slots.append(self._numbers(name, given, counted=form == NUMBERS))
             else:
                 self._texts(given if form == TEXTS else [given], counted=form == TEXTS)
-                self._slots.append(given)
+                self.texts.append(given)
         self.length = self._end
         """[B] of a message without what may trail it"""
+        self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
+        """For each field of numbers its own, of parts of a message"""
         self._pick = itemgetter(0, *self.known)
         self._fixed = (b"\x00\x01" if order == "<" else b"\x00\x00", *self.known.values())
         packing = struct.Struct("".join(self._form) + f"{trailing}x")
@@ -120,20 +127,14 @@ class Layout:
         """Whether parts of a message, `unpack`ed, have the shape."""
         return bool(self._pick(parts) == self._fixed)
 
-    def values(self, parts: tuple[Any, ...]) -> Iterator[Any]:
-        """What the content consists of, from the stamp [ns] on."""
-        yield parts[1] * SECOND + parts[2]
-        for slot in self._slots:
-            yield parts[slot] if type(slot) is slice else slot
-
     def parts(self, content: JointState | WrenchStamped) -> list[Any]:
         """What to `pack` for a content of this shape."""
         parts: list[Any] = [HEADER[:2], *divmod(content.stamp, SECOND), *[None] * (self._parts - 3)]
         for number, known in self.known.items():
             parts[number] = known
-        for slot, value in zip(self._slots, content[1:], strict=True):
-            if type(slot) is slice:
-                parts[slot] = value
+        numbers: Sequence[Any] = content[1 + len(self.texts) :]
+        for slot, value in zip(self._slots, numbers, strict=True):
+            parts[slot] = value
         return parts
 
     def _numbers(self, name: str, count: int, counted: bool) -> slice:
@@ -196,8 +197,10 @@ class Coder(Generic[Content]):
             if layout is None or not layout.fits(parts):
                 layout = self._read(received)
                 parts = layout.unpack(received)
-            content: Content = self._kind(*layout.values(parts))
-            return content, self._written(content, layout, parts)
+            content: Content = self._kind(parts[1] * SECOND + parts[2], *layout.texts, *layout.numbers_in(parts))
+            if parts[0] == LITTLE_ENDIAN and parts[2] < SECOND:
+                return content, layout.written.pack(*parts)
+            return content, layout.written.pack(*layout.written.parts(content))
         except UNKNOWN:
             return None
 
@@ -251,12 +254,6 @@ class Coder(Generic[Content]):
         self._layouts[len(data)] = layout = Layout(self._kind, shape, order, len(data) - end)
         layout.written = _written_layout(self._kind, shape)
         return layout
-
-    def _written(self, content: Content, layout: Layout, parts: tuple[Any, ...]) -> bytes:
-        written = layout.written
-        if parts[0] == HEADER[:2] and parts[2] < SECOND:
-            return written.pack(*parts)
-        return written.pack(*written.parts(content))
 
 
 class _Walk:
@@ -337,10 +334,10 @@ def stamp_in(data: bytes) -> int:
     Raises:
         ValueError: the bytes are too short, or no plain CDR.
     """
-    order = BYTE_ORDERS.get(data[:2])
-    if order is None or len(data) < STAMP_END:
+    stamp = STAMPS.get(data[:2])
+    if stamp is None or len(data) < STAMP_END:
         raise ValueError("no stamp in these bytes")
-    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, len(HEADER))
+    seconds, nanoseconds = stamp(data)
     return int(seconds * SECOND + nanoseconds)
 
 

@@ -2,8 +2,8 @@
 
 The node's side is a queue and a thread that sends what waits. It is woken right after a tick, when the next sample is
 furthest, and sends in batches so small that the interpreter is not held for long. The child's side is
-`worker.py`. They talk through a pair of sockets: a `Job`, then lists of parts of answers, notes and at last the
-`Ending` one way, `Report`s the other way. The end of the one is told to the other by the socket, whatever it dies of.
+`worker.py`. They talk through a pair of sockets: a `Job`, then `Parts` of answers, notes and at last the `Ending` one
+way, `Report`s the other way. The end of the one is told to the other by the socket, whatever it dies of.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from knee_contact_ros.system.processes import Process, connected, is_stopped, re
 MB = 10**6
 WORKER = "knee_contact_ros.sinks.worker"
 
-PERIOD = 0.01
-"""How long [s] answers are gathered while more come"""
 LATEST = 0.05
-"""How long [s] the last answers wait to be sent when no more come"""
-BATCH = 64
-"""Answers that are sent at once at most: so long the interpreter is held, some 0.1 ms."""
-BATCH_SIZE = 64 * 4096
-"""[B] likewise, unless one answer is larger"""
+"""How long [s] the last answers wait to be sent when no more come, unless they are gathered for longer"""
+SOON = 0.125
+"""Share of a queue from which on answers are gathered no longer"""
+BATCH = {"records": 64, "row": 512}
+"""Answers of which these are sent at once at most: so long the interpreter is held, some 0.1 ms."""
+BATCH_SIZE = 4096
+"""[B] for each of these, likewise, unless one answer is larger"""
 ANSWER_SIZE, RECORD_SIZE = 450, 150
 """[B] of memory that an answer takes, and each of its records beyond the message"""
 PAUSE = 0.001
@@ -93,8 +93,11 @@ class SinkProcess:
         self._to_tell = tell
         self._waiting: deque[Item] = deque()
         self._room, self._room_size, _ = queue
+        self._many, self._much = SOON * queue.answers, SOON * queue.size
         self._put_size = self._sent_size = 0  # [B] by one thread each
+        self._sent = self._goal = 0  # items, and how many shall be in this go
         self._refused = self._lost = 0  # answers that found no room, and that waited when the output stopped
+        self._gather, self._batch = sink.gather, BATCH[sink.part]
         self._due = 0.0  # when to send next
         self._wake = threading.Event()
         self._ended = False  # nothing more shall be sent
@@ -110,8 +113,8 @@ class SinkProcess:
         """Hand over an answer; never waits. Not to be called from two threads, nor beside `note`."""
         if self._take(answer):
             now = time.monotonic()
-            if now >= self._due:
-                self._due = now + PERIOD
+            if now >= self._due or len(self._waiting) >= self._many or self._put_size - self._sent_size >= self._much:
+                self._due = now + self._gather
                 self._wake.set()
 
     def note(self, name: str, values: dict[str, str]) -> None:
@@ -216,7 +219,7 @@ class SinkProcess:
 
     def _take(self, item: Answer | Note) -> bool:
         """Have it wait; False if there is no room."""
-        if not self._has_room():
+        if len(self._waiting) >= self._room or self._put_size - self._sent_size >= self._room_size:
             self._refused += not self._ended
             return False
         self._put_size += size_of(item)
@@ -233,9 +236,6 @@ class SinkProcess:
             self._waiting.clear()
             self._sent_size = self._put_size
         return lost
-
-    def _has_room(self) -> bool:
-        return len(self._waiting) < self._room and self._waiting_size() < self._room_size
 
     def _waiting_size(self) -> int:
         return self._put_size - self._sent_size
@@ -300,15 +300,17 @@ class SinkProcess:
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send(self._sink.job)
         while True:
-            self._wake.wait(LATEST)
+            self._wake.wait(max(LATEST, 2.0 * self._gather) if self._opened else LATEST)
             self._wake.clear()
             while readable.poll(0):
                 self._hear(connection)
             if self.dropped and not self.failure:
                 self._on_gap()
-            while self._waiting and writable.poll(0):  # sending to a child that stands still might never end
+            self._goal = self._sent + len(self._waiting)  # what comes meanwhile is gathered again
+            # Sending to a child that stands still might never end.
+            while self._waiting and self._sent < self._goal and writable.poll(0):
                 self._send_batch(connection)
-                if self._waiting:
+                if self._sent < self._goal:
                     time.sleep(PAUSE)
 
     def _on_gap(self) -> None:
@@ -318,14 +320,20 @@ class SinkProcess:
         self._tell(f"{self.label} has gaps: {words}")
 
     def _send_batch(self, connection: Connection) -> None:
-        part, waiting, size = self._part, self._waiting, 0
-        batch: list[Any] = []
-        while waiting and len(batch) < BATCH and size < BATCH_SIZE:
-            item = waiting.popleft()
-            size += size_of(item)
-            batch.append(part(item) if isinstance(item, Answer) else item)
+        """Send what waits longest: answers, or something else."""
+        part, waiting, size, most = self._part, self._waiting, 0, self._batch
+        parts: list[Any] = []
+        while waiting and len(parts) < most and size < most * BATCH_SIZE and isinstance(waiting[0], Answer):
+            answer = waiting.popleft()
+            size += size_of(answer)
+            parts.append(part(answer))
+        self._sent += len(parts) or 1
+        sent: Any = (parts, self._sent < self._goal)
+        if not parts:
+            sent = waiting.popleft()
+            size = size_of(sent)
         self._sent_size += size
-        connection.send_bytes(pickle.dumps(batch, pickle.HIGHEST_PROTOCOL))  # half as dear as `send`
+        connection.send_bytes(pickle.dumps(sent, pickle.HIGHEST_PROTOCOL))  # half as dear as `send`
 
     def _hear(self, connection: Connection) -> None:
         """Take a report; raises EOFError if there will be none."""

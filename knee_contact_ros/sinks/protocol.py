@@ -6,7 +6,7 @@ An output is one module, which a section of the parameters names. It has `sink_f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from knee_contact_ros.messages.answer import Ending
@@ -65,6 +65,9 @@ class Sink(NamedTuple):
     """Whether answers beyond the queue are dropped and counted; otherwise the sink has failed then"""
     niceness: int = 0
     """Added to the node's"""
+    gather: float = 0.01
+    """How long [s] answers are gathered before they are sent, while more come: each time costs the node and the output
+    as much as many answers do"""
 
 
 class Output(Protocol):
@@ -75,8 +78,8 @@ class Output(Protocol):
     period: float
     """How often [s] to flush"""
 
-    def write(self, row: Any) -> None:
-        """Take what was sent of an answer."""
+    def write(self, parts: Sequence[Any]) -> None:
+        """Take what was sent of answers that came together, at least one, in their order."""
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Take a note."""
@@ -95,6 +98,10 @@ class Output(Protocol):
 
     def discard(self) -> None:
         """Leave nothing behind."""
+
+
+Parts = tuple[list[Any], bool]
+"""What is sent of answers that came together, and whether more wait already"""
 
 
 class Note(NamedTuple):

@@ -5,7 +5,9 @@ It imports no ROS, and what its output needs only once it runs. The other side i
 
 from __future__ import annotations
 
+import math
 import os
+import select
 import signal
 import sys
 import time
@@ -14,9 +16,9 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
-from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.scheduling import yield_to_others
 
 REPORT_PERIOD = 1.0
 """[s]"""
@@ -24,6 +26,10 @@ SWITCH_PERIOD = 1e-4
 """How long [s] a thread that computes may hold up the one that takes what is sent: it asks for the interpreter often"""
 LOOK_PERIOD = 1.0
 """How often [s] to look whether the output can go on"""
+NEARLY = 0.875
+"""Share of the time between two flushes after which what has come is flushed at once, and not a little later"""
+LATE = 2.0
+"""The same if more is there that can be taken before"""
 
 
 class Child:
@@ -32,6 +38,8 @@ class Child:
     def __init__(self, connection: Connection) -> None:
         self.written = 0
         self._connection = connection
+        self._readable = select.poll()
+        self._readable.register(connection.fileno(), select.POLLIN)
         self._reported = 0
         self._name = ""
 
@@ -53,24 +61,33 @@ class Child:
 
     def _keep(self, output: Output) -> str:
         """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
-        due = reported = looked = time.monotonic()
+        flushed = reported = looked = time.monotonic()
+        unflushed = more = False
         while True:
-            for item in self._next(min(due, looked + LOOK_PERIOD) - time.monotonic()):
-                if isinstance(item, Note):
-                    output.note(item.name, item.values)
-                elif isinstance(item, Discard):
+            due = flushed + output.period if unflushed else math.inf
+            patience = min(due, looked + LOOK_PERIOD) - time.monotonic()
+            if self._comes(patience):  # who wakes up late takes what has come meanwhile before the flush
+                sent = self._next()
+                if type(sent) is tuple:
+                    parts, more = sent
+                    output.write(parts)
+                    self.written += len(parts)
+                elif isinstance(sent, Note):
+                    output.note(sent.name, sent.values)
+                elif isinstance(sent, Discard):
                     output.discard()
                     return ""
-                elif item is None or isinstance(item, Ending):
-                    output.finish(item)
-                    return ""
                 else:
-                    output.write(item)
-                    self.written += 1
+                    output.finish(sent)
+                    return ""
+                unflushed = True
+            else:
+                more = False
             now = time.monotonic()
-            if now >= due:  # who wakes up late takes what has come meanwhile before
+            waited = (now - flushed) / output.period
+            if unflushed and waited >= NEARLY and (waited >= LATE or not (more or self._comes(0.0))):
                 output.flush()
-                due = now + output.period
+                flushed, unflushed = now, False
             if now >= looked + LOOK_PERIOD:
                 if reason := self._must_end(output):
                     return reason
@@ -88,12 +105,16 @@ class Child:
             self._report(OPEN, remarks=news)
         return reason
 
-    def _next(self, patience: float) -> list[Any]:
-        """What was sent; empty if nothing comes within `patience` [s], None in it if nothing will any more."""
+    def _comes(self, patience: float) -> bool:
+        """Whether something was sent, or the end of it, within `patience` [s]."""
+        return bool(self._readable.poll(1e3 * max(patience, 0.0)))
+
+    def _next(self) -> Any:
+        """What was sent; None if nothing will be any more."""
         try:
-            return self._connection.recv() if self._connection.poll(max(patience, 0.0)) else []
+            return self._connection.recv()
         except (EOFError, OSError):
-            return [None]
+            return None
 
     def _report(self, state: str, reason: str = "", remarks: tuple[str, ...] = ()) -> None:
         self._reported = self.written
@@ -104,15 +125,12 @@ class Child:
 def step_back(niceness: int) -> None:
     """Be a process that the node's do not have to wait for, and that ends when the node has it end.
 
-    `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and with this policy it still
-    interrupts nobody when it wakes up.
+    `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and still interrupts nobody.
     """
     # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    if niceness:
-        os.nice(niceness)
+    yield_to_others(niceness)
 
 
 def main() -> None:

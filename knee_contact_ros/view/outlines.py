@@ -23,6 +23,8 @@ VIEWER = "knee_contact_ros.view.output"
 """Imported by its process alone: Rerun is large"""
 NICENESS = 10
 """A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
+FILE_GATHER, LIVE_GATHER = 0.25, 0.05
+"""How long [s] answers are gathered for a viewer: nobody looks at a file that is written"""
 PLATEAU_REACH = 0.04
 """How far [m] the tibial surface is drawn to both sides."""
 NEWTONS_PER_MM = 50.0
@@ -102,7 +104,8 @@ def sink_for(knee: Knee) -> Sink | None:
     serving = Serving(rerun.port, rerun.mode == "spawn", knees)
     job = Job(VIEWER, (path, serving, drawings_of(models, name, knee.parameters.body_weight)))
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
-    return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS)
+    gather = FILE_GATHER if path else LIVE_GATHER
+    return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS, gather=gather)
 
 
 def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> tuple[KneeOutlines, ...]:

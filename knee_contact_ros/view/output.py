@@ -15,9 +15,9 @@ from knee_contact_ros.view.outlines import KneeOutlines, Serving
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window
 
-BATCH = 1000
-"""Answers per message to Rerun at most: one costs as much as a hundred."""
-FILE_PERIOD, LIVE_PERIOD = 0.5, 0.1
+BATCH = 4000
+"""Answers from which on they are shown at once: few messages to Rerun, as one costs as much as hundreds of answers"""
+FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
 """How long [s] a batch waits to be full: in a file, and before somebody's eyes"""
 PAUSE = 0.0005
 """[s] between two messages to Rerun beside a node: the longest time that it may find a processor taken is one's"""
@@ -44,10 +44,10 @@ class Viewer:
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
 
-    def write(self, row: bytes) -> None:
-        """Show an answer's rows."""
-        self._batch.append(row)
-        if len(self._batch) == BATCH:
+    def write(self, parts: Sequence[bytes]) -> None:
+        """Show answers' rows."""
+        self._batch += parts
+        if len(self._batch) >= BATCH:
             self._show()
 
     def note(self, name: str, values: dict[str, str]) -> None:

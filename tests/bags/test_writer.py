@@ -42,6 +42,29 @@ def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r"
             bag.write(f"/{KNEE_CONTACT_WRENCH}", stamp, wrench)
 
 
+@pytest.mark.parametrize("flushed", [False, True])
+def test_many_messages_at_once_are_the_same_bytes_as_one_by_one(tmp_path: Path, flushed: bool) -> None:
+    """Over the ends of chunks, with stamps that go back, and mixed with single ones."""
+    names = {topic: f"/{topic}" for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH)}
+    stamps = [1_700_000_000_000_000_000 + 1_000 * ((7 * number) % 100) for number in range(1000)]
+    records = [(topic, stamp, bytes(stamp % 400)) for stamp in stamps for topic in names if stamp % 3000]
+    for one_by_one in (True, False):
+        with BagWriter(tmp_path / f"{one_by_one}" / "out.mcap") as bag:
+            for topic, name in names.items():
+                bag.add_topic(name, MESSAGE_TYPES[topic])
+            for begin in range(0, len(records), 300):
+                some = records[begin : begin + 300]
+                for topic, stamp, data in some if one_by_one else some[:1]:
+                    bag.write(names[topic], stamp, data)
+                bag.write_all([] if one_by_one else some[1:], names)
+                if flushed:
+                    bag.flush()
+    first, second = (tmp_path / f"{one_by_one}" for one_by_one in (True, False))
+    for name in ("out.mcap", "metadata.yaml"):
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+    assert (first / "out.mcap").stat().st_size > 10_000
+
+
 def fields_of(message: Any) -> list[Any]:
     """The answer in a message."""
     point = message.contact_point

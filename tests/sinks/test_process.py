@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import tracemalloc
@@ -20,6 +21,7 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
+from knee_contact_ros.system.scheduling import ATTRIBUTES, SLICE
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     NOTHING_LEFT,
@@ -181,7 +183,7 @@ def test_an_answer_that_was_let_in_while_the_output_stopped_is_counted(
     os.kill(pid(sink), signal.SIGKILL)
     wait_until(sink.is_over)
     dropped = sink.dropped
-    monkeypatch.setattr(sink, "_has_room", lambda: True)  # as it was when `put` asked
+    monkeypatch.setattr(sink, "_room", 3)  # as it was when `put` asked
     put(sink, range(3))
     said = sink.diagnostics()
     assert (said["backlog"], said["backlog [MB]"], said["dropped"]) == ("0", "0.0", str(dropped + 3))
@@ -296,6 +298,13 @@ def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: 
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
 
 
+def slice_of(process: int) -> float:
+    """The slices [s] that a process asks the scheduler for; 0 where there is no such thing."""
+    told = ctypes.create_string_buffer(ATTRIBUTES.size)
+    ctypes.CDLL(None).syscall(315, process, told, ATTRIBUTES.size, 0)
+    return float(ATTRIBUTES.unpack(told.raw)[5]) * 1e-9
+
+
 @needs_viewer
 def test_a_sinks_process_is_lean_and_steps_back(started: Started, tmp_path: Path) -> None:
     sink = started.recorder(tmp_path / "out.mcap")
@@ -304,6 +313,8 @@ def test_a_sinks_process_is_lean_and_steps_back(started: Started, tmp_path: Path
     assert not [name for name in loaded if "rcl" in name or "numpy" in name or "scipy" in name]
     assert process.nice() == psutil.Process().nice()  # its share of a busy machine
     assert os.sched_getscheduler(process.pid) == os.SCHED_BATCH  # that it takes from nobody who runs
+    if os.uname().machine == "x86_64" and slice_of(os.getpid()):  # from Linux 6.12 on
+        assert slice_of(process.pid) == SLICE  # and gives back to whoever wakes up
     assert all(Path(file.path).name == "out.mcap.partial" for file in process.open_files())
     sink.close(NOTHING_LEFT, PATIENCE)
     viewer = started.viewer(tmp_path / "knee.rrd")

@@ -46,7 +46,7 @@ def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, ri
     for topic, _, message in raw_inputs(right_bag):
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         for answer in feed(message):
-            live.write(answer.row)
+            live.write([answer.row])
     live.finish(Ending((), {}))
     assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "later.rrd")]) == 0
     seen, later = entities(tmp_path / "live.rrd"), entities(tmp_path / "later.rrd")
