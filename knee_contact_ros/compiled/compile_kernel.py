@@ -12,7 +12,7 @@ from numba.core.compiler import Flags, compile_extra
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
-from knee_contact_ros.compiled.functions import INNER, register
+from knee_contact_ros.compiled.functions import MAKING, register
 from knee_contact_ros.compiled.inner import InnerCompiler
 from knee_contact_ros.compiled.machine_code import RUN, TICK
 from knee_contact_ros.compiled.scene_memory import scene_at
@@ -58,7 +58,7 @@ def machine_code(scene: Scene) -> bytes:
         run(taken_up(addresses[0]), memory, durations, angles, loads, heights, answers)
 
     flags, context = Flags(), cpu_target.target_context
-    options = {name: value for name, value in INNER.items() if name != "pipeline_class"} | {"no_cpython_wrapper": True}
+    options = {name: value for name, value in MAKING.items() if name != "pipeline_class"} | {"no_cpython_wrapper": True}
     cpu_target.options.parse_as_flags(flags, options)
     cpu_target.typing_context.refresh()
     context.refresh()
