@@ -27,9 +27,9 @@ TEXT = """
 A bag of {ticks} ticks at 1 kHz (an angle and a force each, {size:.0f} MB) and healthy.yaml. `solve` checks, hashes and
 reads the bag, computes, and writes four messages a tick. `mcap` and `rosbags` read the same inputs ("decoding": make
 Python objects of them), or read them and write as many messages of the same size, one by one; they check and compute
-nothing. "One by one" is `solve` without its way for whole blocks. Every row is a process of its own, and the shortest
-time of {rounds}, in turns; the time is that of the work, without imports, with what is compiled kept from an earlier
-run; memory is the largest.
+nothing. "One by one" is `solve` without its way for whole blocks. Every row is a process of its own (rounds in turns:
+{rounds}; the shortest time counts); the time is that of the work, without imports, with what is compiled kept from an
+earlier run; memory is the largest.
 """
 
 
