@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.ros_types import typestore
-from knee_contact_ros.node.node import MEANINGLESS
+from knee_contact_ros.node.stop import MEANINGLESS
 from tests.helpers.messages import PlainMessages, RosMessages, header
 from tests.ros.conftest import Peer, call
 
