@@ -61,8 +61,9 @@ class Child:
 
     def _keep(self, output: Output) -> str:
         """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
-        flushed = reported = looked = time.monotonic()
-        unflushed = more = False
+        reported = looked = time.monotonic()
+        flushed = looked - output.period  # what was written by opening it is flushed at once
+        unflushed, more = True, False
         while True:
             due = flushed + output.period if unflushed else math.inf
             patience = min(due, looked + LOOK_PERIOD) - time.monotonic()

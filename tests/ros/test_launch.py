@@ -326,7 +326,7 @@ def test_a_node_that_is_killed_ten_times_comes_back_ten_times(
     launched = start("knee_contact.launch.py", f"params:={{}}/soft.yaml joint:=knee_r record:={{}}/knee.mcap {rerun}")
     heard = []
     for life in range(LIVES):
-        stream.until(lambda: len(peer.contacts) >= 300)  # 1.5 s: a Rerun file is half a second behind
+        stream.until(lambda: len(peer.contacts) >= 500)  # 2.5 s: a Rerun file is 1.3 s behind
         if life < LIVES - 1:
             kill(launched.node(), with_outputs=cut_off(life))
         else:

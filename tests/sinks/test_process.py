@@ -141,6 +141,12 @@ def test_a_sink_may_be_opened_while_answers_come(started: Started, tmp_path: Pat
     assert sink.dropped == 0
 
 
+def test_what_a_file_begins_with_is_there_before_any_answer(started: Started, tmp_path: Path) -> None:
+    sink = started.recorder(tmp_path / "out.mcap")
+    wait_until(lambda: (tmp_path / "out.mcap.partial").stat().st_size)
+    sink.close(NOTHING_LEFT, PATIENCE)
+
+
 def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
     def words(happens: Callable[[SinkProcess], None] = lambda sink: None) -> str:
         sink = started.recorder(tmp_path / "out.mcap", wait=False)
