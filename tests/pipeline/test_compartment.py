@@ -24,6 +24,7 @@ from knee_contact_ros.messages.cdr import (
     encode_joint_state,
     encode_wrench_stamped,
 )
+from knee_contact_ros.messages.column import Column
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.solve_blocks import take
@@ -143,7 +144,8 @@ def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
     many, pipeline = pipeline_of(values), pipeline_of(values)
     (state, force), *rest = messages()
     first = [*many.joint_state(state), *many.force(force)]
-    taken = take(many, *zip(*rest, strict=True))
+    states, forces = zip(*rest, strict=True)
+    taken = take(many, Column.of(states), Column.of(forces))
     assert taken is not None
     expected = [record for answer in one_by_one(pipeline)[0][len(first) :] for record in answer.records]
     found = [
