@@ -15,10 +15,8 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.core.geometries.kinks import Segment, find_kinks, next_kink
+from knee_contact_ros.core.geometries.support_table import CELLS, SupportTable, support_table, tabulated
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
-
-CELLS = 2048
-"""Cells of the table of candidate segments over the full turn."""
 
 
 class Curve(NamedTuple):
@@ -36,6 +34,8 @@ class _Profile(NamedTuple):
     """What a profile consists of."""
 
     curve: Curve
+    table: SupportTable
+    """Of most angles"""
     kinks: Floats
     """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps"""
     turn_between_points: float
@@ -62,7 +62,10 @@ class Profile(_Profile):
         curve = Curve(cubics, *_candidates(cubics))
         kinks = find_kinks(_segments(cubics), lambda angle: lowest_point(curve, angle))
         directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
-        return super().__new__(cls, curve, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics))
+        table = support_table(cubics, curve.first, curve.candidates)
+        return super().__new__(
+            cls, curve, table, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics)
+        )
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -71,6 +74,9 @@ class Profile(_Profile):
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
+        depth, slope = tabulated(self.table, angle)
+        if not math.isnan(depth):
+            return depth, slope
         depth, x, y, _ = lowest_point(self.curve, angle)
         return depth, math.sin(angle) * y - math.cos(angle) * x
 
