@@ -9,7 +9,6 @@ integral. Where anything of this does not hold, as over a dent, there is no poly
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,41 +19,40 @@ from knee_contact_ros.core.kernel_source import in_kernel
 CELLS = 2048
 """Over the full turn"""
 PER_RADIAN = CELLS / math.tau
+FARTHEST = 1e6
+"""Angle [rad] beyond which its place in a turn is not known well enough"""
 DEGREE = 6
 """Of the polynomials of h"""
 CLOSE = 1e-16
 """Error of h' [m] up to which a polynomial is one; that of h is less by the width of a cell"""
 
 
-class SupportTable(NamedTuple):
-    """Polynomials of t, which goes from -1/2 to 1/2 through a cell of angles."""
-
-    first: Integers
-    """Shape (CELLS,): a cell's first row of `pieces`"""
-    pieces: Floats
-    """Shape (n, DEGREE + 2): up to which t, and c0 to c6 of h [m]; c0 is not a number where there is none"""
-
-
 @in_kernel
-def tabulated(table: SupportTable, angle: float) -> tuple[float, float]:
+def tabulated(table: Floats, angle: float) -> tuple[float, float]:
     """Support h [m] and dh/dangle [m/rad] at an angle [rad]; h is not a number where there is no polynomial."""
-    part = angle % math.tau * PER_RADIAN
-    if not part >= 0.0:
+    if not abs(angle) < FARTHEST:
         return math.nan, math.nan
+    part = angle * PER_RADIAN
+    part -= CELLS * math.floor(part * (1.0 / CELLS))
     cell = min(int(part), CELLS - 1)
     t = part - cell - 0.5
-    i, pieces = int(table.first[cell]), table.pieces
-    while t > pieces[i, 0]:
-        i += 1
-    c0, c1, c2, c3 = float(pieces[i, 1]), float(pieces[i, 2]), float(pieces[i, 3]), float(pieces[i, 4])
-    c4, c5, c6 = float(pieces[i, 5]), float(pieces[i, 6]), float(pieces[i, 7])
+    i = cell
+    while t > table[i, 0]:
+        i = int(table[i, 1])
+    c0, c1, c2, c3 = float(table[i, 2]), float(table[i, 3]), float(table[i, 4]), float(table[i, 5])
+    c4, c5, c6 = float(table[i, 6]), float(table[i, 7]), float(table[i, 8])
     h = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
     slope = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6)))))
     return h, slope * PER_RADIAN
 
 
-def support_table(cubics: Floats, begins: Integers, candidates: Integers) -> SupportTable:
-    """Make the table of a curve; see `Curve` for its parts, of which `begins` is `first`."""
+def support_table(cubics: Floats, begins: Integers, candidates: Integers) -> Floats:
+    """The table of a curve; see `Curve` for its parts, of which `begins` is `first`.
+
+    Shape (n, DEGREE + 3). A row has a polynomial of t, which goes from -1/2 to 1/2 through a cell of angles: up to
+    which t, the row that follows then, and c0 to c6 of h [m]; c0 is not a number where there is none. The first `CELLS`
+    rows are the cells' first ones.
+    """
     turned, glides = _glides(cubics, begins, candidates)
     cells, segments = np.repeat(np.arange(CELLS), np.diff(begins)), candidates
     cells, segments = cells[glides[cells]], segments[glides[cells]]
@@ -140,13 +138,18 @@ def _support_of(cubics: Floats, cells: Integers, segments: Integers, t: Floats) 
     return -(sine * x + cosine * y), sine * y - cosine * x
 
 
-def _gathered(cells: Integers, start: Floats, end: Floats, coefficients: Floats) -> SupportTable:
+def _gathered(cells: Integers, start: Floats, end: Floats, coefficients: Floats) -> Floats:
     """The table of parts of cells; a cell that they do not fill has no polynomial."""
     found, rows, counts = np.unique(cells, return_index=True, return_counts=True)
     joined = np.append(cells[1:] != cells[:-1], True) | np.append(end[:-1] == start[1:], True)
     full = np.logical_and.reduceat(joined, rows) & (start[rows] <= -0.5) & (end[rows + counts - 1] >= 0.5)
-    end[rows + counts - 1] = np.inf
-    first = np.full(CELLS, len(cells), np.int64)
-    first[found[full]] = rows[full]
-    nothing = np.full((1, DEGREE + 2), math.nan)
-    return SupportTable(first, np.concatenate([np.column_stack([end, coefficients]), nothing]))
+    end[rows + counts - 1] = math.inf
+    later = np.ones(len(cells), bool)
+    later[rows] = False
+    place = np.where(later, CELLS + np.cumsum(later) - 1, cells)
+    table = np.full((CELLS + np.count_nonzero(later), DEGREE + 3), math.nan)
+    table[place] = np.column_stack([end, np.append(place, 0)[1:], coefficients])
+    filled = np.zeros(CELLS, bool)
+    filled[found[full]] = True
+    table[:CELLS][~filled] = [math.inf, 0.0] + [math.nan] * (DEGREE + 1)
+    return table
