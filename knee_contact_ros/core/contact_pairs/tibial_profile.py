@@ -10,9 +10,9 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
-from knee_contact_ros.core.contact_pairs.tibial_surface import Foot
+from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, Foot
 from knee_contact_ros.core.contact_pairs.touching_balls import Pieces, least_roundness
-from knee_contact_ros.core.kernel_source import in_kernel
+from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 RESOLUTION = 1e-9
 """Two nearest places that the bounds cannot tell apart are taken as one when they differ by less than this [m]"""
@@ -22,6 +22,12 @@ GROWTH = 1.25
 """The same of parts beyond the measured points, as they become longer"""
 FAR = 10.0
 """[m] to which they go; the circle through what lies beyond has no more curvature than 2/FAR"""
+MOST_STEPS = 10
+"""Of Newton's method; where it needs more, it has gone astray"""
+LAST_STEP = 1e-9
+"""[m] A shorter one leaves an error of the order of its square times the curvatures"""
+LARGEST_PART = 1.0 - 1e-9
+"""Of the ball's radius that a distance may be: so it is no matter of rounding"""
 OUTLINE_POINTS = 201
 """Of a drawing, besides the measured ones"""
 
@@ -75,18 +81,15 @@ class TibialProfile(_TibialProfile):
         return super().__new__(cls, np.column_stack([pieces, _balls(pieces)]), *_bounds(inner, widths))
 
     def foot(self, x: float, y: float) -> Foot:
-        """The nearest point of the surface to (x, y) [m]; it cannot be further to the side than the one below."""
-        pieces = self.pieces
-        reach = abs(y - height_at(pieces, x)[0])
-        first, last = _ends(pieces)
-        problem = SquaredDistance(
-            pieces=pieces, steepest=self.steepest, least_bend=self.least_bend, largest_bend=self.largest_bend, x=x, y=y,
-        )  # fmt: skip
-        best = _nearest(problem, max(first, x - reach), min(last, x + reach), reach, NOTHING)
-        best = _nearest(problem, x - reach, min(first, x + reach), reach, best)
-        best = _nearest(problem, max(last, x - reach), x + reach, reach, best)
-        place = best.place if best.value < math.inf else x
-        height, slope, bend = height_at(pieces, place)
+        """The nearest point of the surface to (x, y) [m]: by Newton's method where a ball proves it, or by a search."""
+        place = _foot_by_newton(self.pieces, self.convex, x, y)
+        if math.isnan(place):
+            problem = SquaredDistance(
+                pieces=self.pieces, steepest=self.steepest, least_bend=self.least_bend, largest_bend=self.largest_bend,
+                x=x, y=y,
+            )  # fmt: skip
+            place = _foot_by_search(problem)
+        height, slope, bend = height_at(self.pieces, place)
         norm = math.sqrt(1.0 + slope * slope)
         return Foot(((y - height) - slope * (x - place)) / norm, -slope / norm, 1.0 / norm, bend / (norm * norm * norm))
 
@@ -163,6 +166,43 @@ class SquaredDistance(NamedTuple):
         if low < -1.0:  # the whole plateau's bends do not tell that there is one dip
             low, high = _products(middle - room, middle + room, *_bends_between(self.pieces, a, b))
         return 1.0 + low, 1.0 + self.steepest * self.steepest + high
+
+
+@never_inlined
+def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
+    """Place [m] of the nearest point to (x, y) [m]; not a number where that is not proven.
+
+    A point above is nearest to where a ball around it touches, if the ball that touches there from above and lies above
+    all of the surface is larger; a point below if the surface bends away from it by less than a ball around it.
+    """
+    place = x
+    for _ in range(MOST_STEPS):
+        height, slope, bend = height_at(pieces, place)
+        over = height - y
+        rise = 1.0 + slope * slope + over * bend
+        if not rise > 0.0:
+            break
+        step = (x - place - over * slope) / rise
+        place += step
+        if abs(step) < LAST_STEP:
+            i = _piece_at(pieces, place)
+            height, slope, _ = height_at(pieces, place)
+            distance = ((y - height) - slope * (x - place)) / math.sqrt(1.0 + slope * slope)
+            inside = distance * pieces[i, 6] < LARGEST_PART if distance > 0.0 else convex * distance < DEEPEST_PART
+            return place if inside and 0 < i < len(pieces) - 1 else math.nan
+    return math.nan
+
+
+@never_inlined
+def _foot_by_search(problem: SquaredDistance) -> float:
+    """Place [m] of the nearest point; it cannot be further to the side than the one below."""
+    x, y = problem.x, problem.y
+    reach = abs(y - height_at(problem.pieces, x)[0])
+    first, last = _ends(problem.pieces)
+    best = _nearest(problem, max(first, x - reach), min(last, x + reach), reach, NOTHING)
+    best = _nearest(problem, x - reach, min(first, x + reach), reach, best)
+    best = _nearest(problem, max(last, x - reach), x + reach, reach, best)
+    return best.place if best.value < math.inf else x
 
 
 @in_kernel

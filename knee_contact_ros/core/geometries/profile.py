@@ -2,7 +2,8 @@
 
 On one spline segment, h is stationary where the tangent is parallel to the plane: a quadratic in the segment's
 parameter. The largest value over the segments and their ends is the support of the whole curve, so a dent between noisy
-points can never be taken for the contact. Which segments can hold the largest value is tabulated once over the angle.
+points can never be taken for the contact. Which segments can hold the largest value is tabulated once over the angle,
+and so is the support itself where there are no dents.
 """
 
 from __future__ import annotations
@@ -15,10 +16,8 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.core.geometries.kinks import Segment, find_kinks, next_kink
+from knee_contact_ros.core.geometries.support_table import CELLS, support_table, tabulated
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
-
-CELLS = 2048
-"""Cells of the table of candidate segments over the full turn."""
 
 
 class Curve(NamedTuple):
@@ -36,6 +35,8 @@ class _Profile(NamedTuple):
     """What a profile consists of."""
 
     curve: Curve
+    table: Floats
+    """Of polynomials, see `support_table`"""
     kinks: Floats
     """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps"""
     turn_between_points: float
@@ -62,7 +63,10 @@ class Profile(_Profile):
         curve = Curve(cubics, *_candidates(cubics))
         kinks = find_kinks(_segments(cubics), lambda angle: lowest_point(curve, angle))
         directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
-        return super().__new__(cls, curve, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics))
+        table = support_table(cubics, curve.first, curve.candidates)
+        return super().__new__(
+            cls, curve, table, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics)
+        )
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -71,8 +75,8 @@ class Profile(_Profile):
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
-        depth, x, y, _ = lowest_point(self.curve, angle)
-        return depth, math.sin(angle) * y - math.cos(angle) * x
+        depth, slope = tabulated(self.table, angle)
+        return (depth, slope) if not math.isnan(depth) else _support(self.curve, angle)
 
     def next_kink(self, start: float, end: float) -> float:
         """See `Support`."""
@@ -108,6 +112,13 @@ def _reach(cubics: Floats) -> float:
         for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
     ]  # fmt: skip
     return float(np.hypot(*hull).max())
+
+
+@never_inlined
+def _support(curve: Curve, angle: float) -> tuple[float, float]:
+    """See `Support`, in closed form."""
+    depth, x, y, _ = lowest_point(curve, angle)
+    return depth, math.sin(angle) * y - math.cos(angle) * x
 
 
 @never_inlined
