@@ -36,7 +36,7 @@ class Cost(NamedTuple):
 
 
 COSTS = (Cost(0.3e-3, 15.0), Cost(2e-3, 18.0), Cost(5e-3, 20.0))
-"""By how many measured surfaces the contact is searched for on; a tick is some times cheaper on smooth ones and dearer on
+"""By how many measured surfaces the contact is searched for on; a tick is some times cheaper on smooth ones, dearer on
 noisy ones"""
 LOADING = 0.1
 """[s] of loading what was compiled before"""
