@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.mcap_records import HEAD, MESSAGE_HEAD
-from knee_contact_ros.bags.mcap_writer import Index
+from knee_contact_ros.bags.mcap_writer import Index, count_messages
 from knee_contact_ros.bags.writer import BagWriter
 
 
@@ -136,8 +136,4 @@ def _add_indices(builder: Any, channels: Sequence[Channel], parts: Sequence[slic
 
 
 def _count(told: Any, count: str, stamps: NDArray[np.int64]) -> None:
-    """Take messages into account where their number and their first and last stamp are told."""
-    known, first, last = getattr(told, count), int(stamps.min()), int(stamps.max())
-    told.message_start_time = min(first, told.message_start_time) if known else first
-    told.message_end_time = max(last, told.message_end_time)
-    setattr(told, count, known + len(stamps))
+    count_messages(told, count, len(stamps), int(stamps.min()), int(stamps.max()))

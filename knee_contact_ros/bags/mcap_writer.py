@@ -52,6 +52,14 @@ class Index(MessageIndex):
         stream.finish_record()  # type: ignore[no-untyped-call]
 
 
+def count_messages(told: Any, count: str, number: int, first: int, last: int) -> None:
+    """Take messages into account where the library tells their number and their first and last stamp [ns]."""
+    known = getattr(told, count)
+    told.message_start_time = min(first, told.message_start_time) if known else first
+    told.message_end_time = max(last, told.message_end_time)
+    setattr(told, count, known + number)
+
+
 @dataclass(slots=True)
 class _Written:
     """Messages of a topic that are being written."""
@@ -142,13 +150,8 @@ class BagFile:
         for written in files:
             first, last, number = min(written.places)[0], max(written.places)[0], len(written.places)
             builder.message_indices.setdefault(written.channel, Index(written.channel, [])).records += written.places
-            builder.message_start_time = min(first, builder.message_start_time) if builder.num_messages else first
-            builder.message_end_time = max(last, builder.message_end_time)
-            builder.num_messages += number
-            start = statistics.message_start_time
-            statistics.message_start_time = min(first, start) if statistics.message_count else first
-            statistics.message_end_time = max(last, statistics.message_end_time)
-            statistics.message_count += number
+            count_messages(builder, "num_messages", number, first, last)
+            count_messages(statistics, "message_count", number, first, last)
             statistics.channel_message_counts[written.channel] += number
             self.count(written.name, number, first, last)
             numbers[written.name] = written.next

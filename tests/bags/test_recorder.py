@@ -27,6 +27,7 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import MB, Listeners, Queue, SinkProcess
 from tests.helpers.needs import needs_viewer
+from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (
     NOTHING_LEFT,
     PATIENCE,
@@ -285,7 +286,7 @@ def test_a_recording_is_completed_when_the_node_is_gone(tmp_path: Path) -> None:
         process.kill()
         process.wait()
         os.kill(child.pid, signal.SIGCONT)
-        wait_until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
+        wait_until(lambda: has_ended(child))
     assert recorded_ticks(path) == list(range(100))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
     with path.open("rb") as file:

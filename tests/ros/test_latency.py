@@ -12,6 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from tests.helpers.processes import has_ended
 from tests.ros.conftest import own_words
 from tests.ros.test_demo import COMMAND, TIMEOUT, run
 
@@ -87,7 +88,7 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
     assert own_words(errors).strip() == "knee-contact: interrupted"
     assert printed == ""
     assert not output.exists()
-    assert not [child for child in children if child.is_running()]
+    assert not [child for child in children if not has_ended(child)]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.outputs import MOST_ENDING
 from tests.helpers.needs import needs_viewer
+from tests.helpers.processes import has_ended
 from tests.helpers.sinks import wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
 
@@ -75,7 +76,7 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     assert took < 3 * LONGEST_END  # other tests may slow it down
     assert "out." in said  # it says what has become of the file
     assert "Traceback" not in said
-    assert not child.is_running()
+    assert has_ended(child)
     assert [contact.status for contact in peer.contacts] == [0] * len(peer.contacts)
 
 

@@ -15,6 +15,7 @@ import pytest
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.needs import needs_viewer
+from tests.helpers.processes import has_ended
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.series import STAMPS, STEP, send_all
 
@@ -63,7 +64,7 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     assert not list(tmp_path.glob("cache/**/*.kernel"))
     assert not list(tmp_path.glob("bag/*.partial"))
     assert len(sinks) == 1
-    assert not [sink for sink in sinks if sink.is_running()]
+    assert not [sink for sink in sinks if not has_ended(sink)]
 
 
 LOST = """

@@ -33,6 +33,7 @@ from knee_contact_ros.view.outlines import Serving, drawing_of
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.plots import CONTACT_POINT, DETAILS, KNEE
 from tests.helpers.messages import raw_inputs
+from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
 from tests.view.rrd import column, entities, lists
 
@@ -264,5 +265,5 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         os.kill(process.pid, number)
         said, errors = process.communicate(timeout=30.0)
         assert (process.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
-        assert not viewer.is_running()
+        assert has_ended(viewer)
         assert not folder.exists()
