@@ -18,7 +18,6 @@ from typing import Any
 
 from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.scheduling import yield_to_others
 
 REPORT_PERIOD = 1.0
 """[s]"""
@@ -131,7 +130,9 @@ def step_back(niceness: int) -> None:
     # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    yield_to_others(niceness)
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    if niceness:
+        os.nice(niceness)
 
 
 def main() -> None:
