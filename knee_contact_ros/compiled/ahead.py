@@ -65,7 +65,7 @@ def main() -> None:
         except Exception:  # nobody is there any more, or it is of a module that only its sender has
             return
         threading.Thread(target=_end_with, args=[connection], daemon=True).start()
-        kernel_of(scene)
+        kernel_of(scene, kind_of(scene))
 
 
 def _end_with(connection: Connection) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.compiled.by_address import addresses_of, kernel_of
 from knee_contact_ros.compiled.lanes import Kernel, OneTick, fits, lanes_kernel
-from knee_contact_ros.compiled.layout import laid_down_all
+from knee_contact_ros.compiled.layout import kind_of, laid_down
 from knee_contact_ros.compiled.machine_code import Native
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, memory_of
@@ -54,8 +54,9 @@ def run_batch(
     workers = min(threads or len(os.sched_getaffinity(0)), len(scenes))
     columns = [np.ascontiguousarray(column, np.float64) for column in (durations, angles, loads, heights)]
     shares = _shares([fits(scene) for scene in scenes], workers)
-    laid = laid_down_all(scenes)
-    native, kernel = kernel_of(scenes[0], told), None
+    same = kind_of(scenes[0])
+    laid = laid_down(scenes, same)
+    native, kernel = kernel_of(scenes[0], same, told), None
     if any(len(share[0]) for share in shares):
         kind = numba.typeof(scenes[0])
         with in_turn(lambda: digest(str(kind)), told):

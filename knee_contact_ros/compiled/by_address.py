@@ -12,6 +12,7 @@ from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
+from cffi import FFI
 from numpy.typing import NDArray
 
 from knee_contact_ros.compiled.keeping import NOT_KEPT, kernel_folder, sources_elsewhere, tell
@@ -24,6 +25,7 @@ from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import Memory
 from knee_contact_ros.core.types import Rows
 
+_FFI = FFI()
 _READY: dict[Any, Native] = {}
 """Kernels of this process, by kind of scene"""
 
@@ -32,7 +34,8 @@ def run(
     told: Told, scene: Scene, memory: Memory, durations: Any, angles: Any, loads: Any, heights: Any, answers: Rows
 ) -> None:
     """See `ticks.run`."""
-    native, block = kernel_of(scene, told), laid_down(scene)
+    kind = kind_of(scene)
+    native, block = kernel_of(scene, kind, told), laid_down([scene], kind)
     columns = [np.ascontiguousarray(column, np.float64) for column in (durations, angles, loads, heights)]
     filled = answers if answers.flags.c_contiguous else answers.copy()
     addresses = addresses_of(block, memory, *columns, filled)
@@ -46,7 +49,8 @@ def bind(
     scene: Scene, memory: Memory, answer: Rows, told: Told = nullcontext
 ) -> Callable[[float, float, float, float], None]:
     """See `Kernel.bind`."""
-    native, block, sample = kernel_of(scene, told), laid_down(scene), np.zeros((4, 1))
+    kind, sample = kind_of(scene), np.zeros((4, 1))
+    native, block = kernel_of(scene, kind, told), laid_down([scene], kind)
     addresses = addresses_of(block, memory, *sample, answer)
     tick = functools.partial(native.tick, addresses.ctypes.data)
     tick.keeps = scene, memory, answer, block, sample, addresses  # type: ignore[attr-defined]
@@ -54,8 +58,9 @@ def bind(
 
 
 def addresses_of(*arrays: NDArray[Any]) -> NDArray[np.uintp]:
-    """Where arrays lie, in the order that a kernel wants: scene, memory, columns, answers."""
-    return np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+    """Where contiguous arrays lie, in the order that a kernel wants: scene, memory, columns, answers."""
+    pointers = _FFI.new("void *[]", [_FFI.from_buffer(array) for array in arrays])  # a fourth of the time of NumPy's
+    return np.frombuffer(_FFI.buffer(pointers), np.uintp)
 
 
 def is_kept(scene: Scene, *, only_on_disk: bool = False) -> bool:
@@ -70,13 +75,13 @@ def is_kept(scene: Scene, *, only_on_disk: bool = False) -> bool:
         return False
 
 
-def kernel_of(scene: Scene, told: Told = nullcontext) -> Native:
-    """The kernel for a kind of scene: known already, loaded, or compiled and kept."""
-    kind = kind_of(scene)
-    if kind not in _READY:
+def kernel_of(scene: Scene, kind: Any, told: Told = nullcontext) -> Native:
+    """The kernel for a scene of a kind: known already, loaded, or compiled and kept."""
+    native = _READY.get(kind)
+    if native is None:
         with in_turn(lambda: digest(words_of(kind)), told):
-            _READY[kind] = _kept(kind) or _compiled(scene, kind)
-    return _READY[kind]
+            native = _READY[kind] = _kept(kind) or _compiled(scene, kind)
+    return native
 
 
 def _kept(kind: Any) -> Native | None:

@@ -48,31 +48,27 @@ def words_of(kind: Any) -> str:
     return f"<{kind}>"
 
 
-def laid_down(scene: Any) -> NDArray[np.uint8]:
-    """The bytes of a scene. Its arrays stay where they are, so they have to be kept as long."""
-    block: NDArray[np.uint8] = laid_down_all([scene])[0]
-    return block
-
-
-def laid_down_all(scenes: Sequence[Any]) -> NDArray[np.uint8]:
-    """The bytes of scenes of one kind, a row for each."""
-    packing = _packing(kind_of(scenes[0]))
+def laid_down(scenes: Sequence[Any], kind: Any) -> NDArray[np.uint8]:
+    """The bytes of scenes of a kind, a row for each. Their arrays stay where they are, and have to be kept as long."""
+    packing = _packing(kind)
     size = packing.size
     block = np.zeros(len(scenes) * size, np.uint8)
     for i, scene in enumerate(scenes):
-        packing.pack_into(block.data, i * size, *_numbers(scene))
+        numbers: list[Any] = []
+        _add_numbers(scene, numbers)
+        packing.pack_into(block.data, i * size, *numbers)
     return block.reshape(len(scenes), size)
 
 
-def _numbers(part: Any) -> Iterator[Any]:
-    """All numbers of a scene or a part of one, in their order."""
+def _add_numbers(part: Any, numbers: list[Any]) -> None:
+    """Add all numbers of a scene or a part of one, in their order."""
     for inner in part:
         if isinstance(inner, tuple):
-            yield from _numbers(inner)
+            _add_numbers(inner, numbers)
         elif isinstance(inner, np.ndarray):  # who owns its memory, twice: nobody here
-            yield from (0, 0, inner.size, inner.itemsize, inner.ctypes.data, *inner.shape, *inner.strides)
+            numbers += (0, 0, inner.size, inner.itemsize, inner.ctypes.data, *inner.shape, *inner.strides)
         else:
-            yield inner
+            numbers.append(inner)
 
 
 @functools.cache

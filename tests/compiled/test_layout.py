@@ -40,7 +40,7 @@ def arrays_in(part: Any) -> int:
 @pytest.mark.parametrize(("combination", "law"), LAWS)
 def test_all_numbers_lie_where_numba_puts_them(config: Path, combination: Combination, law: str) -> None:
     scene = knee(config, combination, law).scene
-    block = laid_down(scene)
+    (block,) = laid_down([scene], kind_of(scene))
     expected = np.zeros(size_of(typeof(scene)), np.uint8)
     njit(**ENTRY)(lay_down)(scene, expected.ctypes.data)
     assert len(block) == len(expected)
