@@ -16,8 +16,7 @@ help:
 	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, the reproduction of the paper, and 10 000 arthritic knees (over an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
-demo: $(VENV)/.dependencies
-	@$(MAKE) --no-print-directory --jobs 2 $(VENV)/.installed $(VENV)/.warm
+demo: $(VENV)/.installed
 	$(BIN)/knee-contact demo $(ARGS)
 
 test: $(VENV)/.installed-dev
@@ -69,19 +68,9 @@ $(BIN)/uv:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
 
-$(VENV)/.dependencies: pyproject.toml | $(BIN)/uv
-	@echo "== Installing ROS 2 Jazzy and the other dependencies (half a minute the first time)"
-	$(BIN)/uv pip install --quiet --compile-bytecode --requirements pyproject.toml --extra viewer --extra report
-	@touch $@
-
-$(VENV)/.installed: $(BUILD_FILES) $(VENV)/.dependencies
-	@echo "== Building the messages"
+$(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
+	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (half a minute the first time)"
 	$(BIN)/uv pip install --quiet --compile-bytecode --editable '.[viewer,report]'
-	@touch $@
-
-# The knee of the demo; where nothing can be kept, the demo compiles it when it needs it.
-$(VENV)/.warm: $(VENV)/.dependencies
-	-@$(BIN)/python -m knee_contact_ros.cli.main warm --params config/healthy.yaml >/dev/null
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
