@@ -12,7 +12,7 @@ from knee_contact_ros.bags.answer_recorder import refuse
 from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
-from knee_contact_ros.sinks.protocol import Knee, Sink
+from knee_contact_ros.sinks.protocol import Discard, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names
 
@@ -58,7 +58,7 @@ class Outputs:
             sinks, self._sinks = self._sinks, {}
             deadline = time.monotonic() + PATIENCE
             for sink in sinks.values():
-                sink.begin_discarding()
+                sink.end(Discard())
             for sink in sinks.values():
                 sink.discard(max(deadline - time.monotonic(), 0.0))
             raise
