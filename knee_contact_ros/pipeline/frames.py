@@ -110,7 +110,7 @@ class ForceFrame:
         self.is_known = False
         """Whether all forces are in the tibia frame for sure, as those of a recording are: nothing is checked then"""
         self.turn_note: dict[str, str] = {}
-        """What is to be told of a turn that is new: see `told`"""
+        """Metadata record of a turn that is new; see `take_turn_note`"""
         self._frame: str | None = None  # in which forces come
         self._pose: Pose | None = None  # where that lies in the wanted one; None if nothing is turned
         self._candidate: Pose | None = None  # likewise, of the force that was turned last while no frame is held
@@ -121,8 +121,8 @@ class ForceFrame:
         if own:
             self._transforms.add(own)
 
-    def told(self) -> dict[str, str]:
-        """What is to be told of a turn that is new, once."""
+    def take_turn_note(self) -> dict[str, str]:
+        """Metadata record of a turn that is new, empty if there is none; each is returned once."""
         note, self.turn_note = self.turn_note, {}
         return note
 
