@@ -1,1 +1,1 @@
-"""From samples of two streams to answers; no file, no clock."""
+"""From samples of two streams to answers, without files and clocks."""
