@@ -43,17 +43,6 @@ class Place(NamedTuple):
     """Type of the number, one of `FIXED`"""
 
 
-class Layout(NamedTuple):
-    """Layout of messages that share byte order and length of the frame."""
-
-    numbers: np.dtype[Any]
-    """Type of a message with its stamp (`seconds`, `nanoseconds`) and its numbers as fields"""
-    length: int
-    """Length [B] of a message without trailing bytes"""
-    whole: bool
-    """False if fields of variable size follow, which are not read"""
-
-
 def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
     """Read rows from `KneeContact` messages, shape (n,), with their stamps; numbers that are missing become NaN.
 
@@ -67,11 +56,13 @@ def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinit
     numbers = answers.view(FLAT)
     for begin, end in _alike(messages):
         block = messages[begin:end]
-        layout = layout_of(places, whole, *_kind(block[0]))
-        _check_lengths(block, layout)
-        rows = np.frombuffer(b"".join(message[: layout.length] for message in block), dtype=layout.numbers)
+        layout = layout_of(places, *_kind(block[0]))
+        length, lengths = layout.itemsize, set(map(len, block))
+        if min(lengths) < length or (whole and max(lengths) > length + MOST_TRAILING):
+            raise ValueError("a message is longer or shorter than its definition says")
+        rows = np.frombuffer(b"".join(message[:length] for message in block), dtype=layout)
         with np.errstate(invalid="ignore"):  # a foreign definition may have other types
-            for name in set(TOLD) & set(layout.numbers.names or ()):
+            for name in set(TOLD) & set(layout.names or ()):
                 numbers[name][begin:end] = rows[name]
         numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"]
     return answers
@@ -104,8 +95,11 @@ def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...],
 
 
 @lru_cache(maxsize=64)
-def layout_of(places: tuple[Place, ...], whole: bool, order: Order, frame_length: int) -> Layout:
-    """Layout of messages with a byte order (`<` or `>`) and a length of the frame [B]."""
+def layout_of(places: tuple[Place, ...], order: Order, frame_length: int) -> np.dtype[Any]:
+    """NumPy type of messages with a byte order (`<` or `>`) and a length of the frame [B].
+
+    Its fields are the stamp (`seconds`, `nanoseconds`) and the numbers; trailing bytes are not part of it.
+    """
     fields = {"seconds": (np.dtype(f"{order}i4"), 4), "nanoseconds": (np.dtype(f"{order}u4"), 8)}
     at = FRAME_END + frame_length
     for name, kind in places:
@@ -114,8 +108,7 @@ def layout_of(places: tuple[Place, ...], whole: bool, order: Order, frame_length
         fields[name] = (number, at)
         at += number.itemsize
     formats, offsets = zip(*fields.values(), strict=True)
-    numbers = np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
-    return Layout(numbers, at, whole)
+    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
 
 
 def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
@@ -145,9 +138,3 @@ def _alike(messages: Sequence[bytes]) -> Iterator[tuple[int, int]]:
         end = begin + sum(1 for _ in stretch)
         yield begin, end
         begin = end
-
-
-def _check_lengths(messages: Sequence[bytes], layout: Layout) -> None:
-    lengths = set(map(len, messages))
-    if min(lengths) < layout.length or (layout.whole and max(lengths) > layout.length + MOST_TRAILING):
-        raise ValueError("a message is longer or shorter than its definition says")

@@ -54,15 +54,12 @@ class InputMeter:
     """Times [s] from message to message, since the last report"""
     ages: list[float] = field(default_factory=list)
     """Times [s] from stamps to arrivals by the system's clock, since the last report"""
-    reported: int = 0
-    """Number of messages up to the last report"""
     report_time: float = field(default_factory=time.monotonic)
     """Monotonic time of the last report [s]"""
 
     def begin(self) -> None:
         """Start to measure: neither silence nor rate counts the time before."""
         self.last = self.report_time = time.monotonic()
-        self.reported = self.received
         self.periods, self.ages = [], []
 
     def count(self, stamp: int | None = None) -> None:
@@ -82,16 +79,16 @@ class InputMeter:
     def report(self) -> tuple[dict[str, str], Problem]:
         """Values for the time since the last report, and what is wrong."""
         now = time.monotonic()
-        rate = (self.received - self.reported) / max(now - self.report_time, 1e-9)
+        rate = len(self.periods) / max(now - self.report_time, 1e-9)
         values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
         if self.received:
             values["age [s]"] = f"{self.age:.3f}"
         if self.periods:
             values["longest pause [ms]"] = f"{1e3 * max(self.periods):.1f}"
         values |= statistics_of("period", self.periods) | statistics_of("message age", self.ages)
-        problem = self._problem(rate if self.reported else math.inf)  # the first messages came at some time of a second
-        self.reported, self.report_time = self.received, now
-        self.periods, self.ages = [], []
+        is_first = self.received == len(self.periods)  # the first messages came at some time of a second
+        problem = self._problem(math.inf if is_first else rate)
+        self.report_time, self.periods, self.ages = now, [], []
         return values, problem
 
     @property

@@ -1,4 +1,4 @@
-"""What distinguishes the kinds of node: parameters, topics, and the class of the session."""
+"""Description of a kind of node: its parameters, its topics, and its session."""
 
 from __future__ import annotations
 

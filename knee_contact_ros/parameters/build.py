@@ -1,4 +1,4 @@
-"""From parameters to a model: the only place where names become laws, surfaces and mechanisms."""
+"""Builds models from parameters: the only place where names become laws, surfaces and mechanisms."""
 
 from __future__ import annotations
 

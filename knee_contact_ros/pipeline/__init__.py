@@ -1,1 +1,1 @@
-"""From samples of two streams to answers, without files and clocks."""
+"""Computes answers from the samples of two streams, without files and clocks."""

@@ -1,4 +1,4 @@
-"""What all pipelines have in common: bytes of two input streams become pairs of samples, and these become answers."""
+"""Base of all pipelines: bytes of two input streams become pairs of samples, and these become answers."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Intake(ABC):
             self.synchroniser.start_anew()
 
     def ending(self) -> Ending:
-        """What a recording must hold besides the answers: angles that belong to none, and counts of refused samples."""
+        """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
         inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
         return Ending(inputs, dict(self.synchroniser.refused))
 

@@ -51,7 +51,7 @@ WORTH_A_WARNING = 0.25
 
 
 class Queue(NamedTuple):
-    """How much may wait for a sink."""
+    """Size of the queue of a sink."""
 
     answers: int
     """Largest number of answers"""
@@ -240,7 +240,7 @@ class SinkProcess:
         return self._put_size - self._sent_size
 
     def _fill(self) -> float:
-        """How full the queue is, from 0 to 1."""
+        """Fill of the queue, from 0 to 1."""
         return max(len(self._waiting) / self._queue.answers, self._waiting_size / self._queue.size)
 
     def _too_many(self) -> str:

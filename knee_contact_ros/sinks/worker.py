@@ -28,7 +28,7 @@ LOOK_PERIOD = 1.0
 NEARLY = 0.875
 """Share of the time between two flushes from which a flush is due already, instead of a moment later"""
 LATE = 2.0
-"""That share if more answers wait, which are taken first"""
+"""Share from which a flush is due even though more answers wait, which would be taken first"""
 
 
 class Child:
