@@ -55,17 +55,15 @@ def load_model(
             profile or a table cannot be used.
     """
     parameters = load_parameters(source)
-    plain = build_model(parameters, compiled=False, curves=curve_texts(parameters, curves))
+    plain = build_model(parameters, curves=curve_texts(parameters, curves))
     model = replace(plain if compiled is False else (forced if compiled else chosen)(plain), results=Results)
     for doubt in doubts_about(parameters, model).about_parameters:
         warnings.warn(doubt, stacklevel=2)
     return model
 
 
-def build_model(
-    parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] | None = None
-) -> KneeModel:
-    """Build a model from parameters, without warnings.
+def build_model(parameters: Parameters, *, curves: Mapping[str, str] | None = None) -> KneeModel:
+    """Build a model from parameters, with the plain kernel and without warnings.
 
     `curves` has the contents of all files that are needed, by parameter; with it no file is opened.
 
@@ -74,7 +72,7 @@ def build_model(
     """
     texts = curve_texts(parameters, {}) if curves is None else curves
     law = contact_law(parameters.contact)
-    model = KneeModel(
+    return KneeModel(
         pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
         mechanism=mechanism(parameters.translation, texts),
         modes=law,
@@ -86,11 +84,6 @@ def build_model(
         level=LEVELS[parameters.fidelity.level],
         patch=contact_patch(parameters.contact, law),
     )
-    if not compiled:
-        return model
-    from knee_contact_ros.compiled.kernel import compiled as with_compiled_kernel  # LLVM
-
-    return with_compiled_kernel(model)
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:

@@ -34,7 +34,7 @@ class Pipeline(Intake):
         compiled: bool,
         curves: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the model; see `build_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
+        """Build the model; see `build_model` for `curves`, and `Decoder` for `deserialize`."""
         frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
         super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame, deserialize)
         self.parameters = parameters
