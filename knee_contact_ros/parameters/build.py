@@ -39,8 +39,8 @@ def load_model(
     """Build the model that a parameter file (or several, or mappings) describes. Needs no ROS.
 
     Without an argument it is the healthy knee. Names have the same meaning as on the command line: a file as given or
-    one of the package's own, as `"osteoarthritis"`; of several, as `["osteoarthritis", "mri_femur", {"femur.mass":
-    8.0}]`, the later one wins.
+    one of the package's own, as `"osteoarthritis"`. Of several, the later one wins:
+    `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
     The compiled kernel computes the same bits some hundred times faster, after 15 to 20 s of compiling or, if this
     machine has compiled this kind of scene before, 0.1 s of loading. Without `compiled` the model uses it for a run

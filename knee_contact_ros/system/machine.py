@@ -23,9 +23,7 @@ def describe(distributions: Iterable[str]) -> str:
 
 
 def business() -> str:
-    """Describe the load of the machine in the last minute, where the system measures it."""
-    if not hasattr(os, "getloadavg"):
-        return "load average unknown"
+    """Describe the load of the machine in the last minute."""
     return f"load average before the start {os.getloadavg()[0]:.2f}"
 
 

@@ -4,9 +4,9 @@ Both are brought onto a grid of 200 Hz and smoothed (Gaussian, 20 ms), whatever 
 in `rules.py`.
 
 - **Heel strike**: 30 ms after the extension peak at the end of swing. That is a minimum of the angle to which it fell
-  by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load comes: before,
+  by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load rises: before,
   it was below 0.45 of what it reaches within 0.4 s.
-- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more in which the load goes: just after,
+- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more in which the load falls: just after,
   it is below 0.45 of what it was within 0.4 s before.
 - **Load peak**: the largest load within 0.25 s on either side, of 1 BW or more, where the load varies by 0.15 BW or
   more; not at the ends of the run. It is that of the largest sample within 50 ms of the smoothed load's peak.
