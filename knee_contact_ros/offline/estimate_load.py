@@ -88,7 +88,7 @@ def _keep(
     for answer in answers:
         if recorder:
             if pipeline.frame.turn_note:
-                recorder.note(FORCE_TURNED, pipeline.frame.told())
+                recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
             recorder.write(answer.records)
         assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
         for taker in takers:

@@ -157,7 +157,7 @@ class Run:
         self._behind.wait()
         for answer in answers:
             if self._pipeline.frame.turn_note:
-                self._note(FORCE_TURNED, self._pipeline.frame.told())
+                self._note(FORCE_TURNED, self._pipeline.frame.take_turn_note())
             if self._recorder:
                 self._recorder.write(answer.records)
             rows.append(answer.row)

@@ -12,10 +12,10 @@ from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
 from knee_contact_ros.joint_reaction.leg import leg_of
 from knee_contact_ros.joint_reaction.levels import LEVELS, Way
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.parameters.reading import known_parameters
-from knee_contact_ros.pipeline.synchronise import SECOND
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.calibration.problem import STEP, Problem
 from knee_contact_ros.tools.calibration.reference import AXIAL_FORCE, Referenced

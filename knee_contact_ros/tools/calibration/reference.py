@@ -15,12 +15,12 @@ from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.core.types import UNUSABLE
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError, load_sample
-from knee_contact_ros.pipeline.synchronise import SECOND
 from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
