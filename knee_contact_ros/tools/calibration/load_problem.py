@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
 from knee_contact_ros.joint_reaction.leg import leg_of
-from knee_contact_ros.joint_reaction.levels import LEVELS, Way
+from knee_contact_ros.joint_reaction.levels import LEVELS, EstimationLevel
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
@@ -40,7 +40,7 @@ class LoadProblem(Problem):
 
     measured: Referenced
     parameters: LoadParameters
-    way: Way
+    way: EstimationLevel
     """The level"""
     nets: tuple[NetMoments, ...]
     """At every sample, n; empty where mass or height is free"""
@@ -106,7 +106,7 @@ def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: 
     return LoadProblem(measured, unknowns, np.full(len(unknowns), STEP), parameters, way, nets)
 
 
-def net_moments_of(way: Way, person: Person, measured: Referenced) -> tuple[NetMoments, ...]:
+def net_moments_of(way: EstimationLevel, person: Person, measured: Referenced) -> tuple[NetMoments, ...]:
     """What the leg of a person holds at every sample."""
     leg = leg_of(person.mass, person.height)
     return tuple(way.dynamics(leg, each.joints, each.motion, each.ground) for each in measured.samples)
