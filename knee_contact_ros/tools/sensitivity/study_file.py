@@ -1,4 +1,4 @@
-"""What a study file asks of a sensitivity analysis: as of a sweep, with `sensitivity` in the place of `sample`.
+"""The study file of a sensitivity analysis: that of a sweep, with `sensitivity` in the place of `sample`.
 
     bags:        [walking.mcap]
     params:      [healthy, osteoarthritis]
@@ -27,66 +27,61 @@ from knee_contact_ros.system.yaml_file import read_mapping
 from knee_contact_ros.tools.sensitivity.design import SalibDesign
 
 USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
+"""Outcomes that are analysed unless others are named"""
 OWN = ("sensitivity", "outcomes")
+"""Names in the file that the study file of a sweep does not have"""
 
 
-class Asked(NamedTuple):
-    """A study, and what is to be said of it."""
+class SensitivityStudy(NamedTuple):
+    """A study whose cases are the points of a design, and the outcomes to be analysed."""
 
     study: Study
     design: SalibDesign
     outcomes: tuple[str, ...]
+    """Names of columns of the study's table"""
 
 
-def read_asked(path: Path) -> Asked:
-    """A study file.
-
-    Raises:
-        UsageError: it cannot be read, or see `asked_of`.
-    """
-    return asked_of(read_mapping(path, "study", "bags, params, grid, sensitivity or outcomes"), str(path))
-
-
-def asked_of(content: Mapping[str, Any], where: str = "study") -> Asked:
-    """What a study file says.
+def read_sensitivity_study(path: Path) -> SensitivityStudy:
+    """Read a study file.
 
     Raises:
-        UsageError: an unknown name, a value that is not allowed, or no ranges.
+        UsageError: the file cannot be read, a name is unknown, a value is not allowed, or ranges are missing.
     """
+    content = read_mapping(path, "study", "bags, params, grid, sensitivity or outcomes")
     if "sample" in content:
-        raise UsageError(f"{where}: sample is not allowed; the method under sensitivity draws its own")
-    told = content.get("sensitivity")
-    if not isinstance(told, Mapping):
-        raise UsageError(f"{where}: sensitivity: {told!r} is not allowed; method, n and ranges")
+        raise UsageError(f"{path}: sample is not allowed; the method under sensitivity draws its own")
+    given = content.get("sensitivity")
+    if not isinstance(given, Mapping):
+        raise UsageError(f"{path}: sensitivity: {given!r} is not allowed; method, n and ranges")
     try:
-        design = SalibDesign.model_validate(dict(told))
+        design = SalibDesign.model_validate(dict(given))
         outcomes = checked_outcomes(content.get("outcomes", USUAL))
     except ValidationError as error:
-        raise UsageError(f"{where}: sensitivity.{first_of(error)}") from None
+        raise UsageError(f"{path}: sensitivity.{first_fault(error)}") from None
     except UsageError as error:
-        raise UsageError(f"{where}: {error}") from None
-    study = Study({name: value for name, value in content.items() if name not in OWN}, where, design)
+        raise UsageError(f"{path}: {error}") from None
+    study = Study({name: value for name, value in content.items() if name not in OWN}, str(path), design)
     study.content |= {name: content[name] for name in OWN if name in content}
-    return Asked(study, design, outcomes)
+    return SensitivityStudy(study, design, outcomes)
 
 
-def first_of(error: ValidationError) -> str:
-    """The first of what is wrong; what is wrong with several together names itself."""
+def first_fault(error: ValidationError) -> str:
+    """Describe the first fault; a message about several fields together names them itself."""
     first = error.errors()[0]
     return first["msg"].removeprefix("Value error, ") if not first["loc"] else first_error(error)
 
 
 def checked_outcomes(names: Any) -> tuple[str, ...]:
-    """The columns of a table that indices are wanted of.
+    """Check the names of the outcomes to be analysed.
 
     Raises:
-        UsageError: there is none, or one of them is none.
+        UsageError: it is no list of names, or a name is unknown or given twice.
     """
-    known = [side + one.name for side in ("", LATERAL) for one in OUTCOMES]
+    known = [prefix + outcome.name for prefix in ("", LATERAL) for outcome in OUTCOMES]
     if not isinstance(names, list | tuple) or not names:
         raise UsageError(f"outcomes: {names!r} is not allowed; a list of some of {', '.join(known)}")
     for name in names:
         if name not in known or names.count(name) > 1:
-            told = "is given twice" if name in known else f"is not allowed; one of {', '.join(known)}"
-            raise UsageError(f"outcomes: {name} {told}")
+            fault = "is given twice" if name in known else f"is not allowed; one of {', '.join(known)}"
+            raise UsageError(f"outcomes: {name} {fault}")
     return tuple(names)
