@@ -54,7 +54,7 @@ def run_study(
     """
     run = uuid.uuid4().hex[:12]
     shards = Shards(absolute(output), run)
-    finished = set(shards.finished(series=study.series))
+    finished = shards.finished(series=study.series)
     knees = knees_of(study)
     note, text = note_of(study.content)
     target = Target(shards.url, note, run, study.series, study.number, what_answers())

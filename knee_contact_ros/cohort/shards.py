@@ -86,8 +86,8 @@ class Shards:
         full = isinstance(error, OSError) and error.errno in FULL
         return (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}")
 
-    def finished(self, *, series: bool) -> dict[str, str]:
-        """Give the shard of each finished case, by key; with `series`, only of cases whose answers are kept, too.
+    def finished(self, *, series: bool) -> set[str]:
+        """Give the keys of all finished cases; with `series`, only of those whose answers are kept, too.
 
         Raises:
             UsageError: the folder holds something else, or a shard is damaged.
@@ -99,7 +99,7 @@ class Shards:
             raise
         except Exception as error:  # a boundary, likewise
             raise self.error_of(error) from None
-        return {key: name for name in names if name in whole for key in self._keys(name)}
+        return {key for name in names if name in whole for key in self._keys(name)}
 
     def rows(self, keys: Sequence[str], columns: Sequence[str]) -> pa.Table:
         """Read columns of the cases with these keys, in the order of the keys.

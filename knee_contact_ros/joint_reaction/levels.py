@@ -36,9 +36,9 @@ class Measured(NamedTuple):
     """Standard deviation of a level's axial force from that of an instrumented knee."""
 
     calibrated: Deviation
-    """With constants that were fitted to another trial of the same person"""
+    """Deviation with constants that were fitted to another trial of the same person"""
     uncalibrated: Deviation
-    """With the default constants"""
+    """Deviation with the default constants"""
 
 
 class EstimationLevel(NamedTuple):

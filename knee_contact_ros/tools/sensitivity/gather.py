@@ -61,7 +61,7 @@ def gather(study: SensitivityStudy, shards: Shards, advance: Callable[[int, int]
         UsageError: bag, parameters or folder cannot be used.
         IncompleteError: a case is missing.
     """
-    cases, size = study.study, study.design.number
+    cases, size = study.cases, study.design.number
     columns = list(dict.fromkeys([*study.outcomes, *BOUNDS.values(), *NOTED, "failed"]))
     table = shards.rows(keys_of(cases), columns)
     firsts = [cases.case(number) for number in range(0, cases.number, size)]

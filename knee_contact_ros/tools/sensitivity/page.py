@@ -33,19 +33,19 @@ def page(study: SensitivityStudy, combinations: Sequence[Combination], figures: 
         remarks=words.remarks(design, combinations),
         matters=words.what_matters(design, combinations),
         ranges=words.ranges_table(design),
-        fixed=[f"{name} = {value}" for name, value in study.study.values.items()],
+        fixed=[f"{name} = {value}" for name, value in study.cases.values.items()],
         outcomes=[
             {
                 "title": words.display_of(name).title,
                 "figures": own,
                 "places": [
                     {
-                        "label": each.label,
-                        "reason": each.analysed[place].reason,
-                        "indices": words.all_indices(design, each.analysed[place]),
-                        "together": words.together(each.analysed[place]),
+                        "label": combination.label,
+                        "reason": combination.analysed[place].reason,
+                        "indices": words.all_indices(design, combination.analysed[place]),
+                        "together": words.together(combination.analysed[place]),
                     }
-                    for each in combinations
+                    for combination in combinations
                 ],
             }
             for place, (name, own) in enumerate(zip(study.outcomes, figures, strict=True))
@@ -61,5 +61,5 @@ def lead(study: SensitivityStudy, combinations: Sequence[Combination]) -> str:
     return (
         f"{len(design.names)} parameters varied together at {design.number} points ({design.n} {groups}, seed "
         f"{design.seed}), in {many} combination{'s' * (many != 1)} of gait, knee and grid: "
-        f"{study.study.number} knees computed."
+        f"{study.cases.number} knees computed."
     )

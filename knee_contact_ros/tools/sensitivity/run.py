@@ -51,12 +51,12 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
     from knee_contact_ros.tools.sensitivity.words import remarks, what_matters
 
     study = read_sensitivity_study(study_file)
-    cases = f"{output.rstrip('/') or output}/{CASES}"
+    folder = f"{output.rstrip('/') or output}/{CASES}"
     with progress("Computing") as advance:
-        done = run_study(study.study, cases, workers=workers, scheduler=scheduler, advance=advance)
-    say(f"{study.study.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
+        done = run_study(study.cases, folder, workers=workers, scheduler=scheduler, advance=advance)
+    say(f"{study.cases.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
     with progress("Analysing") as advance:
-        combinations = gather(study, Shards(cases), advance)
+        combinations = gather(study, Shards(folder), advance)
         advance.describe("Drawing")
         write_files(output, make_files(study, combinations))
     for outcome, where, leading, _ in what_matters(study.design, combinations).rows:

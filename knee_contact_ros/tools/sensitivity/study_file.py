@@ -33,10 +33,12 @@ OWN = ("sensitivity", "outcomes")
 
 
 class SensitivityStudy(NamedTuple):
-    """A study whose cases are the points of a design, and the outcomes to be analysed."""
+    """A sensitivity analysis: cases at the points of a design, and the outcomes to be analysed."""
 
-    study: Study
+    cases: Study
+    """The study whose cases are the points"""
     design: SalibDesign
+    """The design of the points"""
     outcomes: tuple[str, ...]
     """Names of columns of the study's table"""
 

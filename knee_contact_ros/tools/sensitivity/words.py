@@ -113,26 +113,27 @@ def ranges_table(design: SalibDesign) -> Table:
 
 def remarks(design: SalibDesign, combinations: Sequence[Combination]) -> list[str]:
     """Describe all that makes indices doubtful, a sentence each."""
-    found = []
-    for each in combinations:
-        for one in each.analysed:
-            where = f"{display_of(one.outcome).title}, {each.label}"
-            if one.reason:
-                found.append(f"{where}: no index: {one.reason}.")
+    sentences = []
+    for combination in combinations:
+        for analysed in combination.analysed:
+            where = f"{display_of(analysed.outcome).title}, {combination.label}"
+            if analysed.reason:
+                sentences.append(f"{where}: no index: {analysed.reason}.")
                 continue
-            if one.spoilt:
-                found.append(
-                    f"{where}: {one.cases} of {design.number} cases have no value; {one.spoilt} of {one.groups} groups "
-                    "are left out with them, and the indices are those of the knees that could be computed."
+            if analysed.spoilt:
+                sentences.append(
+                    f"{where}: {analysed.cases} of {design.number} cases have no value; {analysed.spoilt} of "
+                    f"{analysed.groups} groups are left out with them, and the indices are those of the knees that "
+                    "could be computed."
                 )
-            doubts = not_converged(design, one)
+            doubts = not_converged(design, analysed)
             if doubts:
-                found.append(f"{where}: {'; '.join(doubts)}.")
-        if each.failures:
-            more = f" (and {len(each.failures) - 1} other reasons)" if len(each.failures) > 1 else ""
-            found.append(f"{each.label}: cases failed: {each.failures[0]}{more}.")
-        found += [f"{each.label}: {sentence}." for sentence in each.doubts]
-    return found
+                sentences.append(f"{where}: {'; '.join(doubts)}.")
+        if combination.failures:
+            more = f" (and {len(combination.failures) - 1} other reasons)" if len(combination.failures) > 1 else ""
+            sentences.append(f"{combination.label}: cases failed: {combination.failures[0]}{more}.")
+        sentences += [f"{combination.label}: {sentence}." for sentence in combination.doubts]
+    return sentences
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:

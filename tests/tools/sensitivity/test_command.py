@@ -163,7 +163,7 @@ def test_cases_that_fail_are_told_and_too_many_leave_no_index(
 
 def test_the_example_can_be_read() -> None:
     found = read_sensitivity_study(share_folder() / "examples" / "sensitivity.yaml")
-    assert found.study.number == 4 * found.design.n * 8
+    assert found.cases.number == 4 * found.design.n * 8
 
 
 @pytest.mark.parametrize(
