@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
 from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
-from knee_contact_ros.compiled.choice import compiler_works, telling_of, worth_compiling
+from knee_contact_ros.compiled.choice import announcement_for, compiler_works, worth_compiling
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.types import ROW, Rows, Status
@@ -185,7 +185,7 @@ def _run(scenes: list[Scene], columns: tuple[Floats, ...], answers: Rows, option
     if options.compiled and compiler_works():
         from knee_contact_ros.compiled.batch import run_batch  # imports Numba: a fifth of a second
 
-        run_batch(scenes, *columns, answers, threads=options.threads, told=telling_of(scenes[0]))
+        run_batch(scenes, *columns, answers, threads=options.threads, announce=announcement_for(scenes[0]))
         return
     steps, angles, loads, heights = columns
     for scene, load, own in zip(scenes, loads, answers, strict=True):
