@@ -42,7 +42,7 @@ def begin_in(rows: Rows) -> int:
     return begin_of(int(rows["stamp"][0])) if len(rows) else 0
 
 
-def told(stamp: int, begin: int) -> str:
+def stamp_text(stamp: int, begin: int) -> str:
     """Write a stamp [ns] in seconds from a stamp `begin`, which is that of `begin_of`."""
     return f"{NANOSECOND * (stamp - begin):{'+' if begin else ''}.3f}"
 

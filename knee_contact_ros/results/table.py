@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.results.columns import NANOSECOND, begin_in, time_of, told
+from knee_contact_ros.results.columns import NANOSECOND, begin_in, stamp_text, time_of
 
 ENDS = 4
 """Number of rows that are shown of the beginning, and of the end"""
@@ -66,7 +66,7 @@ def _cells(rows: Rows) -> list[tuple[str, ...]]:
 def _cells_of(rows: Rows, begin: int) -> list[tuple[str, ...]]:
     return [
         (
-            told(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
+            stamp_text(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
             f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
             f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
         )
