@@ -182,11 +182,12 @@ def _answers(recording: Recording, sides: Sequence[Side], answers: Rows, options
 
 def _run(scenes: list[Scene], columns: tuple[Floats, ...], answers: Rows, options: _Options) -> None:
     """Fill the answers of k scenes from rest, shape (k, n)."""
+    steps, angles, loads, heights = columns
     if options.compiled and compiler_works():
         from knee_contact_ros.compiled.batch import run_batch  # imports Numba: a fifth of a second
 
-        run_batch(scenes, *columns, answers, threads=options.threads, announce=announcement_for(scenes[0]))
+        announce = announcement_for(scenes[0])
+        run_batch(scenes, steps, angles, loads, heights, answers, threads=options.threads, announce=announce)
         return
-    steps, angles, loads, heights = columns
     for scene, load, own in zip(scenes, loads, answers, strict=True):
         ticks.run(scene, np.zeros(1, ticks.MEMORY), steps, angles, load, heights, own)
