@@ -74,6 +74,10 @@ class Analysed(NamedTuple):
         indices = [index for index in self.indices if index.n == most and index.kind == kind]
         return sorted(indices, key=lambda index: -index.value)
 
+    def by_parameter(self, kind: str) -> dict[str, Index]:
+        """Give the indices of a kind for the whole design by parameter, the largest first."""
+        return {index.parameter: index for index in self.final(kind)}
+
     def course(self, kind: str, parameter: str) -> list[Index]:
         """Give an index for the beginnings of the design, the shortest first."""
         indices = (index for index in self.indices if (index.kind, index.parameter) == (kind, parameter))

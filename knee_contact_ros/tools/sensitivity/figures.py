@@ -155,8 +155,9 @@ def _bars(axis: Any, panel: Panel, left: bool, own: Display, names: Sequence[str
         ("S1", "S1: alone", DARK, -0.2, 0.36), ("ST", "ST: with all interactions", LIGHT, 0.2, 0.36))  # fmt: skip
     lowest, highest = 0.0, 0.0 if morris else 1.0
     for kind, label, colour, shift, thick in drawn:
-        by = {index.parameter: index for index in panel.analysed.final(kind)}
-        values, ends = [factor * by[name].value for name in names], _ends([by[name] for name in names], factor)
+        by_parameter = panel.analysed.by_parameter(kind)
+        indices = [by_parameter[name] for name in names]
+        values, ends = [factor * index.value for index in indices], _ends(indices, factor)
         up = [place + shift for place in places]
         axis.barh(up, values, thick, color=colour, label=None if morris else label)
         axis.errorbar(values, up, xerr=ends, fmt="none", ecolor="0.15", elinewidth=1.2, capsize=2.5)
@@ -207,9 +208,9 @@ def _course(
 
 
 def _plane(axis: Any, panel: Panel, left: bool, own: Display, names: Sequence[str]) -> None:
-    by = {kind: {index.parameter: index for index in panel.analysed.final(kind)} for kind in ("mu_star", "sigma")}
+    effects, spreads = panel.analysed.by_parameter("mu_star"), panel.analysed.by_parameter("sigma")
     for i, name in enumerate(names):
-        across, up = by["mu_star"][name], by["sigma"][name]
+        across, up = effects[name], spreads[name]
         axis.errorbar(
             [own.factor * across.value], [own.factor * up.value], xerr=_ends([across], own.factor),
             yerr=_ends([up], own.factor), label=name, **(_look(i) | {"ls": "none"}), elinewidth=1.0, capsize=2.0, ms=6,

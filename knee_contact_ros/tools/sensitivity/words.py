@@ -89,9 +89,9 @@ def all_indices(design: SalibDesign, analysed: Analysed) -> Table:
     heads = {"mu_star": f"µ* [{unit}]", "mu": f"µ [{unit}]", "sigma": f"σ [{unit}]"}
     if design.method == "sobol":
         heads, factor = {"S1": "S1, alone", "ST": "ST, with all interactions"}, 1.0
-    by_kind = [{index.parameter: index for index in analysed.final(kind)} for kind in heads]
-    names = [index.parameter for index in analysed.final(LEADING[design.method])]
-    rows = [(name, *(interval(by_name[name], factor) for by_name in by_kind)) for name in names]
+    columns = [analysed.by_parameter(kind) for kind in heads]
+    names = analysed.by_parameter(LEADING[design.method])
+    rows = [(name, *(interval(column[name], factor) for column in columns)) for name in names]
     return Table(("Parameter", *heads.values()), rows)
 
 
