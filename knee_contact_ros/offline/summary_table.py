@@ -14,7 +14,7 @@ from rich.table import Table
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.results.columns import begin_of, told
+from knee_contact_ros.results.columns import begin_of, stamp_text
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
 
@@ -100,10 +100,10 @@ def peak_table(summary: Summary) -> Table:
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        table.add_row(f"peak {number}", *values, told(peak.stamp, begin))
+        table.add_row(f"peak {number}", *values, stamp_text(peak.stamp, begin))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
     stamps = load.stamp, force.stamp, depth.stamp
-    when = told(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
+    when = stamp_text(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
     table.add_row("largest", *forces(load.value, force.value, depth.value), when)
     if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
         table.collapse_padding = True

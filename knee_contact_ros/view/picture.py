@@ -21,7 +21,7 @@ from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results.columns import begin_of, told
+from knee_contact_ros.results.columns import begin_of, stamp_text
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
@@ -91,7 +91,7 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
     which = f"{MEDIAL} compartment, " if has_both(known) else ""
-    title = f"{which}largest {words}, at {told(row['stamp'], begin_of(row['first_stamp']))} s"
+    title = f"{which}largest {words}, at {stamp_text(row['stamp'], begin_of(row['first_stamp']))} s"
     output.write_bytes(png(shown, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"

@@ -21,7 +21,8 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     Each processor compiles one kind of knee at a time.
     """
     from knee_contact_ros.compiled.ahead import compile_ahead
-    from knee_contact_ros.compiled.kernel import is_kept, kernel_folder
+    from knee_contact_ros.compiled.keeping import kernel_folder
+    from knee_contact_ros.compiled.kernel import is_kept
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.parameters.reading import Source
     from knee_contact_ros.system.errors import IncompleteError
