@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.cli.commands import cohort, live, load, look, measure, offline, prepare, warm
+from knee_contact_ros.cli.commands import cohort, fit, imports, live, look, measure, offline, warm
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.printable import printable
 
@@ -27,10 +27,9 @@ def knee_contact() -> None:
 
 
 for command in (
-    live.demo, live.node, load.load, load.estimate_load, live.replay, offline.solve, offline.recover, look.view,
-    look.report, prepare.import_opensim,
-    prepare.import_csv, prepare.align, prepare.fit_profile, prepare.fit_share, prepare.calibrate, cohort.sweep,
-    cohort.sensitivity, measure.trade, measure.latency, warm.warm,
+    live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, look.view,
+    look.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
+    fit.calibrate, cohort.sweep, cohort.sensitivity, measure.trade, measure.latency, warm.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 

@@ -7,13 +7,7 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import (
-    found,
-    names_in_bag_options,
-    parameter_files,
-    parameter_values,
-)
-from knee_contact_ros.cli.output_option import Output
+from knee_contact_ros.cli.options import FILE, Output, found, names_in_bag_options, parameter_files, parameter_values
 
 
 @click.command()
@@ -57,7 +51,7 @@ def view(
 
 
 @click.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @click.option(
     "--output",
     type=Output(folder=True),
@@ -72,14 +66,14 @@ def view(
     "--compare",
     "compare",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Compute each FILE again with this parameter file over its own parameters, as --compare osteoarthritis.yaml, "
     "and show it beside. Can be given several times, the later one wins.",
 )
 @click.option(
     "--uncertainty",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Show what the standard deviations in this YAML file make of depth and force, as 'contact.stiffness: 20 %'.",
 )
