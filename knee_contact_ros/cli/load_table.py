@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.offline.load_summary import LoadSummary
+from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary_table import counts
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.system.printable import printable

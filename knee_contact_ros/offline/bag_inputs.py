@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
+from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import (
     DYNAMIC_JOINT_STATE,
     DYNAMIC_JOINT_STATES,
@@ -18,8 +19,11 @@ from knee_contact_ros.messages.topics import (
     MESSAGE_TYPES,
 )
 from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import ForceFrame
+from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.printable import listed
 from knee_contact_ros.system.terminal import warn
 
 FEW = 256
@@ -66,6 +70,39 @@ class BagInputs:
         for batch in self.blocks(FEW, topics):
             for number, time, data in batch:
                 yield RawMessage(names[number], time, data)
+
+
+def wanted_joints(parameters: Parameters) -> dict[str, str]:
+    """Joints that the contact node needs, by the parameters that name them."""
+    wanted = {"knee.joint_name": parameters.knee.joint_name}
+    if parameters.drive == "displacement":
+        wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
+    return wanted
+
+
+def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
+    """Look for the first sample with the joints that are wanted, by the parameters that name them.
+
+    As a rule that is the first of the bag.
+
+    Raises:
+        UsageError: no sample has one of them; lists the joints of the bag.
+    """
+    decoder = Decoder(deserialize)
+    found: dict[str, None] = {}  # a set that keeps the order
+    for message in bag.angles():
+        try:
+            names = decoder.joint_state(message.data)[0].name
+        except RefusedSampleError:
+            continue
+        found |= dict.fromkeys(names)
+        if found.keys() >= set(wanted.values()):
+            return
+    for parameter, joint in wanted.items():
+        if found and joint not in found:
+            known = listed(list(found))
+            text = f"{bag.source} has no joint {joint!r}; it has {known} (parameter {parameter})"
+            raise UsageError(f"bag {bag.path}: {text}")
 
 
 def transform_messages(bag: Path) -> list[bytes]:

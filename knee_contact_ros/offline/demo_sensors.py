@@ -29,9 +29,8 @@ from knee_contact_ros.messages.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
-from knee_contact_ros.offline.bag_inputs import BagInputs
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
 from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
-from knee_contact_ros.offline.joints import check_joints, wanted_joints
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import (
     LOAD_LOG,

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
-from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
-from knee_contact_ros.offline.joints import check_joints
-from knee_contact_ros.offline.load_summary import LoadSummary
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
@@ -25,6 +31,48 @@ from knee_contact_ros.system.errors import UsageError
 
 FEWEST_BETWEEN_NEWS = 1000
 """Messages from one call of `advance` to the next"""
+
+
+@dataclass
+class LoadSummary:
+    """What there is to say of a bag's joint reactions: 16 B for each, and all of the largest one."""
+
+    level: str
+    calibrated: bool
+    peak: Estimate | None = None
+    """The one with the largest axial force"""
+    flagged: Counter[str] = field(default_factory=Counter)
+    """Estimates by the names of their status bits"""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Samples by reason"""
+    damage: list[str] = field(default_factory=list)
+    """What is wrong with the bag"""
+    _stamps: array[int] = field(default_factory=lambda: array("q"))
+    _axial: array[float] = field(default_factory=lambda: array("d"))
+
+    def add(self, stamp: int, estimate: Estimate) -> None:
+        """Take an estimate at a stamp [ns] into account."""
+        self._stamps.append(stamp)
+        self._axial.append(estimate.axial_force)
+        if self.peak is None or estimate.axial_force > self.peak.axial_force:
+            self.peak = estimate
+        if estimate.status:
+            self.flagged.update(bit.name or "" for bit in Status if estimate.status & bit)
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """[ns], shape (n,)."""
+        return np.array(self._stamps)
+
+    @property
+    def axial(self) -> NDArray[np.float64]:
+        """[N], shape (n,)."""
+        return np.array(self._axial)
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last estimate [s]."""
+        return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
 
 
 def estimate_load(
@@ -40,13 +88,9 @@ def estimate_load(
         UsageError: the bag or the output cannot be used, or nothing could be estimated. `output` is then not there.
     """
     with ExitStack() as opened:
-        inputs = opened.enter_context(BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE))
         if output:
             refuse_input(bag, output)
-        check_joints(inputs, named_joints(parameters))
-        pipeline = LoadPipeline(parameters)
-        if parameters.frame.ground:
-            learn_transforms(bag, pipeline.frame)
+        inputs, pipeline = opened.enter_context(leg_pipeline(bag, parameters, names))
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
@@ -73,6 +117,21 @@ def estimate_load(
             why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
             raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){told}")
     return summary
+
+
+@contextmanager
+def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterator[tuple[BagInputs, LoadPipeline]]:
+    """Open a bag of a leg's sensors, and make the pipeline that takes its messages.
+
+    Raises:
+        UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
+    """
+    with BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE) as inputs:
+        check_joints(inputs, named_joints(parameters))
+        pipeline = LoadPipeline(parameters)
+        if parameters.frame.ground:
+            learn_transforms(bag, pipeline.frame)
+        yield inputs, pipeline
 
 
 def named_joints(parameters: LoadParameters) -> dict[str, str]:

@@ -10,12 +10,9 @@ from typing import NamedTuple
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.joint_reaction.motion import Motion
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES
-from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
-from knee_contact_ros.offline.estimate_load import FEWEST_BETWEEN_NEWS, named_joints
-from knee_contact_ros.offline.joints import check_joints
+from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.offline.estimate_load import FEWEST_BETWEEN_NEWS, leg_pipeline
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
 
 
@@ -41,19 +38,13 @@ class SensedBag(NamedTuple):
     """What is wrong with the bag"""
 
 
-def sensed_in(
-    bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
-) -> SensedBag:  # fmt: skip
+def sensed_in(bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]) -> SensedBag:
     """Read and pair a bag as `estimate_load` does.
 
     Raises:
         UsageError: the bag cannot be used, or has none of the joints that the parameters name.
     """
-    with BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE) as inputs:
-        check_joints(inputs, named_joints(parameters))
-        pipeline = LoadPipeline(parameters)
-        if parameters.frame.ground:
-            learn_transforms(bag, pipeline.frame)
+    with leg_pipeline(bag, parameters, names) as (inputs, pipeline):
         pairs: list[PairedSample] = []
         for number, message in enumerate(inputs.messages(), start=1):
             take = pipeline.take_joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.take_force

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +14,27 @@ from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.block_recorder import write_messages
-from knee_contact_ros.bags.provenance import Provenance, provenance_record
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    RESET,
+    TICK,
+    Change,
+    Provenance,
+    change_record,
+    provenance_record,
+)  # fmt: skip
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_STATES, recorded_topics
-from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
-from knee_contact_ros.offline.history import Changes
-from knee_contact_ros.offline.joints import check_joints, wanted_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import has_both
+from knee_contact_ros.parameters.reading import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -191,3 +200,37 @@ class Run:
     def _make_changes(self) -> None:
         for name, values in self._changes.make(self._pipeline):
             self._note(name, values)
+
+
+class Changes:
+    """Changes that wait for their tick."""
+
+    def __init__(self, changes: Iterable[Change]) -> None:
+        self._waiting = deque(changes)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there are any left."""
+        return bool(self._waiting)
+
+    def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
+        """Make those whose tick has come; give the metadata record of each.
+
+        Raises:
+            UsageError: parameters that this version does not allow.
+        """
+        while self._waiting and pipeline.ticks >= self._waiting[0].tick:
+            tick, values = self._waiting.popleft()
+            if values is None:
+                pipeline.reset()
+                yield RESET, {TICK: str(tick)}
+            else:
+                pipeline.retune(_changed(pipeline, tick, values))
+                yield PARAMETERS_CHANGED, change_record(tick, values)
+
+
+def _changed(pipeline: Pipeline, tick: int, values: Mapping[str, Any]) -> Parameters:
+    try:
+        return load_parameters(all_values(pipeline.parameters) | dict(values))
+    except UsageError as error:
+        raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None
