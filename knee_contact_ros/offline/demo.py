@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import Protocol
 
 import click
 import numpy as np
@@ -52,56 +52,63 @@ RESULTS = (RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LO
 """Of all demos: those of an earlier one give way"""
 
 
-class Source(Protocol):
-    """What is played, to which nodes, and what there is to say of it."""
+class Source(ABC):
+    """What a demo plays, to which nodes, and what it reports of it."""
 
-    bag: Path
-    companion: bool
-    """Whether the example of an assist controller listens, too"""
     inputs: Sequence[str]
-    """Topics of the bag, angles first"""
+    """Names of the topics of the bag that are played, angles first"""
     heard: Sequence[str]
-    """What the nodes must hear before it begins: as `Listener.heard`"""
-    parameters: Parameters
-    """Of the contact node"""
+    """Inputs that the nodes must hear before the demo begins, as in `Listener.heard`"""
 
+    def __init__(self, bag: Path, companion: bool, parameters: Parameters) -> None:
+        """Play `bag`, with the example of an assist controller listening too if there is a `companion`.
+
+        `parameters` are those of the contact node.
+        """
+        self.bag, self.companion, self.parameters = bag, companion, parameters
+
+    @abstractmethod
     def check(self) -> Doubts:
-        """Tell what a node could only refuse, and give what makes no sense in the parameters.
+        """Refuse what a node could only refuse; return the doubts about the parameters.
 
         Raises:
-            UsageError: a bad profile, a joint that is not there, and the like.
+            UsageError: a profile cannot be used, a joint is missing from the bag, and the like.
         """
 
+    @abstractmethod
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """The nodes and the companion, which leave their files in a folder."""
+        """Make the processes of the nodes and the companion, which leave their files in the folder `work`."""
 
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:
-        """An input as it is to be published while the companion commands a torque [N m]."""
+    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
+        """Return an input as it is published while the companion commands a torque [N m]: as a rule unchanged."""
+        return message
 
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """Rows of the table that only this source has."""
+    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
+        """Return rows of the table that only this source has: as a rule none."""
+        return {}
 
-    def files(self, output: Path) -> dict[str, str]:
-        """Further results, and where they are."""
+    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
+        """Return names and places of results that only this source has: as a rule none."""
+        return {}
 
 
-class Recorded:
-    """A recorded joint reaction, for the contact node alone."""
+class Recorded(Source):
+    """A recorded joint reaction, played to the contact node alone."""
 
     inputs: Sequence[str] = INPUTS
     heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
 
     def __init__(self, bag: Path, parameter_files: list[Path], companion: bool) -> None:
-        """Read the parameters.
+        """Read the parameter files of the contact node.
 
         Raises:
-            UsageError: they cannot be used.
+            UsageError: a parameter file cannot be used.
         """
-        self.bag, self.companion, self._files = bag, companion, parameter_files
-        self.parameters = load_parameters(parameter_files)
+        super().__init__(bag, companion, load_parameters(parameter_files))
+        self._files = parameter_files
 
     def check(self) -> Doubts:
-        """See `Source`."""
+        """See `Source.check`; the first angle of the bag is tried."""
         pipeline = Pipeline(self.parameters, compiled=False)
         with BagReader(self.bag) as reader:
             angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
@@ -113,20 +120,8 @@ class Recorded:
         return pipeline.doubts
 
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """See `Source`."""
+        """See `Source.processes`."""
         return [node_process(self._files, work), *([companion_process(work, {})] if self.companion else [])]
-
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
-        """As it is: what was recorded does not change with assistance."""
-        return message
-
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
-        """None."""
-        return {}
-
-    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
-        """None."""
-        return {}
 
 
 def run_demo(source: Source, output: Path, rate: float) -> None:

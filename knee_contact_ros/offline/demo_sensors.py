@@ -30,6 +30,7 @@ from knee_contact_ros.messages.topics import (
     MESSAGE_TYPES,
 )
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
+from knee_contact_ros.offline.demo import Source
 from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import (
@@ -74,7 +75,7 @@ class Peak(NamedTuple):
         return f"{self.axial:.1f} N ({self.axial / weight:.2f} BW){deviation}"
 
 
-class Sensors:
+class Sensors(Source):
     """What a leg's sensors tell, for the load node, and the contact node behind it."""
 
     inputs: Sequence[str] = LOAD_INPUTS
@@ -95,13 +96,13 @@ class Sensors:
         Raises:
             UsageError: the parameters cannot be used.
         """
-        self.bag, self.companion = bag or share_folder() / "bags" / BAG, companion
         self._files, self._load_files = files, load_files
         assisted = {"knee.assisted": True} if companion else {}
         self.load_parameters: LoadParameters = LOAD_READING.load([*load_files, assisted])
         self.weight = self.load_parameters.person.constants.weight
         """[N] of the person"""
-        self.parameters = load_parameters([*files, {"body_weight": self.weight}])
+        parameters = load_parameters([*files, {"body_weight": self.weight}])
+        super().__init__(bag or share_folder() / "bags" / BAG, companion, parameters)
 
     def check(self) -> Doubts:
         """See `Source`."""

@@ -18,7 +18,6 @@ from knee_contact_ros.bags.topic_names import Names, names_in_bag
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -80,7 +79,10 @@ def solve(
         blocks: list[Sequence[Rows]] = []
         with progress("Solving") as advance:
             summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
-        for sentence in _doubts(path, summary):
+        doubts = [*others_beside(path), *summary.warnings]
+        if summary.damage:
+            doubts.append(f"bag {path} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+        for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
@@ -168,13 +170,3 @@ def asked_of(
         params = () if person else DEFAULT_PARAMETERS
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
     return load_parameters([*(person.sources() if person else ()), *given, values])
-
-
-def _doubts(bag: Path, summary: Summary) -> list[str]:
-    """What a reader of the answers must know."""
-    doubts = [*others_beside(bag), *summary.sentences]
-    if summary.split and summary.split.problem:
-        doubts.append(summary.split.problem)
-    if summary.damage:
-        doubts.append(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
-    return doubts

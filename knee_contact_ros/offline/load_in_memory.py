@@ -58,7 +58,8 @@ def estimate_load(
     path = expanded(str(bag))
     with in_python_words():
         check_mappings(values, remap)
-        parameters = LOAD_READING.load([*_parts(params), dotted(values or {})])
+        sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
+        parameters = LOAD_READING.load([*sources, dotted(values or {})])
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None
@@ -73,9 +74,3 @@ def estimate_load(
         for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
     return np.array(rows, DTYPE)
-
-
-def _parts(params: Any) -> list[Any]:
-    if params is None:
-        return []
-    return list(params) if isinstance(params, (list, tuple)) else [params]

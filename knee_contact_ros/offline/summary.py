@@ -16,7 +16,7 @@ from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.messages.topics import KNEE_CONTACT_LATERAL
+from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL
 from knee_contact_ros.parameters.compartments import Split
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -142,6 +142,11 @@ class Summary:
         return list(dict.fromkeys((*self.doubts.sentences, *of_lateral)))
 
     @property
+    def warnings(self) -> list[str]:
+        """Sentences for the user: what is implausible, and whether the share left the range that it was measured in."""
+        return [*self.sentences, *([self.split.problem] if self.split and self.split.problem else [])]
+
+    @property
     def duration(self) -> float:
         """From the first to the last tick [s]."""
         return (self.last_stamp - self.first_stamp) / NANOSECONDS
@@ -158,12 +163,11 @@ def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = No
     `doubts` are those about its parameters, if they are known.
     """
     summary = Summary(body_weight, doubts or Doubts())
-    for answers in answer_blocks(recording):
-        summary.add(answers)
-    if (lateral := f"/{KNEE_CONTACT_LATERAL}") in answer_topics(recording):
+    if f"/{KNEE_CONTACT_LATERAL}" in answer_topics(recording):
         summary.lateral = Summary(body_weight)
-        for answers in answer_blocks(recording, lateral):
-            summary.lateral.add(answers)
+    for topic, one in ((KNEE_CONTACT, summary), (KNEE_CONTACT_LATERAL, summary.lateral)):
+        for answers in answer_blocks(recording, f"/{topic}") if one else ():
+            one.add(answers)
     summary.finish()
     summary.refused = read_refused(recording)
     return summary

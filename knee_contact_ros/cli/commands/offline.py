@@ -73,7 +73,7 @@ def solve(
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
     warn(others_beside(bag))
-    warn([*summary.sentences, *([summary.split.problem] if summary.split and summary.split.problem else [])])
+    warn(summary.warnings)
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
 

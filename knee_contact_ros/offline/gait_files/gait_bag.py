@@ -70,10 +70,10 @@ def write_bag(
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
         joints = {joint: angles}
-        streams = [reaction_messages(reactions, side)]
+        streams = [wrench_messages(reactions, JOINT_REACTION_FORCE, f"tibia_{side[0]}")]
         if leg:
             joints |= dict(zip(LEG_JOINTS, (leg.hip, leg.ankle), strict=True))
-            streams.append(ground_messages(leg.ground))
+            streams.append(wrench_messages(leg.ground, GROUND_REACTION_FORCE, GROUND_FRAME))
         for stamp, topic, data in heapq.merge(joint_messages(joints), *streams, key=itemgetter(0)):
             bag.write(f"/{topic}", stamp, data)
 
@@ -88,19 +88,10 @@ def joint_messages(joints: dict[str, Angles]) -> Iterator[tuple[int, str, bytes]
         yield stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", names, angle, rate, ()))
 
 
-def ground_messages(ground: GroundForces) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of every ground force."""
-    for stamp, force, torque in rows(*ground):
-        wrench = WrenchStamped(stamp, GROUND_FRAME, tuple(force), tuple(torque))
-        yield stamp, GROUND_REACTION_FORCE, encode_wrench_stamped(wrench)
-
-
-def reaction_messages(reactions: Reactions, side: str) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of every reaction."""
-    frame = f"tibia_{side[0]}"
-    for stamp, force, torque in rows(*reactions):
-        wrench = WrenchStamped(stamp, frame, tuple(force), tuple(torque))
-        yield stamp, JOINT_REACTION_FORCE, encode_wrench_stamped(wrench)
+def wrench_messages(wrenches: Reactions | GroundForces, topic: str, frame: str) -> Iterator[tuple[int, str, bytes]]:
+    """Yield stamp [ns], topic and bytes of a WrenchStamped for every reaction or ground force."""
+    for stamp, force, torque in rows(*wrenches):
+        yield stamp, topic, encode_wrench_stamped(WrenchStamped(stamp, frame, tuple(force), tuple(torque)))
 
 
 def rows(*columns: NDArray[Any]) -> Iterator[tuple[Any, ...]]:

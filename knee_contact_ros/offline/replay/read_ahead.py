@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from queue import Full, Queue
 from threading import Event, Thread
-from types import TracebackType
 
 from knee_contact_ros.bags.reader import RawMessage
 
@@ -35,9 +34,7 @@ class ReadAhead:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._unwanted.set()
         self._thread.join()
 
