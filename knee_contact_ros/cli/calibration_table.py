@@ -23,7 +23,7 @@ def show_calibration(found: Calibration, output: Path) -> None:
         name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
         numbers = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", _interval(found, unknown.name))
         table.add_row(escape(name), *map(shown, numbers))
-    Console(width=WIDTH).print(table, highlight=False)
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for name, misfit in found.rms.items():
         known = "noise given" if name in found.given else "noise found"
         say(f"{name}: RMS {misfit:.4g} {UNITS[name]} left, {known} {found.noise[name]:.4g} {UNITS[name]}")

@@ -11,15 +11,14 @@ from rich.table import Table
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary_table import counts
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
 
 
 def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
     """Print the joint reaction's peak and mean, its parts there, and how sure it is."""
-    console, weight = Console(width=WIDTH), parameters.person.constants.weight
+    console, weight = Console(width=WIDTH, emoji=False), parameters.person.constants.weight
     peak = summary.peak
     assert peak is not None  # noqa: S101  (there is an estimate)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -46,4 +45,4 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
     figures.add_row("estimates flagged", counts(summary.flagged))
     console.print(figures)
     console.print()
-    console.print(printable(f"Bag: {output}"), soft_wrap=True, highlight=False, markup=False)
+    say(f"Bag: {output}")

@@ -8,8 +8,7 @@ from rich.table import Table
 
 from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 MOST_FAULTS = 20
 """That are printed"""
@@ -17,7 +16,7 @@ MOST_FAULTS = 20
 
 def show_recovery(recovery: Recovery, output: str) -> None:
     """Print what was recovered, what is missing, and where the file is."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic, and its type", overflow="fold")
     table.add_column("messages", justify="right", no_wrap=True)
@@ -34,4 +33,4 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     if len(recovery.faults) > MOST_FAULTS:
         lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
     for line in [*lines, f"Recovered: {output}"]:
-        console.print(printable(line), soft_wrap=True, highlight=False, markup=False)
+        say(line)

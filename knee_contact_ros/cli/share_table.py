@@ -10,14 +10,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 from knee_contact_ros.tools.shares.fit import Errors
 
 
 def show_errors(found: Sequence[Errors], output: Path) -> None:
     """Print the RMS errors of the medial force in every trial, and where the file is."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title="RMS error of the medial force", title_justify="left")
     table.add_column("trial", overflow="fold")
     for name in ("share of 1/2", "constant of\nthe others", "table of\nthe others", "table of\nall trials"):
@@ -28,7 +27,7 @@ def show_errors(found: Sequence[Errors], output: Path) -> None:
     console.print(table)
     if len(found) == 1:
         console.print("One trial: nothing says how well the table holds on another.", highlight=False)
-    console.print(printable(f"Written: {output}"), soft_wrap=True, highlight=False, markup=False)
+    say(f"Written: {output}")
 
 
 def _both(force: float, body_weight: float) -> str:

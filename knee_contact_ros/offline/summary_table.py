@@ -15,8 +15,7 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.results.columns import begin_of, told
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
+from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
 
 MOST_PEAKS = 12
 """That have a row each"""
@@ -28,7 +27,7 @@ MICROMETRE = 1e6
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
     """Print the peaks, the figures of the run and where the files are; `live` has rows that only a live run knows."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     for name, compartment in compartments(summary):
         if name:
             console.print(f"{name} compartment")
@@ -58,7 +57,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     console.print(figures)
     console.print()
     for name, path in files.items():
-        console.print(printable(f"{name}: {path}"), soft_wrap=True, highlight=False, markup=False)
+        say(f"{name}: {path}")
 
 
 def compartments(summary: Summary) -> list[tuple[str, Summary]]:
