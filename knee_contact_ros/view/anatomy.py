@@ -22,8 +22,6 @@ from knee_contact_ros.view.overlap import overlaps
 Floats = NDArray[np.float64]
 DRAWN_THICKNESS = 2.2e-3
 """[m] of either cartilage where the law tells none: half the default of `contact.foundation_thickness`"""
-MAGNIFICATION = 10.0
-"""Of the overlap along the normal, in `Picture.magnified`"""
 SURFACE_POINTS = 121
 """Along a drawn surface"""
 JOIN_POINTS = 24
@@ -70,14 +68,14 @@ class Picture(NamedTuple):
     tibia_cartilage: Floats
     overlap: Floats
     """Where the outer edges of both cartilages overlap: along the tibia, and back along the femur; empty when apart"""
-    magnified: Floats
-    """The same with its depth under the tibia's surface magnified, along the normal at the contact point"""
     contact_point: tuple[float, float]
     """[m] on the tibia"""
     normal: tuple[float, float]
     """Unit, from tibia to femur"""
     depth: float
     """[m] signed: < 0 apart"""
+    anatomy: Anatomy
+    """The same knee before it moves"""
 
 
 def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)) -> Anatomy:
@@ -96,23 +94,9 @@ def cartilage_of(model: KneeModel) -> tuple[float, bool]:
     return (0.5 * told, False) if math.isfinite(told) else (DRAWN_THICKNESS, True)
 
 
-def picture_of(
-    model: KneeModel,
-    flexion_angle: float,
-    femoral_height: float,
-    magnification: float = MAGNIFICATION,
-    anatomy: Anatomy | None = None,
-) -> Picture:
-    """The polygons of a tick.
-
-    Args:
-        model: the knee.
-        flexion_angle: [rad], of the answer.
-        femoral_height: [m], of the answer.
-        magnification: of the overlap's depth, in `Picture.magnified`.
-        anatomy: `anatomy_of(model)`, if it is at hand.
-    """
-    knee = anatomy or anatomy_of(model)
+def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) -> Picture:
+    """Draw the polygons of a tick, from the flexion angle [rad] and the femoral height [m] of its answer."""
+    knee = anatomy_of(model)
     x, _ = model.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.pair.closest(*pose)
@@ -127,7 +111,7 @@ def picture_of(
         overlap = np.concatenate([upper, lower[::-1]])
     return Picture(
         placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
-        overlap, magnified(overlap, normal, magnification), point, normal, closest.depth,
+        overlap, point, normal, closest.depth, knee,
     )  # fmt: skip
 
 
@@ -137,18 +121,11 @@ def placed(points: Floats, angle: float, x: float, height: float) -> Floats:
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]) + (x, height))
 
 
-def magnified(overlap: Floats, normal: tuple[float, float], factor: float) -> Floats:
-    """A `Picture.overlap` whose depth under the tibia's surface is multiplied, along the unit `normal`."""
-    upper, lower = overlap[: len(overlap) // 2], overlap[len(overlap) // 2 :][::-1]
-    depth = (upper[:, 1] - lower[:, 1]) * normal[1]
-    return np.concatenate([upper, (upper - factor * depth[:, None] * np.array(normal))[::-1]])
-
-
-def even(points: Floats, number: int = SURFACE_POINTS) -> Floats:
-    """A line through some points, shape (m, 2), as `number` points at equal distances along it."""
-    way = _way(points)
-    places = np.linspace(0.0, way[-1], number)
-    return np.stack([np.interp(places, way, axis) for axis in points.T], axis=1)
+def even(points: Floats) -> Floats:
+    """Resample a polyline, shape (m, 2), at `SURFACE_POINTS` points with equal distances along it."""
+    distance = _distance(points)
+    places = np.linspace(0.0, distance[-1], SURFACE_POINTS)
+    return np.stack([np.interp(places, distance, axis) for axis in points.T], axis=1)
 
 
 def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Floats]:
@@ -199,8 +176,8 @@ def _turns_left(points: Floats) -> bool:
     return bool((x * next_y - next_x * y).sum() > 0.0)
 
 
-def _way(points: Floats) -> Floats:
-    """Distance along a line to each of its points [m]."""
+def _distance(points: Floats) -> Floats:
+    """Return the distance [m] along a polyline from its first point to each of its points, shape (n,)."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
@@ -212,7 +189,7 @@ def _left(points: Floats) -> Floats:
 
 def _covered(surface: Floats, thickness: float) -> Floats:
     """Thickness [m] of the cartilage along a surface, shape (n, 1): it thins out towards both ends."""
-    way = _way(surface) / _way(surface)[-1]
+    way = _distance(surface) / _distance(surface)[-1]
     part = np.clip(np.minimum(way, 1.0 - way) / TAPER, 0.0, 1.0)
     return np.asarray(thickness * np.sqrt(1.0 - (1.0 - part[:, None]) ** 2))
 

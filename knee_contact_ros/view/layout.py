@@ -62,7 +62,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     """What stands above a plot: what it shows and in which unit, and which colour is what."""
     weight = " or ".join(sorted({f"{drawing.body_weight:.0f}" for drawing in drawings}))
     several = len(drawings) > 1
-    title = (plot.titles if several else plot.title).format(weight=weight)
+    title = ((several and plot.title_of_several) or plot.title).format(weight=weight)
     if plot.path == DEPTHS and any(drawing.has_bone for drawing in drawings):
         title += "; bone begins, pink"
     names = [

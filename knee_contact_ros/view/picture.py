@@ -20,11 +20,10 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results.columns import begin_of, told
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
+from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3
 EXTRA = "report"
@@ -64,7 +63,7 @@ class Moment(NamedTuple):
         return f"{self.contact_force / self.body_weight:.2f} BW ({self.contact_force:.0f} N)"
 
 
-def write_peak(recording: Path, output: Path, parameters: Parameters | None = None) -> str:
+def write_peak(recording: Path, output: Path) -> str:
     """Write a PNG of a recording's first knee where the load is largest; give what it shows, in a line.
 
     Where the femoral height drives, no load does: there it is the contact force.
@@ -72,7 +71,6 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
         output: the PNG; one that exists is replaced.
-        parameters: of a recording that does not tell them itself.
 
     Raises:
         UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
@@ -83,10 +81,10 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     if not topics:
         raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
     provenance = read_provenance(recording)
-    known = provenance.parameters if provenance else parameters
-    if known is None:
+    if provenance is None:
         raise UsageError(f"recording {recording} does not tell its parameters")
-    model = build_model(known, curves=provenance.texts() if provenance else None)
+    known = provenance.parameters
+    model = build_model(known, curves=provenance.texts())
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
     row = with_largest(name, recording, topics[0])
     shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
@@ -148,7 +146,7 @@ class Window(NamedTuple):
     @classmethod
     def around(cls, shown: Sequence[Moment]) -> Window:
         """Wide and high enough for some knees."""
-        pictures = [posed(each)[1] for each in shown]
+        pictures = [posed(each) for each in shown]
         depth, gap = (max(LEAST_DEPTH, *(sign * picture.depth for picture in pictures)) for sign in (1.0, -1.0))
         radius = max(each.model.femoral_radius for each in shown)
         widths = [0.5 * float(np.ptp(picture.overlap[:, 0])) for picture in pictures if len(picture.overlap)]
@@ -164,7 +162,7 @@ class Window(NamedTuple):
 
 def draw_knee(axis: Any, shown: Moment) -> None:
     """Femur and tibia with their cartilage, the force on the femur, directions and a scale."""
-    _, picture = posed(shown)
+    picture = posed(shown)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
@@ -193,7 +191,7 @@ def draw_knee(axis: Any, shown: Moment) -> None:
 
 def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     """The contact, magnified along its normal: what femur and tibia would overlap by, if neither gave way."""
-    anatomy, picture = posed(shown)
+    picture = posed(shown)
     for part, colour in (
         (picture.tibia_cartilage, CARTILAGE), (picture.tibia_bone, BONE), (picture.femur_cartilage, CARTILAGE),
         (picture.femur_bone, BONE),
@@ -201,6 +199,7 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
         fill(axis, in_contact_frame(picture, part), colour)
     overlap = in_contact_frame(picture, picture.overlap)
     fill(axis, overlap, OVERLAP, OVERLAP)
+    anatomy = picture.anatomy
     deep = overlap[:0] if anatomy.thickness_is_drawn else beyond(overlap, 2.0 * MM * anatomy.thickness)
     fill(axis, deep, DEEP, DEEP)
     width, low, high = MM * window.half_width, -MM * window.below, MM * window.above
@@ -218,10 +217,9 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)
 
 
-def posed(shown: Moment) -> tuple[Anatomy, Picture]:
-    """The polygons of a knee at its moment."""
-    anatomy = anatomy_of(shown.model)
-    return anatomy, picture_of(shown.model, shown.flexion_angle, shown.femoral_height, anatomy=anatomy)
+def posed(shown: Moment) -> Picture:
+    """Return the polygons of a knee at its moment."""
+    return picture_of(shown.model, shown.flexion_angle, shown.femoral_height)
 
 
 def in_contact_frame(picture: Picture, points: Floats) -> Floats:

@@ -39,10 +39,10 @@ class Plot(NamedTuple):
     path: str
     """Of its entity under `KNEE/curves`"""
     title: str
-    """With its unit and the colours of one knee"""
-    titles: str
-    """The same where several knees share the view: their colours are told behind it"""
+    """Title with the unit, and the colours of the curves if one knee has the view"""
     series: tuple[Series, ...]
+    title_of_several: str = ""
+    """Title where several knees share the view and their colours are added to it; empty: as `title`"""
     live: bool = False
     """Whether only a running node has it"""
     steps: bool = False
@@ -64,11 +64,10 @@ LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 KNEE = (
-    Plot(FLEXION, "Flexion angle [deg]", "Flexion angle [deg]", (
+    Plot(FLEXION, "Flexion angle [deg]", (
         Series("flexion angle [deg]", ANGLE, 2.0, lambda shown, _: np.degrees(shown["flexion_angle"])),
     )),
-    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]",
-         "Contact force ± error, thick; load; force - load [BW of {weight} N]", (
+    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
         Series("force - error [BW]", BAND, 1.0,
                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
         Series("force + error [BW]", BAND, 1.0,
@@ -76,47 +75,45 @@ KNEE = (
         Series("contact force [BW]", FORCE, 3.0, lambda shown, weight: shown["contact_force"] / weight),
         Series("load [BW]", LOAD, 1.0, lambda shown, weight: shown["load"] / weight),
         Series("force - load [BW]", LOAD, 1.0, _excess),
-    )),
-    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", "Depth ± error, apart < 0 [mm]", (
+    ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
+    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
         Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
         Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
         Series("depth [mm]", DEPTH, 2.0, lambda shown, _: MM * _signed(shown)),
     )),
-    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]",
-         "Contact point on the plateau, anterior > 0 [mm]", (
+    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
         Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
     )),
 )  # fmt: skip
 """What stands beside the sagittal plane"""
 DETAILS = (
-    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", "Sliding velocity, anterior > 0 [mm/s]", (
+    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
         Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
     )),
-    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]",
-         "Estimated errors: depth, thick [µm]; force [N]", (
+    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
         Series("error of the force [N]", FORCE, 1.0, lambda shown, _: shown["force_error_estimate"]),
         Series("error of the depth [µm]", ERROR, 2.0, lambda shown, _: MICRO * shown["error_estimate"]),
-    )),
-    Plot("evaluations", "Contact law evaluations per tick", "Contact law evaluations per tick", (
+    ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
+    Plot("evaluations", "Contact law evaluations per tick", (
         Series("evaluations per tick", COST, 1.5, lambda shown, _: shown["evaluations"]),
     ), steps=True),
-    Plot("latency", "Latency from load to answer [ms]", "Latency from load to answer [ms]", (
+    Plot("latency", "Latency from load to answer [ms]", (
         Series("latency [ms]", ANGLE, 1.0, lambda shown, _: MM * shown["latency"]),
     ), live=True),
 )  # fmt: skip
 """What stands in the second tab"""
 READ_OFF = (
-    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", "Contact pressure: peak, thick; mean [MPa]", (
+    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
         Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
         Series("peak pressure [MPa]", FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
     ), read_off=True),
-    Plot("patch", "Half-width of the contact patch [mm]", "Half-width of the contact patch [mm]", (
+    Plot("patch", "Half-width of the contact patch [mm]", (
         Series("half-width [mm]", CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
     ), read_off=True),
-    Plot("strain", "Nominal strain of the cartilage [%]", "Nominal strain of the cartilage [%]", (
+    Plot("strain", "Nominal strain of the cartilage [%]", (
         Series("strain [%]", DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
     ), read_off=True),
-    Plot("loading_rate", "Loading rate [kN/s]", "Loading rate [kN/s]", (
+    Plot("loading_rate", "Loading rate [kN/s]", (
         Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
     ), read_off=True),
 )  # fmt: skip
@@ -129,7 +126,7 @@ FORCE_PLACE, LOAD_PLACE = 2, 3
 
 HEIGHT_DRIVEN = KNEE[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
-    titles="Contact force ± error, thick [BW of {weight} N]",
+    title_of_several="Contact force ± error, thick [BW of {weight} N]",
     series=KNEE[1].series[:LOAD_PLACE],
 )
 """`FORCES` where the height is prescribed: a load drives nothing there, and is none of the force's"""

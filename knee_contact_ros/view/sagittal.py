@@ -16,7 +16,6 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.view.anatomy import MAGNIFICATION
 from knee_contact_ros.view.colours import (
     BONE,
     CARTILAGE,
@@ -53,6 +52,8 @@ UNSEEN = -0.01
 """Half width of a point that only its label shows"""
 ABOVE_AXIS, ABOVE_FORCE = 9.0, 13.0
 """How far [mm] above the tip of an arrow its word stands, of one line and of two; words stand below their places"""
+MAGNIFICATION = 10.0
+"""Factor by which the depth of the drawn overlap is magnified along the normal"""
 FORCE_WITHIN = 0.8
 """The same above the contact at most, in extents of the femur: where there is bone behind it"""
 CAMERA, BODY = "sagittal", "body"
