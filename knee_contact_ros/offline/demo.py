@@ -1,7 +1,7 @@
 """`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
 
-What is played, and to which nodes, a `Source` says: a recorded joint reaction to the contact node (`Recorded`), or a
-leg's sensors to the load node before it (`demo_sensors.py`). The results appear under their names when all is done; an
+A `Source` says what is played to which nodes: a recorded joint reaction to the contact node (`Recorded`), or a leg's
+sensors to the load node before it (`demo_sensors.py`). The results appear under their names when all is done; an
 interrupted demo leaves nothing behind.
 """
 
@@ -49,7 +49,7 @@ from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
 
 PICTURE = Path("knee.png")
 RESULTS = (RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG)
-"""Of all demos: those of an earlier one give way"""
+"""Names of the results of all demos: a demo replaces those of an earlier one"""
 
 
 class Source(ABC):
@@ -128,8 +128,8 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
     """Run the demo and print its table.
 
     Raises:
-        UsageError: the bag, a parameter or the output folder cannot be used, ROS does not let us in, a node or the
-            companion has failed, or a node has answered nothing.
+        UsageError: the bag, a parameter or the output folder cannot be used, ROS cannot be joined, a node or the
+            companion has failed, or the contact node has answered nothing.
     """
     doubts, types = source.check(), {f"/{topic}": MESSAGE_TYPES[topic] for topic in source.inputs}
     with BagReader(source.bag, types) as reader, work_folder(output) as work, private_graph() as environment:
@@ -142,8 +142,8 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
                 for child in children:
                     child.check()
 
-            how = Play(rate, source.inputs, source.heard, source.companion, source.changed)
-            play(reader, how, listener, all_are_alive)
+            options = Play(rate, source.inputs, source.heard, source.companion, source.changed)
+            play(reader, options, listener, all_are_alive)
         summary = read_summary(work / RECORDING.parent, source.parameters.body_weight, doubts)
         if not summary.ticks:
             raise UsageError(f"bag {source.bag}: the node has answered nothing; refused: {counts(summary.refused)}")
@@ -159,7 +159,7 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
 
 
 def draw_peak(work: Path) -> str:
-    """Draw the knee at the largest load; give why there is no picture, nothing if there is one."""
+    """Draw the knee at the largest load; return why there is no picture, or an empty text."""
     try:
         write_peak(work / RECORDING.parent, work / PICTURE)
     except UsageError as error:
@@ -168,12 +168,12 @@ def draw_peak(work: Path) -> str:
 
 
 def picture_row(output: Path, missing: str) -> dict[str, str]:
-    """Where the picture is, or why it is missing."""
+    """Return the row with the place of the picture, or with the reason why it is `missing`."""
     return {"No picture": missing} if missing else {"Knee at the peak": str(output / PICTURE)}
 
 
 def offer(scene: Path) -> None:
-    """On a terminal with a screen, ask whether to open the scene, and do."""
+    """Ask whether to open the scene in a viewer, if there are a terminal and a screen."""
     if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
         return
     from knee_contact_ros.offline.view import look_at  # Rerun, which may be missing
@@ -184,7 +184,7 @@ def offer(scene: Path) -> None:
 
 
 def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
-    """Rows of the table that only a live run has."""
+    """Return the rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
         median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
@@ -198,7 +198,7 @@ def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
 
 
 def result_files(output: Path, companion: bool) -> dict[str, str]:
-    """Where the results are, and how to look at them."""
+    """Return the names and places of the results, and the command that shows them."""
     files = {"Recording": str(output / RECORDING.parent), "Node's log": str(output / NODE_LOG)}
     if companion:
         files["Companion's log"] = str(output / COMPANION_LOG)

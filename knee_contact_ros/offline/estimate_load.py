@@ -1,4 +1,4 @@
-"""`knee-contact estimate-load`: a bag of a leg's sensors to joint reaction forces, without ROS."""
+"""`knee-contact estimate-load`: joint reaction forces from a bag of a leg's sensors, without ROS."""
 
 from __future__ import annotations
 
@@ -29,29 +29,31 @@ from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
 from knee_contact_ros.system.errors import UsageError
 
-FEWEST_BETWEEN_NEWS = 1000
-"""Messages from one call of `advance` to the next"""
+MESSAGES_PER_ADVANCE = 1000
+"""Number of messages from one call of `advance` to the next"""
 
 
 @dataclass
 class LoadSummary:
-    """What there is to say of a bag's joint reactions: 16 B for each, and all of the largest one."""
+    """Figures of all joint reactions that were estimated from a bag; memory grows by 16 B with each."""
 
     level: str
+    """Name of the level of the estimator"""
     calibrated: bool
+    """Whether the constants are fitted to the person"""
     peak: Estimate | None = None
-    """The one with the largest axial force"""
+    """Estimate with the largest axial force"""
     flagged: Counter[str] = field(default_factory=Counter)
-    """Estimates by the names of their status bits"""
+    """Number of estimates by the name of a status bit that they have"""
     refused: Counter[str] = field(default_factory=Counter)
-    """Samples by reason"""
+    """Number of refused samples by reason"""
     damage: list[str] = field(default_factory=list)
-    """What is wrong with the bag"""
+    """Damage of the bag, as sentences"""
     _stamps: array[int] = field(default_factory=lambda: array("q"))
     _axial: array[float] = field(default_factory=lambda: array("d"))
 
     def add(self, stamp: int, estimate: Estimate) -> None:
-        """Take an estimate at a stamp [ns] into account."""
+        """Add an estimate and its stamp [ns]."""
         self._stamps.append(stamp)
         self._axial.append(estimate.axial_force)
         if self.peak is None or estimate.axial_force > self.peak.axial_force:
@@ -61,17 +63,17 @@ class LoadSummary:
 
     @property
     def stamps(self) -> NDArray[np.int64]:
-        """[ns], shape (n,)."""
+        """Stamps of the estimates [ns], shape (n,)."""
         return np.array(self._stamps)
 
     @property
     def axial(self) -> NDArray[np.float64]:
-        """[N], shape (n,)."""
+        """Axial forces [N], compressive positive, shape (n,)."""
         return np.array(self._axial)
 
     @property
     def duration(self) -> float:
-        """From the first to the last estimate [s]."""
+        """Time [s] from the first to the last estimate."""
         return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
 
 
@@ -81,11 +83,19 @@ def estimate_load(
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
-    The messages are those that the node would publish, bit for bit. `advance` is called now and then with the number of
-    messages done and in all; `names` are those of the inputs in the bag; `keep` is given every estimate, and its stamp.
+    The messages are those that the load node would publish, bit for bit.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
+        parameters: Parameters of the load node.
+        output: The .mcap file to write; None: only the summary is wanted.
+        advance: Called now and then with the number of messages done, and of all messages.
+        overwrite: Replace an existing output, once the new one is complete.
+        names: Names of the inputs in the bag.
+        keep: Called with the stamp [ns] of every estimate and the estimate.
 
     Raises:
-        UsageError: the bag or the output cannot be used, or nothing could be estimated. `output` is then not there.
+        UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
     """
     with ExitStack() as opened:
         if output:
@@ -101,7 +111,7 @@ def estimate_load(
         for number, message in enumerate(inputs.messages(), start=1):
             take = pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
             _keep(take(message.data), pipeline, recorder, takers)
-            if number % FEWEST_BETWEEN_NEWS == 0:
+            if number % MESSAGES_PER_ADVANCE == 0:
                 advance(number, inputs.reader.count)
         _keep(pipeline.finish(), pipeline, recorder, takers)
         advance(inputs.reader.count, inputs.reader.count)
@@ -113,9 +123,9 @@ def estimate_load(
                 recorder.bag.add_metadata(SOURCE_DAMAGE, faults)
         if summary.peak is None:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            told = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
+            damage = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
             why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
-            raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){told}")
+            raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){damage}")
     return summary
 
 
@@ -135,7 +145,7 @@ def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterato
 
 
 def named_joints(parameters: LoadParameters) -> dict[str, str]:
-    """Joints that the parameters name, by these parameters."""
+    """Return the names of the joints that the load node needs, by the parameters that give them."""
     joints = {"knee": parameters.knee, "ankle": parameters.ankle, "hip": parameters.hip}
     return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
 

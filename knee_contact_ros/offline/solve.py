@@ -42,16 +42,16 @@ from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
-"""Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
+"""Number of messages in a block: few enough for a few MB, many enough that handling a block costs nothing"""
 SOURCE_DAMAGE = "source_damage"
-"""Name of the metadata record that says what is wrong with the bag"""
+"""Name of the metadata record of an output that lists the damage of the bag it was computed from"""
 MESSAGES_OF_A_TICK = 2
-"""An angle and a force"""
+"""Number of input messages that a tick needs: an angle and a force"""
 
 
 def solve(
     bag: Path,
-    how: Parameters | Provenance,
+    basis: Parameters | Provenance,
     output: Path | None,
     advance: Callable[[int, int], None],
     overwrite: bool = False,
@@ -64,21 +64,29 @@ def solve(
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
-    `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
-    called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
-    once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
-    computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
-    given all answers, by and by: an array for each compartment; `prepare` is given the pipeline before its first
-    message. `curves` has the contents of files that parameters name, by parameter, and none is opened then.
+    A damaged bag is computed as far as it can be read; the summary and a metadata record of the output list its damage.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
+        basis: Parameters, or the provenance of a recording (`read_provenance`) that is computed again.
+        output: The .mcap file to write; None: only the summary is wanted.
+        advance: Called now and then with the number of messages done, and of all messages.
+        overwrite: Replace an existing output, once the new one is complete.
+        names: Names of the inputs in the bag.
+        compiled: As for `load_model`.
+        keep: Called with the answers of every block: an array for each compartment.
+        prepare: Called with the pipeline before its first message.
+        curves: Contents of the files that parameters name, by parameter; None: the files are read.
 
     Raises:
-        UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
+        UsageError: the bag or the output cannot be used, or no tick could be computed. No output is left then.
     """
-    parameters = how.parameters if isinstance(how, Provenance) else how
-    curves = texts_of(how) if curves is None else curves
-    changes = Changes(how.changes if isinstance(how, Provenance) else ())
+    recording = basis if isinstance(basis, Provenance) else None
+    parameters = basis.parameters if isinstance(basis, Provenance) else basis
+    curves = texts_of(basis) if curves is None else curves
+    changes = Changes(recording.changes if recording else ())
     with ExitStack() as opened:
-        source = JOINT_STATES if isinstance(how, Provenance) else parameters.knee.source  # recorded are JointStates
+        source = JOINT_STATES if recording else parameters.knee.source  # a recording holds JointStates
         inputs = opened.enter_context(BagInputs(bag, source, names))
         reader = inputs.reader
         if output:
@@ -86,14 +94,14 @@ def solve(
         check_joints(inputs, wanted_joints(parameters))
         pipeline = Pipeline(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
-        pipeline.frame.is_known = isinstance(how, Provenance)
-        if parameters.frame.tibia and not pipeline.frame.is_known:
+        pipeline.frame.is_known = recording is not None
+        if parameters.frame.tibia and not recording:
             learn_transforms(bag, pipeline.frame)
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-            names_of_topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
-            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), names_of_topics)
+            topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
+            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), topics)
         if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
             pipeline.compile(forced)
         prepare(pipeline)
@@ -109,31 +117,31 @@ def solve(
             recorder.finish(pipeline.ending())
         summary.finish()
         damage = reader.damage
-        if isinstance(how, Provenance):
+        if recording:
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
-            damage = [*how.damage, *damage, *(late if damage and how.changes else []), *_order(pipeline)]
+            damage = [*recording.damage, *damage, *(late if damage and recording.changes else []), *_order(pipeline)]
         if damage and recorder:
             recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if pipeline.varies else None
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){told}")
+            why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){why}")
     return summary
 
 
-def texts_of(how: Parameters | Provenance) -> Mapping[str, str]:
-    """Contents of the files that parameters name, by parameter.
+def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
+    """Return the contents of the files that parameters name, by parameter.
 
     Raises:
-        UsageError: one cannot be read, or a recording does not hold it.
+        UsageError: a file cannot be read, or a recording does not hold its contents.
     """
-    return how.texts() if isinstance(how, Provenance) else curve_texts(how, {})
+    return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
 
 
 def _order(pipeline: Pipeline) -> list[str]:
-    """What is wrong with the order in which a recording was read: it holds nothing that the node has refused."""
+    """Report samples of a recording that are refused for their order: the node had accepted all that it recorded."""
     refused = pipeline.synchroniser.refused
     out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
     words = "samples that were answered then are refused now: stamps go back, and a recording is read in their order"
@@ -141,7 +149,7 @@ def _order(pipeline: Pipeline) -> list[str]:
 
 
 class Run:
-    """Takes messages, and writes what comes of them, if there is a recorder, and tells others."""
+    """A pipeline that is fed with blocks of messages, and whose answers are recorded and passed on."""
 
     def __init__(
         self,
@@ -151,17 +159,21 @@ class Run:
         changes: Changes,
         behind: Behind,
     ) -> None:
-        """What is taken at once is written `behind`; all is when `keep` returns."""
+        """Feed `pipeline`, and call `takers` with the rows of its answers, an array for each compartment.
+
+        A block that is computed at once is written to `recorder` by the thread `behind`; when `keep` returns, all is
+        written. Without a recorder nothing is. `changes` are made at their ticks.
+        """
         self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
         self._behind = behind
 
     def take(self, block: Batch) -> None:
-        """Take angles (0) and forces (1) in their order: at once if they allow it, else one by one."""
+        """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
         if self._changes.waiting or not self._take_at_once(block):
             self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
-        """Write answers and take them into account, and what has changed between them."""
+        """Record answers and pass their rows on; make the changes that are due between them."""
         rows = []
         self._behind.wait()
         for answer in answers:
@@ -173,7 +185,7 @@ class Run:
             self._make_changes()
         if rows:
             together, number = np.frombuffer(b"".join(rows), ROW), len(self._pipeline.compartments)
-            self._tell([together[first::number] for first in range(number)])
+            self._pass_on([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Batch) -> bool:
         answers = take(self._pipeline, block.of(0), block.of(1))
@@ -182,10 +194,10 @@ class Run:
         if self._recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
             self._behind.do(write_messages, self._recorder.bag, parts)
-        self._tell(answers.rows)
+        self._pass_on(answers.rows)
         return True
 
-    def _tell(self, rows: Sequence[Rows]) -> None:
+    def _pass_on(self, rows: Sequence[Rows]) -> None:
         for taker in self._takers:
             taker(rows)
 
@@ -203,21 +215,21 @@ class Run:
 
 
 class Changes:
-    """Changes that wait for their tick."""
+    """Resets and changed parameters of the node that made a recording, to be made again at the same ticks."""
 
     def __init__(self, changes: Iterable[Change]) -> None:
         self._waiting = deque(changes)
 
     @property
     def waiting(self) -> bool:
-        """Whether there are any left."""
+        """Whether changes are left that have not been made yet."""
         return bool(self._waiting)
 
     def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
-        """Make those whose tick has come; give the metadata record of each.
+        """Make the changes whose tick has come; yield the name and the values of the metadata record of each.
 
         Raises:
-            UsageError: parameters that this version does not allow.
+            UsageError: this version of the package does not allow the changed parameters.
         """
         while self._waiting and pipeline.ticks >= self._waiting[0].tick:
             tick, values = self._waiting.popleft()

@@ -1,4 +1,4 @@
-"""The table of results that `demo` and `solve` print."""
+"""The tables of results that `demo` and `solve` print."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from knee_contact_ros.results.columns import begin_of, told
 from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
 
 MOST_PEAKS = 12
-"""That have a row each"""
+"""Largest number of load peaks that have a row each"""
 ONE_MOMENT = 100_000_000
-"""[ns] within which the largest load, force and depth are those of one peak"""
+"""Time [ns] within which the largest load, force and depth belong to one peak"""
 MM = 1e3
 MICROMETRE = 1e6
 
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
-    """Print the peaks, the figures of the run and where the files are; `live` has rows that only a live run knows."""
+    """Print the peaks, the figures of the run with further rows `live`, and the names and places of the `files`."""
     console = Console(width=WIDTH, emoji=False)
     for name, compartment in compartments(summary):
         if name:
@@ -61,26 +61,26 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
 
 
 def compartments(summary: Summary) -> list[tuple[str, Summary]]:
-    """The only compartment, without a name, or both by theirs."""
+    """Return the name and the summary of each compartment; the name is empty if there is only one."""
     return [(MEDIAL, summary), (LATERAL, summary.lateral)] if summary.lateral else [("", summary)]
 
 
 def error_of_depth(summary: Summary) -> str:
-    """The largest estimate of the depth's error, with its unit."""
+    """Return the largest estimated error of the depth as text, with its unit."""
     error = summary.largest_error
     return f"{error * MICROMETRE:.2g} um" if math.isfinite(error) else "no bound"
 
 
 def error_of_force(summary: Summary) -> str:
-    """The largest estimate of the contact force's error, with its unit."""
+    """Return the largest estimated error of the contact force as text, with its unit."""
     error = summary.largest_force_error
     return f"{error:.2g} N" if math.isfinite(error) else "no bound"
 
 
 def peak_table(summary: Summary) -> Table:
-    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run.
+    """Make the table of the load peaks (or of their mean if there are many) and the largest values, in N, BW and mm.
 
-    Stamps that are dates are told from the first one on: as seconds since 1970 they are too long to be read.
+    Stamps that are dates are given as the time since the first one: seconds since 1970 are too long to be read.
     """
     begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -110,11 +110,12 @@ def peak_table(summary: Summary) -> Table:
 
 
 def counts(counter: Mapping[str, int]) -> str:
-    """How many in all, and of which."""
+    """Return the total of a counter as text, with the count of each name in brackets."""
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
     return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
 
 
 def _shares(levels: Mapping[str, int]) -> str:
+    """Return the share of each level in percent, as text."""
     whole = max(sum(levels.values()), 1)
     return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))

@@ -52,7 +52,7 @@ def solve(
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.offline.in_memory import asked_of
+    from knee_contact_ros.offline.in_memory import basis_of
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
     from knee_contact_ros.parameters.subject import Subject
@@ -63,13 +63,13 @@ def solve(
     bag = bag or (person.bag if person else None)
     if bag is None:
         raise UsageError("no BAG: give one, or --subject with a file that names one")
-    how = asked_of(bag, parameter_files or None, parameters_of(parameter_values), person)
+    basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
-        summary = solve_bag(bag, how, output, advance, overwrite, names)
+        summary = solve_bag(bag, basis, output, advance, overwrite, names)
     given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
     files = ", ".join(map(str, given))
-    source = f"those in {bag.name}, made with {how.package}" if isinstance(how, Provenance) else files
+    source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
     warn(others_beside(bag))
