@@ -1,7 +1,7 @@
-"""The knee at a moment, drawn by matplotlib alone: no Rerun, no display.
+"""The knee at a moment, drawn by matplotlib, without Rerun or a display.
 
 `write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives;
-`draw_knee` and `draw_contact` paint on axes of somebody else's figure.
+`draw_knee` and `draw_contact` draw on the axes of a figure of the caller.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ MM = 1e3
 EXTRA = "report"
 BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
-"""Where cartilages overlap, where more than the first layer does, the force, texts"""
+"""Colours of the overlap of cartilages, of an overlap beyond the first layer, of the force, and of texts"""
 MM_PER_WEIGHT = 6.0
-"""Length of the force's arrow for a body weight"""
+"""Length [mm] of the force's arrow per body weight"""
 SLENDER = 0.85
-"""Width over height that a knee has room for at least"""
+"""Least ratio of width to height of the room for a knee"""
 FLAT = 0.5
-"""Height over width of the magnified contact"""
+"""Ratio of height to width of the magnified contact"""
 SIDE, ABOVE, BELOW = 1.35, 0.5, 1.4
-"""What the magnified contact shows: in half widths of the widest overlap, and in depths of the deepest"""
+"""Range of the magnified contact: to each side in half-widths of the widest overlap, up and down in largest depths"""
 LEAST_DEPTH = 0.1e-3
-"""[m] that the magnified contact shows at least"""
+"""Least depth [m] for which the magnified contact has room"""
 SIZE, DPI = (5.2, 6.4), 160
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
 
@@ -49,24 +49,24 @@ class Moment(NamedTuple):
 
     model: KneeModel
     flexion_angle: float
-    """[rad]"""
+    """Flexion angle [rad]"""
     femoral_height: float
-    """[m]"""
+    """Height of the femoral reference point [m]"""
     contact_force: float
-    """[N]"""
+    """Contact force [N]"""
     body_weight: float
-    """[N]"""
+    """Body weight [N]"""
 
     @property
     def force(self) -> str:
-        """In words."""
+        """The contact force in body weights and N, as text."""
         return f"{self.contact_force / self.body_weight:.2f} BW ({self.contact_force:.0f} N)"
 
 
 def write_peak(recording: Path, output: Path) -> str:
-    """Write a PNG of a recording's first knee where the load is largest; give what it shows, in a line.
+    """Write a PNG of a recording's first knee where the load is largest; return a line on what it shows.
 
-    Where the femoral height drives, no load does: there it is the contact force.
+    Where the femoral height drives the model, the largest contact force is shown.
 
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
@@ -96,9 +96,9 @@ def write_peak(recording: Path, output: Path) -> str:
 
 
 def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
-    """The answer with the largest load or contact force on a topic that has answers, by their names.
+    """Return the fields of the answer with the largest `force` (`load` or `contact_force`) on a topic with answers.
 
-    One that is missing is none. `first_stamp` is that of the first answer [ns].
+    Forces that are NaN do not count. `first_stamp` is the stamp of the first answer [ns].
     """
     first, rows = [], []
     for block in answer_blocks(recording, topic):
@@ -109,12 +109,12 @@ def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
 
 
 def _known(forces: Any) -> Floats:
-    """Forces [N], shape (n,); below all others where there is none."""
+    """Return forces [N], shape (n,), with minus infinity in the place of NaN."""
     return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
 def png(shown: Moment, title: str) -> bytes:
-    """The knee with its magnified contact."""
+    """Return a PNG of the knee with its magnified contact."""
     import io
 
     import matplotlib as mpl
@@ -134,18 +134,18 @@ def png(shown: Moment, title: str) -> bytes:
 
 
 class Window(NamedTuple):
-    """What magnified contacts show; one for all that are compared."""
+    """Range that magnified contacts show; the same for all that are compared."""
 
     half_width: float
-    """[m] along the surface"""
+    """Half the width along the surface [m]"""
     above: float
-    """[m] over the tibia's surface"""
+    """Height above the tibia's surface [m]"""
     below: float
-    """[m] under it"""
+    """Depth below the tibia's surface [m]"""
 
     @classmethod
     def around(cls, shown: Sequence[Moment]) -> Window:
-        """Wide and high enough for some knees."""
+        """Return a window that is wide and high enough for several knees."""
         pictures = [posed(each) for each in shown]
         depth, gap = (max(LEAST_DEPTH, *(sign * picture.depth for picture in pictures)) for sign in (1.0, -1.0))
         radius = max(each.model.femoral_radius for each in shown)
@@ -155,13 +155,13 @@ class Window(NamedTuple):
 
     @property
     def magnification(self) -> float:
-        """Of heights against widths; a whole number if it can be."""
+        """Magnification of heights relative to widths; a whole number if it is above 1."""
         factor = FLAT * 2.0 * self.half_width / (self.above + self.below)
         return max(round(factor), 1) if factor > 1.0 else factor
 
 
 def draw_knee(axis: Any, shown: Moment) -> None:
-    """Femur and tibia with their cartilage, the force on the femur, directions and a scale."""
+    """Draw femur and tibia with their cartilage, the force on the femur, directions and a scale."""
     picture = posed(shown)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
@@ -190,7 +190,7 @@ def draw_knee(axis: Any, shown: Moment) -> None:
 
 
 def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
-    """The contact, magnified along its normal: what femur and tibia would overlap by, if neither gave way."""
+    """Draw the contact, magnified along its normal: the overlap of femur and tibia, if neither were deformed."""
     picture = posed(shown)
     for part, colour in (
         (picture.tibia_cartilage, CARTILAGE), (picture.tibia_bone, BONE), (picture.femur_cartilage, CARTILAGE),
@@ -223,13 +223,13 @@ def posed(shown: Moment) -> Picture:
 
 
 def in_contact_frame(picture: Picture, points: Floats) -> Floats:
-    """Points, shape (n, 2) [m], about the contact point in mm: along the surface, and along its normal."""
+    """Transform points, shape (n, 2) [m], to mm along the surface and along its normal, from the contact point."""
     across, up = picture.normal
     return np.asarray(MM * (points - picture.contact_point) @ np.array([[up, across], [-across, up]]))
 
 
 def beyond(overlap: Floats, layer: float) -> Floats:
-    """The part of an overlap that is deeper than a first layer, in the middle of it; there and back as the overlap."""
+    """Return the polygon of the part of an overlap that is deeper than the first layer [mm]."""
     upper, lower = overlap[: len(overlap) // 2], overlap[len(overlap) // 2 :][::-1]
     deep = upper[:, 1] - lower[:, 1] > layer
     inset = np.array([0.0, 0.5 * layer])
@@ -237,13 +237,13 @@ def beyond(overlap: Floats, layer: float) -> Floats:
 
 
 def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
-    """A polygon, shape (n, 2), if it is one."""
+    """Fill a polygon, shape (n, 2), unless it has fewer than three points."""
     if len(polygon) > 2:
         axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)
 
 
 def arrow(axis: Any, picture: Picture, shown: Moment) -> None:
-    """The contact force on the femur, from the contact point along the normal."""
+    """Draw the contact force on the femur, from the contact point along the normal."""
     begin = MM * np.array(picture.contact_point)
     length = MM_PER_WEIGHT * shown.contact_force / shown.body_weight
     end = begin + length * np.array(picture.normal)
@@ -254,13 +254,13 @@ def arrow(axis: Any, picture: Picture, shown: Moment) -> None:
 
 
 def in_shaft(bone: Floats, contact: Floats, along: tuple[float, float]) -> Floats:
-    """A place in a bone's shaft, which goes `along` a direction: near its end."""
+    """Return a place near the end of a bone's shaft, which points `along` a direction."""
     end = bone[np.argsort((bone - contact) @ np.array(along))[-2:]].mean(axis=0)
     return np.asarray(end - 11.0 * np.array(along))
 
 
 def directions(axis: Any, left: float, right: float, y: float) -> None:
-    """Anterior, and a scale of 10 mm."""
+    """Draw the anterior direction and a scale of 10 mm."""
     style = {"color": QUIET, "fontsize": 8.5, "va": "center"}
     axis.text(left, y, "anterior →", ha="left", **style)
     axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")

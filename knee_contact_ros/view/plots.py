@@ -1,4 +1,4 @@
-"""The curves: one plot an entity, its series in this order."""
+"""The curves of the scene: a plot is one entity, with its series in the order given here."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ MEGA = 1e-6
 
 
 NOISE, LEAST = 3.0, 0.01
-"""Force less load is none where it is less than so many times its estimated error, or less than that [BW]"""
+"""Noise of force less load: `NOISE` times the estimated error of the force, and at least `LEAST` [BW]"""
 
 
 class Series(NamedTuple):
     """A curve."""
 
     name: str
-    """With its unit"""
+    """Name with the unit"""
     colour: Colour
     width: float
+    """Width of the line"""
     values: Callable[[Any, float], Floats]
-    """Of answers, or of their readouts, and body weight [N], in that unit"""
+    """Function of answers (or of their readouts) and body weight [N] that returns the values in the unit"""
 
 
 class Plot(NamedTuple):
     """Curves that share a view."""
 
     path: str
-    """Of its entity under `KNEE/curves`"""
+    """Path of its entity under `KNEE/curves`"""
     title: str
     """Title with the unit, and the colours of the curves if one knee has the view"""
     series: tuple[Series, ...]
@@ -48,18 +49,18 @@ class Plot(NamedTuple):
     steps: bool = False
     """Whether a value holds until the next one"""
     read_off: bool = False
-    """Whether it shows readouts"""
+    """Whether it shows readouts of answers, and not their fields"""
 
 
 def _excess(shown: Rows, weight: float) -> Floats:
-    """Contact force less load [BW]; 0 where it is noise."""
+    """Return contact force less load [BW]; 0 where it is noise."""
     excess = shown["contact_force"] - shown["load"]
     noise = np.maximum(NOISE * np.nan_to_num(shown["force_error_estimate"]), LEAST * weight)
     return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
 
 
 LAYER = "layer"
-"""Entity with the depth at which the second layer begins, shown with the depths"""
+"""Path of the entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
@@ -85,7 +86,7 @@ KNEE = (
         Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
     )),
 )  # fmt: skip
-"""What stands beside the sagittal plane"""
+"""Plots beside the sagittal plane"""
 DETAILS = (
     Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
         Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
@@ -101,7 +102,7 @@ DETAILS = (
         Series("latency [ms]", ANGLE, 1.0, lambda shown, _: MM * shown["latency"]),
     ), live=True),
 )  # fmt: skip
-"""What stands in the second tab"""
+"""Plots in the second tab"""
 READ_OFF = (
     Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
         Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
@@ -117,11 +118,11 @@ READ_OFF = (
         Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
     ), read_off=True),
 )  # fmt: skip
-"""What stands in the third tab"""
+"""Plots in the third tab"""
 
 
 FORCE_PLACE, LOAD_PLACE = 2, 3
-"""Of contact force and load in `FORCES`"""
+"""Places of contact force and load among the series of `FORCES`"""
 
 
 HEIGHT_DRIVEN = KNEE[1]._replace(
@@ -129,16 +130,16 @@ HEIGHT_DRIVEN = KNEE[1]._replace(
     title_of_several="Contact force ± error, thick [BW of {weight} N]",
     series=KNEE[1].series[:LOAD_PLACE],
 )
-"""`FORCES` where the height is prescribed: a load drives nothing there, and is none of the force's"""
+"""Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
 
 
 def _signed(shown: Rows) -> Floats:
-    """Depth [m], < 0 apart."""
+    """Return the depth [m]; negative when apart."""
     return np.asarray(shown["penetration_depth"] - shown["gap"])
 
 
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
-    """Those in which there is something to see of a knee."""
+    """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
     shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
     if drawing.height_prescribed:
         shown = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in shown]
