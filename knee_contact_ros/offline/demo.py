@@ -19,19 +19,7 @@ import numpy as np
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
-from knee_contact_ros.offline.stage import (
-    COMPANION_LOG,
-    LOAD_LOG,
-    LOAD_RECORDING,
-    NODE_LOG,
-    RECORDING,
-    RERUN_FILE,
-    Listener,
-    Play,
-    companion_process,
-    node_process,
-    play,
-)
+from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import counts, show_summary
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -48,7 +36,10 @@ from knee_contact_ros.view.picture import write_peak
 from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
 
 PICTURE = Path("knee.png")
-RESULTS = (RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG)
+RESULTS = (
+    stage.RECORDING.parent, stage.LOAD_RECORDING.parent, stage.RERUN_FILE, PICTURE, stage.NODE_LOG, stage.LOAD_LOG,
+    stage.COMPANION_LOG,
+)  # fmt: skip
 """Names of the results of all demos: a demo replaces those of an earlier one"""
 
 
@@ -58,7 +49,7 @@ class Source(ABC):
     inputs: Sequence[str]
     """Names of the topics of the bag that are played, angles first"""
     heard: Sequence[str]
-    """Inputs that the nodes must hear before the demo begins, as in `Listener.heard`"""
+    """Inputs that the nodes must hear before the demo begins, as in `stage.Listener.heard`"""
 
     def __init__(self, bag: Path, companion: bool, parameters: Parameters) -> None:
         """Play `bag`, with the example of an assist controller listening too if there is a `companion`.
@@ -121,7 +112,7 @@ class Recorded(Source):
 
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
         """See `Source.processes`."""
-        return [node_process(self._files, work), *([companion_process(work, {})] if self.companion else [])]
+        return [stage.node_process(self._files, work), *([stage.companion_process(work, {})] if self.companion else [])]
 
 
 def run_demo(source: Source, output: Path, rate: float) -> None:
@@ -134,7 +125,7 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
     doubts, types = source.check(), {f"/{topic}": MESSAGE_TYPES[topic] for topic in source.inputs}
     with BagReader(source.bag, types) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        listener = Listener(source.inputs[1])
+        listener = stage.Listener(source.inputs[1])
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in source.processes(work)]
 
@@ -142,34 +133,29 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
                 for child in children:
                     child.check()
 
-            options = Play(rate, source.inputs, source.heard, source.companion, source.changed)
-            play(reader, options, listener, all_are_alive)
-        summary = read_summary(work / RECORDING.parent, source.parameters.body_weight, doubts)
+            options = stage.Play(rate, source.inputs, source.heard, source.companion, source.changed)
+            stage.play(reader, options, listener, all_are_alive)
+        summary = read_summary(work / stage.RECORDING.parent, source.parameters.body_weight, doubts)
         if not summary.ticks:
             raise UsageError(f"bag {source.bag}: the node has answered nothing; refused: {counts(summary.refused)}")
         rows = live_rows(listener, summary) | source.rows(work, summary)
-        picture = draw_peak(work)
+        picture = draw_peak(work, output)
         for result in RESULTS:
             replace(work / result, output / result)
-    files = source.files(output) | result_files(output, source.companion) | picture_row(output, picture)
+    files = source.files(output) | result_files(output, source.companion) | picture
     show_summary(summary, rows, files)
     warn(summary.sentences)
     if viewer():
-        offer(output / RERUN_FILE)
+        offer(output / stage.RERUN_FILE)
 
 
-def draw_peak(work: Path) -> str:
-    """Draw the knee at the largest load; return why there is no picture, or an empty text."""
+def draw_peak(work: Path, output: Path) -> dict[str, str]:
+    """Draw the knee at the largest load; return the row with the picture's place, or with why there is none."""
     try:
-        write_peak(work / RECORDING.parent, work / PICTURE)
+        write_peak(work / stage.RECORDING.parent, work / PICTURE)
     except UsageError as error:
-        return str(error)
-    return ""
-
-
-def picture_row(output: Path, missing: str) -> dict[str, str]:
-    """Return the row with the place of the picture, or with the reason why it is `missing`."""
-    return {"No picture": missing} if missing else {"Knee at the peak": str(output / PICTURE)}
+        return {"No picture": str(error)}
+    return {"Knee at the peak": str(output / PICTURE)}
 
 
 def offer(scene: Path) -> None:
@@ -183,7 +169,7 @@ def offer(scene: Path) -> None:
             look_at(scene)
 
 
-def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
+def live_rows(listener: stage.Listener, summary: Summary) -> dict[str, str]:
     """Return the rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
@@ -199,10 +185,10 @@ def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
 
 def result_files(output: Path, companion: bool) -> dict[str, str]:
     """Return the names and places of the results, and the command that shows them."""
-    files = {"Recording": str(output / RECORDING.parent), "Node's log": str(output / NODE_LOG)}
+    files = {"Recording": str(output / stage.RECORDING.parent), "Node's log": str(output / stage.NODE_LOG)}
     if companion:
-        files["Companion's log"] = str(output / COMPANION_LOG)
+        files["Companion's log"] = str(output / stage.COMPANION_LOG)
     if not viewer():
         return files | {"Not drawn": NOT_INSTALLED}
-    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
-    return files | {"Rerun file": str(output / RERUN_FILE), "To see it": to_see}
+    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / stage.RERUN_FILE}"
+    return files | {"Rerun file": str(output / stage.RERUN_FILE), "To see it": to_see}

@@ -29,18 +29,11 @@ from knee_contact_ros.messages.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
+from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
 from knee_contact_ros.offline.demo import Source
 from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.stage import (
-    LOAD_LOG,
-    LOAD_RECORDING,
-    RECORDING,
-    companion_process,
-    load_process,
-    node_process,
-)
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint, LoadParameters
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -116,9 +109,9 @@ class Sensors(Source):
         """See `Source.processes`."""
         assisted = {"knee.assisted": "true"} if self.companion else {}
         return [
-            node_process(self._files, work, values={"body_weight": str(self.weight)}),
-            load_process(self._load_files, work, assisted),
-            *([companion_process(work, {"force_limit": str(FORCE_LIMIT)})] if self.companion else []),
+            stage.node_process(self._files, work, values={"body_weight": str(self.weight)}),
+            stage.load_process(self._load_files, work, assisted),
+            *([stage.companion_process(work, {"force_limit": str(FORCE_LIMIT)})] if self.companion else []),
         ]
 
     def changed(self, message: RawMessage, torque: float) -> RawMessage:
@@ -131,7 +124,7 @@ class Sensors(Source):
         """Return rows on the estimated and the recorded load, and on the contact with and without assistance."""
         calibrated = "yes" if self.load_parameters.calibrated else "no: for looking, not for gating anything"
         rows = {"load's level": self.load_parameters.chosen_level, "calibrated": calibrated}
-        rows["estimated load"] = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE).text(self.weight)
+        rows["estimated load"] = largest(work / stage.LOAD_RECORDING.parent, LOAD_ESTIMATE).text(self.weight)
         if self.bag.resolve() == (share_folder() / "bags" / BAG).resolve():
             recorded = largest(self.bag.with_name(RECORDED), JOINT_REACTION_FORCE)
             rows["recorded load"] = f"{recorded.text(self.weight)}, by OpenSim from muscles"
@@ -139,7 +132,10 @@ class Sensors(Source):
 
     def files(self, output: Path) -> dict[str, str]:
         """See `Source.files`."""
-        return {"Load's recording": str(output / LOAD_RECORDING.parent), "Load's log": str(output / LOAD_LOG)}
+        return {
+            "Load's recording": str(output / stage.LOAD_RECORDING.parent),
+            "Load's log": str(output / stage.LOAD_LOG),
+        }
 
     def _assisted_rows(self, work: Path, summary: Summary) -> dict[str, str]:
         """Return rows that compare the contact with that of the same bag without assistance, computed offline."""
@@ -148,7 +144,7 @@ class Sensors(Source):
         estimate_load(self.bag, parameters, loads, lambda _done, _total: None)
         keep = lambda rows: blocks.append(rows[0])  # noqa: E731
         without = solve(loads, self.parameters, None, lambda _done, _total: None, keep=keep).peaks["contact_force"]
-        less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / RECORDING.parent)]))
+        less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / stage.RECORDING.parent)]))
         return {
             "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
             "largest contact": f"{without.value:.1f} N without assistance, "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -148,69 +149,64 @@ def _order(pipeline: Pipeline) -> list[str]:
     return [f"{out_of_order} {words}"] if out_of_order else []
 
 
+@dataclass
 class Run:
     """A pipeline that is fed with blocks of messages, and whose answers are recorded and passed on."""
 
-    def __init__(
-        self,
-        pipeline: Pipeline,
-        recorder: AnswerWriter | None,
-        takers: Sequence[Callable[[Sequence[Rows]], object]],
-        changes: Changes,
-        behind: Behind,
-    ) -> None:
-        """Feed `pipeline`, and call `takers` with the rows of its answers, an array for each compartment.
-
-        A block that is computed at once is written to `recorder` by the thread `behind`; when `keep` returns, all is
-        written. Without a recorder nothing is. `changes` are made at their ticks.
-        """
-        self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
-        self._behind = behind
+    pipeline: Pipeline
+    recorder: AnswerWriter | None
+    """Writer of the recording; None: nothing is recorded"""
+    takers: Sequence[Callable[[Sequence[Rows]], object]]
+    """Functions that are called with the rows of answers, an array for each compartment"""
+    changes: Changes
+    """Changes that are made at their ticks"""
+    behind: Behind
+    """Thread that writes blocks which were computed at once; when `keep` returns, all is written"""
 
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
-        if self._changes.waiting or not self._take_at_once(block):
+        if self.changes.waiting or not self._take_at_once(block):
             self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
         """Record answers and pass their rows on; make the changes that are due between them."""
         rows = []
-        self._behind.wait()
+        self.behind.wait()
         for answer in answers:
-            if self._pipeline.frame.turn_note:
-                self._note(FORCE_TURNED, self._pipeline.frame.told())
-            if self._recorder:
-                self._recorder.write(answer.records)
+            if self.pipeline.frame.turn_note:
+                self._note(FORCE_TURNED, self.pipeline.frame.told())
+            if self.recorder:
+                self.recorder.write(answer.records)
             rows.append(answer.row)
             self._make_changes()
         if rows:
-            together, number = np.frombuffer(b"".join(rows), ROW), len(self._pipeline.compartments)
+            together, number = np.frombuffer(b"".join(rows), ROW), len(self.pipeline.compartments)
             self._pass_on([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Batch) -> bool:
-        answers = take(self._pipeline, block.of(0), block.of(1))
+        answers = take(self.pipeline, block.of(0), block.of(1))
         if answers is None:
             return False
-        if self._recorder:
+        if self.recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
-            self._behind.do(write_messages, self._recorder.bag, parts)
+            self.behind.do(write_messages, self.recorder.bag, parts)
         self._pass_on(answers.rows)
         return True
 
     def _pass_on(self, rows: Sequence[Rows]) -> None:
-        for taker in self._takers:
+        for taker in self.takers:
             taker(rows)
 
     def _note(self, name: str, values: dict[str, str]) -> None:
-        if self._recorder:
-            self._recorder.note(name, values)
+        if self.recorder:
+            self.recorder.note(name, values)
 
     def _take_one(self, number: int, data: bytes) -> Iterator[Answer]:
         self._make_changes()
-        return (self._pipeline.force if number else self._pipeline.joint_state)(data)
+        return (self.pipeline.force if number else self.pipeline.joint_state)(data)
 
     def _make_changes(self) -> None:
-        for name, values in self._changes.make(self._pipeline):
+        for name, values in self.changes.make(self.pipeline):
             self._note(name, values)
 
 

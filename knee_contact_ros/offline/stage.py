@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -49,6 +49,8 @@ RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
 LOAD_LOG = Path("load.log")
 COMPANION_LOG = Path("companion.log")
+NODE_NAMES = {"node": "the node", "load": "the load node"}
+"""Names of the nodes in messages, by command"""
 COMPANION_COMMANDS = "knee_effort_controller/commands"
 
 
@@ -174,43 +176,38 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -
             missing, since = listener.missing, time.monotonic()
 
 
-@contextmanager
 def node_process(
     parameter_files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, str] | None = None
-) -> Iterator[Child]:
+) -> AbstractContextManager[Child]:
     """Run the contact node in a process of its own, which records, and draws if Rerun is installed, in `work`.
 
     `values` are further parameters, as ROS 2 spells them on the command line; for `patience` [s] see `child_process`.
     """
     outputs = {"record.path": work / RECORDING} | ({"rerun.path": work / RERUN_FILE} if viewer() else {})
     drawing = {"rerun.mode": '"file"'} if viewer() else {}
-    arguments = arguments_of("node", parameter_files, outputs, {**drawing, **(values or {})})
-    with child_process("the node", arguments, work / NODE_LOG, patience) as node:
-        yield node
-    wait_until_complete(outputs.values(), patience)
+    return _node("node", parameter_files, outputs, {**drawing, **(values or {})}, work / NODE_LOG, patience)
+
+
+def load_process(parameter_files: list[Path], work: Path, values: Mapping[str, str]) -> AbstractContextManager[Child]:
+    """Run the load node in a process of its own, which records in `work`; `values` are further parameters."""
+    outputs = {"record.path": work / LOAD_RECORDING}
+    return _node("load", parameter_files, outputs, values, work / LOAD_LOG, PATIENCE)
 
 
 @contextmanager
-def load_process(parameter_files: list[Path], work: Path, values: Mapping[str, str]) -> Iterator[Child]:
-    """Run the load node in a process of its own, which records in `work`; `values` are further parameters."""
-    outputs = {"record.path": work / LOAD_RECORDING}
-    with child_process(
-        "the load node", arguments_of("load", parameter_files, outputs, values), work / LOAD_LOG
-    ) as node:
-        yield node
-    wait_until_complete(outputs.values(), PATIENCE)
-
-
-def arguments_of(
-    command: str, parameter_files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, str]
-) -> list[str]:
-    """Return the arguments of Python that run a node with parameter files, output files and further parameters."""
+def _node(
+    command: str, parameter_files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, str], log: Path,
+    patience: float,
+) -> Iterator[Child]:  # fmt: skip
+    """Run a command that is a node, with parameter files, paths of outputs by parameter, and further parameters."""
     arguments = ["-m", "knee_contact_ros.cli.main", command, "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
     for name, value in {**{name: f'"{path}"' for name, path in outputs.items()}, **values}.items():
         arguments += ["-p", f"{name}:={value}"]
-    return arguments
+    with child_process(NODE_NAMES[command], arguments, log, patience) as node:
+        yield node
+    wait_until_complete(outputs.values(), patience)
 
 
 def wait_until_complete(outputs: Collection[Path], patience: float) -> None:

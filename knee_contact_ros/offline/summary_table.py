@@ -9,7 +9,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
@@ -32,9 +32,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         if name:
             console.print(f"{name} compartment")
         console.print(peak_table(compartment))
-    figures = Table(box=None, show_header=False, pad_edge=False)
-    figures.add_column(no_wrap=True)
-    figures.add_column(overflow="fold")
+    figures = figure_table()
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
     figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}")
@@ -48,7 +46,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     for name, each in compartments(summary):
         of = f"{name}: " if name else ""
         figures.add_row("ticks flagged", of + counts(each.flagged))
-        errors = f"{error_of_depth(each)} of depth at most, {error_of_force(each)} of force"
+        depth = error_text(each.largest_error * MICROMETRE, "um")
+        errors = f"{depth} of depth at most, {error_text(each.largest_force_error, 'N')} of force"
         figures.add_row("error estimate", of + errors)
         figures.add_row("levels", of + _shares(each.levels))
         figures.add_row("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
@@ -60,21 +59,19 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         say(f"{name}: {path}")
 
 
+def figure_table() -> Table:
+    """Make an empty table of names and values, without headings."""
+    return Table(Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False)
+
+
 def compartments(summary: Summary) -> list[tuple[str, Summary]]:
     """Return the name and the summary of each compartment; the name is empty if there is only one."""
     return [(MEDIAL, summary), (LATERAL, summary.lateral)] if summary.lateral else [("", summary)]
 
 
-def error_of_depth(summary: Summary) -> str:
-    """Return the largest estimated error of the depth as text, with its unit."""
-    error = summary.largest_error
-    return f"{error * MICROMETRE:.2g} um" if math.isfinite(error) else "no bound"
-
-
-def error_of_force(summary: Summary) -> str:
-    """Return the largest estimated error of the contact force as text, with its unit."""
-    error = summary.largest_force_error
-    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
+def error_text(error: float, unit: str) -> str:
+    """Return an estimated error as text, with its unit."""
+    return f"{error:.2g} {unit}" if math.isfinite(error) else "no bound"
 
 
 def peak_table(summary: Summary) -> Table:

@@ -23,20 +23,12 @@ from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
 from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
 from knee_contact_ros.system.resources import refuse_twice
 from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.view import window
 from knee_contact_ros.view.cursor import put_on_peak
 from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
 from knee_contact_ros.view.scene import Scene
-from knee_contact_ros.view.window import (
-    ANY_PORT,
-    connect_command,
-    ending,
-    executable,
-    hidden,
-    refuse_blind,
-    uncoloured,
-)
 
 SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""
@@ -73,8 +65,8 @@ def run_view(sources: Sequence[str], parameters: Parameters, options: ViewOption
     if addresses:
         if len(addresses) < len(sources) or options.save or options.serve:
             raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
-        refuse_blind(ALTERNATIVES)
-        look(connect_command(addresses))
+        window.refuse_blind(ALTERNATIVES)
+        look(window.connect_command(addresses))
         return
     check(options)
     if sources[0].endswith(RERUN_SUFFIX):
@@ -112,9 +104,9 @@ def look_at(path: Path) -> None:
         UsageError: Rerun is not installed.
         IncompleteError: the viewer failed.
     """
-    place = hidden()
+    place = window.hidden()
     put_on_peak(path, place.url)
-    look([str(executable()), *place.options, str(path)])
+    look([str(window.executable()), *place.options, str(path)])
 
 
 def drawn_already(sources: Sequence[str], options: ViewOptions) -> Path:
@@ -145,7 +137,7 @@ def check(options: ViewOptions) -> None:
         for port in (options.port, options.port + 1):
             refuse_taken(port, "--port")
     if not options.save and not options.serve:
-        refuse_blind(ALTERNATIVES)
+        window.refuse_blind(ALTERNATIVES)
 
 
 def with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
@@ -198,7 +190,18 @@ def serve(path: Path, port: int) -> None:
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        look([str(executable()), "--bind", LOCALHOST, *ANY_PORT, "--serve-web", "--web-viewer-port", str(web), scene])
+        look(
+            [
+                str(window.executable()),
+                "--bind",
+                LOCALHOST,
+                *window.ANY_PORT,
+                "--serve-web",
+                "--web-viewer-port",
+                str(web),
+                scene,
+            ]
+        )
 
 
 def look(command: Sequence[str]) -> None:
@@ -208,7 +211,7 @@ def look(command: Sequence[str]) -> None:
         IncompleteError: the viewer failed.
     """
     with TemporaryFile() as log:
-        with kept(command, log, PATIENCE, env=uncoloured()) as process:
+        with kept(command, log, PATIENCE, env=window.uncoloured()) as process:
             code = process.wait()
         if code:
-            raise IncompleteError(f"the Rerun viewer {ending(code, log)}")
+            raise IncompleteError(f"the Rerun viewer {window.ending(code, log)}")

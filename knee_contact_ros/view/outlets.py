@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 import rerun as rr
 
@@ -19,23 +18,6 @@ from knee_contact_ros.view.visitors import unguessable_address
 APPLICATION = "knee_contact_ros"
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
-
-
-class Outlet(Protocol):
-    """A destination of a Rerun recording."""
-
-    recording: rr.RecordingStream
-    name: str
-    """Name of the file; empty for a server"""
-
-    def flush(self) -> None:
-        """Hand over all data that waits."""
-
-    def close(self) -> None:
-        """Complete the file, or end the server."""
-
-    def discard(self) -> None:
-        """Give up, and leave no file behind."""
 
 
 class RerunFile:
@@ -118,3 +100,7 @@ class Served:
         self._gate.close()
 
     discard = close
+
+
+Outlet = RerunFile | Served
+"""A destination of a scene"""

@@ -178,14 +178,8 @@ def draw_knee(axis: Any, shown: Moment) -> None:
     arrow(axis, picture, shown)
     up = (-math.sin(shown.flexion_angle), math.cos(shown.flexion_angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
-        axis.text(
-            *in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft),
-            text,
-            color=QUIET,
-            ha="center",
-            va="center",
-            fontsize=9,
-        )
+        x, y = in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft)
+        axis.text(x, y, text, color=QUIET, ha="center", va="center", fontsize=9)
     directions(axis, left, right, bottom - 6.0)
 
 

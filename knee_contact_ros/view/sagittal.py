@@ -16,20 +16,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.view.colours import (
-    BONE,
-    CARTILAGE,
-    COVER,
-    EDGE,
-    FEMUR,
-    FORCE,
-    INK,
-    OF_STATE,
-    TEXT,
-    TIBIA,
-    WAY,
-    Colour,
-)
+from knee_contact_ros.view import colours
 from knee_contact_ros.view.frame import SCALE_BAR, Frame
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 from knee_contact_ros.view.overlap import POINTS, overlaps
@@ -75,17 +62,17 @@ def send_still_plane(drawing: KneeOutlines, send: Send) -> None:
     """Send the polygons, and the parts of the overlap that do not change."""
     knee = drawing.anatomy
     for name, bone, cover, colour in (
-        ("tibia", knee.tibia_bone, knee.tibia_cartilage, TIBIA),
-        (MOVING_FEMUR, knee.femur_bone, knee.femur_cartilage, FEMUR),
+        ("tibia", knee.tibia_bone, knee.tibia_cartilage, colours.TIBIA),
+        (MOVING_FEMUR, knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
     ):
         cartilage = "tibial cartilage" if name == "tibia" else "femoral cartilage"
         send(f"{name}/bone", _filled(bone, name, colour))
-        send(f"{name}/cartilage", _filled(cover, cartilage, COVER))
+        send(f"{name}/cartilage", _filled(cover, cartilage, colours.COVER))
         edges = [_in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge") for shape in (bone, cover)]
-        send(f"{name}/edges", rr.LineStrips3D(edges, colors=[EDGE, COVER], radii=[THIN]))
+        send(f"{name}/edges", rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN]))
     rows = 2 if drawing.has_bone else 1
     indices = np.concatenate([band(POINTS, first=2 * POINTS * pair) for pair in range(1 + rows)])
-    paints = np.array([CARTILAGE, CARTILAGE, BONE][: 1 + rows], dtype=np.uint8)
+    paints = np.array([colours.CARTILAGE, colours.CARTILAGE, colours.BONE][: 1 + rows], dtype=np.uint8)
     send(OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=paints.repeat(2 * POINTS, axis=0)))
 
 
@@ -93,19 +80,22 @@ def send_still_marks(frame: Frame, send: Send) -> None:
     """Send the marks in front of the knee, as far as they do not change."""
     corner, length = np.array(frame.axes), frame.axis_length
     ends = np.array([[length, 0.0], [0.0, -length]])
-    send("axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[TEXT], radii=[LINE]))
+    send("axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[colours.TEXT], radii=[LINE]))
     send("axes/anterior", _text(corner + 1.1 * ends[0], "anterior"))
     send("axes/superior", _text(corner + ends[1] - [0.0, ABOVE_AXIS], "superior"))
     bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
-    send("scale", rr.LineStrips2D([bar], colors=[TEXT], radii=[WIDE]))
+    send("scale", rr.LineStrips2D([bar], colors=[colours.TEXT], radii=[WIDE]))
     send("scale/name", _text(bar.mean(axis=0), f"{SCALE_BAR:g} mm"))
-    send("tibia/name", _text(frame.tibia_name, "tibia", INK))
-    send(f"{MOVING_FEMUR}/name", _text(frame.femur_name, "femur", INK))
+    send("tibia/name", _text(frame.tibia_name, "tibia", colours.INK))
+    send(f"{MOVING_FEMUR}/name", _text(frame.femur_name, "femur", colours.INK))
     send(POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP))
-    send(PATH, rr.Points2D.from_fields(colors=[WAY], radii=[PATH_SIZE], draw_order=ABOVE))
-    send(ARROW, rr.Arrows2D.from_fields(colors=[FORCE], radii=[WIDE]))
-    send(FORCE_NAME, rr.Points2D.from_fields(colors=[INK], radii=[UNSEEN], show_labels=True))
-    send(DEPTH, rr.Points2D.from_fields(positions=[frame.depth_name], colors=[TEXT], radii=[UNSEEN], show_labels=True))
+    send(PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE))
+    send(ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE]))
+    send(FORCE_NAME, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True))
+    send(
+        DEPTH,
+        rr.Points2D.from_fields(positions=[frame.depth_name], colors=[colours.TEXT], radii=[UNSEEN], show_labels=True),
+    )
 
 
 class Pictures:
@@ -132,8 +122,8 @@ def send_moving_marks(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
     """Send the marks in front of the knee, of at least one picture."""
     send(MOVING_FEMUR, _pose(shown))
     point = np.stack([shown["contact_point"]["x"], shown["contact_point"]["y"]], axis=1) * ON_SCREEN
-    colours = OF_STATE[shown["contact_state"].astype(int)]
-    send(POINT, rr.Points2D.columns(positions=point, colors=colours))
+    of_state = colours.OF_STATE[shown["contact_state"].astype(int)]
+    send(POINT, rr.Points2D.columns(positions=point, colors=of_state))
     send(PATH, rr.Points2D.columns(positions=point))
     force = shown["contact_force"]
     arrow = force[:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
@@ -194,13 +184,13 @@ def _depth_label(depth: float, gap: float) -> str:
     return f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
 
 
-def _filled(polygon: Floats, layer: str, colour: Colour) -> rr.Mesh3D:
+def _filled(polygon: Floats, layer: str, colour: colours.Colour) -> rr.Mesh3D:
     """Make a filled polygon [m] in a layer."""
     vertices = _in_space(polygon * ON_SCREEN, layer)
     return rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles_of(polygon), albedo_factor=colour)
 
 
-def _text(place: Any, text: str, colour: Colour = TEXT) -> rr.Points2D:
+def _text(place: Any, text: str, colour: colours.Colour = colours.TEXT) -> rr.Points2D:
     """Make a word below a place on the screen, shape (2,) [mm]."""
     return rr.Points2D([place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True)
 

@@ -14,21 +14,12 @@ from knee_contact_ros.core.readouts import SPREAD, Readings
 from knee_contact_ros.core.types import Rows, blank
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.results.columns import DATES_FROM
+from knee_contact_ros.view import sagittal
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, KNEE_COLOURS, NAME_OF_STATE, Colour
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, plots_of
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
-from knee_contact_ros.view.sagittal import (
-    BODY,
-    CAMERA,
-    Pictures,
-    camera,
-    send_moving_marks,
-    send_moving_plane,
-    send_still_marks,
-    send_still_plane,
-)
 
 TIMELINE = "stamp"
 CURVES, EVENTS, STATES = "curves", "events", "states"
@@ -70,7 +61,7 @@ class Scene:
         self._recording, self._drawing, self._pause = recording, drawing, pause
         self._plots, self._number = plots_of(drawing, latency), number
         self._layer = drawing.second_layer
-        self._pictures = Pictures()
+        self._pictures = sagittal.Pictures()
         self._remarks = Remarks(drawing.body_weight)
         self._time = _durations
         self._last_stamp = 0
@@ -108,8 +99,8 @@ class Scene:
         pictures = self._pictures.choose(shown["stamp"])
         if len(pictures):
             drawn = shown[pictures]
-            send_moving_plane(self._drawing, drawn, self._layer, self._to(BODY, drawn["stamp"]))
-            send_moving_marks(self._drawing, drawn, self._to(CAMERA, drawn["stamp"]))
+            sagittal.send_moving_plane(self._drawing, drawn, self._layer, self._to(sagittal.BODY, drawn["stamp"]))
+            sagittal.send_moving_marks(self._drawing, drawn, self._to(sagittal.CAMERA, drawn["stamp"]))
         self._write_changes(CONTACT, shown["stamp"], shown["contact_state"], list(NAME_OF_STATE.values()))
         self._write_changes(LEVEL, shown["stamp"], shown["fidelity"], LEVEL_NAMES)
         self._write_events(self._remarks.take(shown))
@@ -161,9 +152,9 @@ class Scene:
             place = f"{self._drawing.knee}/{root}"
             return lambda path, what: self._recording.log(f"{place}/{path}" if path else place, what, static=True)
 
-        at(CAMERA)("", camera())
-        send_still_plane(self._drawing, at(BODY))
-        send_still_marks(frame_of(self._drawing), at(CAMERA))
+        at(sagittal.CAMERA)("", sagittal.camera())
+        sagittal.send_still_plane(self._drawing, at(sagittal.BODY))
+        sagittal.send_still_marks(frame_of(self._drawing), at(sagittal.CAMERA))
         steps = {plot.path for plot in self._plots if plot.steps}
         for path, names, colours, widths in self._styles():
             mode = rr.components.InterpolationMode.StepAfter if path in steps else None
