@@ -35,7 +35,7 @@ for command in (
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; return its exit code."""
+    """Run the command with `arguments`, by default those of the process; return its exit code."""
     open_standard_streams()
     try:
         knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def open_standard_streams() -> None:
-    """Where one came closed, nothing is read or written; libraries trust in it, and no other file gets its number."""
+    """Open the null device for standard streams that are closed: libraries need them, and no other file may be one."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD_STREAM:
         pass
     os.close(number)
@@ -68,7 +68,7 @@ def open_standard_streams() -> None:
 
 
 def fail(text: str, code: int = 2) -> int:
-    """Say in one line what is wrong."""
+    """Print an error in one line; return the exit code."""
     click.echo(f"knee-contact: {printable(' '.join(text.split()))}", err=True)
     return code
 

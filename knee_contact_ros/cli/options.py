@@ -91,11 +91,7 @@ names_in_bag_options = together(
 )
 
 
-def found(files: tuple[Path, ...]) -> list[Path]:
-    """Find parameter files: as given, or in the package's config folder; without any, the default file."""
-    return [found_file(name) for name in files or (Path(DEFAULT_PARAMETERS),)]
-
-
-def found_file(name: Path) -> Path:
-    """Find a parameter file: as given, or in the package's config folder."""
-    return resources.parameter_file(str(name))
+def find_parameters(names: tuple[Path, ...], default: str | None = DEFAULT_PARAMETERS) -> list[Path]:
+    """Find parameter files, as given or in the package's config folder; the `default` if there are no `names`."""
+    defaults = [default] if default else []
+    return [resources.parameter_file(str(name)) for name in names or defaults]

@@ -11,11 +11,11 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 MOST_FAULTS = 20
-"""That are printed"""
+"""Largest number of faults that are printed"""
 
 
 def show_recovery(recovery: Recovery, output: str) -> None:
-    """Print what was recovered, what is missing, and where the file is."""
+    """Print the recovered and the missing messages of each topic, the faults, and the output file."""
     console = Console(width=WIDTH, emoji=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic, and its type", overflow="fold")

@@ -11,8 +11,7 @@ from knee_contact_ros.cli.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,
-    found,
-    found_file,
+    find_parameters,
     names_in_bag_options,
     parameter_files_option,
     parameter_values,
@@ -84,7 +83,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     from knee_contact_ros.system.terminal import say
     from knee_contact_ros.tools.profiles.run import LABEL, FitOptions, run_fit_profile
 
-    asked = FitOptions(
+    options = FitOptions(
         mesh,
         femur=side == "femur",
         medial=compartment == "medial",
@@ -92,7 +91,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
         slab=1e-3 * slab,
         **others,
     )
-    for line in run_fit_profile(asked):
+    for line in run_fit_profile(options):
         say(line, hang=LABEL)
 
 
@@ -207,6 +206,6 @@ def calibrate(
     from knee_contact_ros.tools.calibration.in_memory import is_bag
     from knee_contact_ros.tools.calibration.run import CalibrateOptions, run_calibrate
 
-    files = [found_file(name) for name in parameter_files] if is_bag(data) else found(parameter_files)
-    asked = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
-    show_calibration(run_calibrate(asked), rest["output"])
+    files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
+    options = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
+    show_calibration(run_calibrate(options), rest["output"])

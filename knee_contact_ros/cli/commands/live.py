@@ -9,10 +9,11 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import FILE, Output, found, found_file, names_in_bag_options, parameter_files
+from knee_contact_ros.cli.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
 
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
+"""Value of `--clock` where no number is given"""
 
 
 @click.command()
@@ -66,10 +67,10 @@ def demo(
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
-    files = found(parameter_files)
+    files = find_parameters(parameter_files)
     source: Source
     if from_sensors:
-        source = Sensors(bag, files, [found_file(name) for name in load_files or (Path(LOAD_FILE),)], companion)
+        source = Sensors(bag, files, find_parameters(load_files, LOAD_FILE), companion)
     else:
         source = Recorded(bag or share_folder() / "bags" / "gait2354_right", files, companion)
     run_demo(source, output, rate)
@@ -134,7 +135,7 @@ class OptionalClockRate(click.Command):
     """A command whose option `--clock` may come without its number, also before the argument BAG."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give a plain `--clock` the number that stands for it."""
+        """Give a `--clock` without a number the value `WITH_EVERY_MESSAGE`."""
         following = [*args, ""][1:]
         filled = [
             f"{CLOCK}={WITH_EVERY_MESSAGE}" if argument == CLOCK and not is_number(after) else argument
@@ -144,7 +145,7 @@ class OptionalClockRate(click.Command):
 
 
 def is_number(text: str) -> bool:
-    """Whether an argument is a number."""
+    """Return whether an argument is a number."""
     try:
         float(text)
     except ValueError:

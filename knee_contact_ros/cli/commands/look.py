@@ -7,7 +7,14 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import FILE, Output, found, names_in_bag_options, parameter_files, parameter_values
+from knee_contact_ros.cli.options import (
+    FILE,
+    Output,
+    find_parameters,
+    names_in_bag_options,
+    parameter_files,
+    parameter_values,
+)
 
 
 @click.command()
@@ -46,7 +53,7 @@ def view(
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
-    parameters = load_parameters([*found(parameter_files), parameters_of(parameter_values)])
+    parameters = load_parameters([*find_parameters(parameter_files), parameters_of(parameter_values)])
     run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
 
 
@@ -104,9 +111,9 @@ def report(
     from knee_contact_ros.tools.report.runs import ReportOptions
 
     values = parameters_of(parameter_values)
-    sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
+    sources: list[Path | dict[str, Any]] = [*find_parameters(parameter_files), *([values] if values else [])]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
-    compared = found(compare) if compare else []
+    compared = find_parameters(compare, None)
     for path in run_report(ReportOptions(files, labels, sources, given, compared, names, uncertainty), output):
         say(str(path))
     warn(sentence for path in files for sentence in others_beside(path))

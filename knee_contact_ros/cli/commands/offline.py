@@ -10,7 +10,7 @@ from knee_contact_ros.cli.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,
-    found_file,
+    find_parameters,
     names_in_bag_options,
     parameter_files,
     parameter_files_option,
@@ -109,7 +109,7 @@ def estimate_load(
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
-    parameters = LOAD_READING.load([*map(found_file, parameter_files), parameters_of(parameter_values)])
+    parameters = LOAD_READING.load([*find_parameters(parameter_files, None), parameters_of(parameter_values)])
     names = names_in_bag(remaps, namespace, LOAD_INPUTS)
     with progress("Estimating") as advance:
         summary = estimate(bag, parameters, output, advance, overwrite, names)
