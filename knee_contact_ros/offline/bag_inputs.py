@@ -60,15 +60,8 @@ class BagInputs:
             angles = batch.numbers == 0
             yield batch.changed(as_joint_state, angles) if self.source == DYNAMIC_JOINT_STATES else batch
 
-    def messages(self) -> Iterator[RawMessage]:
-        """Yield all messages of both topics in the order of log time; angles are JointStates."""
-        return self._one_by_one(())
-
-    def angles(self) -> Iterator[RawMessage]:
-        """Yield the messages with angles in the order of log time, as JointStates."""
-        return self._one_by_one((f"/{self.source}",))
-
-    def _one_by_one(self, topics: Collection[str]) -> Iterator[RawMessage]:
+    def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
+        """Yield messages one by one in the order of log time, of some `topics` or of both; angles are JointStates."""
         names = (f"/{JOINT_STATES}", self.force)
         for batch in self.blocks(READ_AHEAD, topics):
             for number, time, data in batch:
@@ -84,16 +77,16 @@ def wanted_joints(parameters: Parameters) -> dict[str, str]:
 
 
 def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
-    """Refuse a bag without the joints `wanted`, whose names are given by parameter, before it is read as a whole.
+    """Refuse a bag that lacks one of the joints `wanted`, which are given by parameter.
 
-    As a rule its first sample has all joints.
+    As a rule the first sample has all joints, so that the bag is not read as a whole.
 
     Raises:
         UsageError: no sample has one of the joints; the message lists those of the bag.
     """
     decoder = Decoder(deserialize)
     joints: dict[str, None] = {}  # a set that keeps the order
-    for message in bag.angles():
+    for message in bag.messages((f"/{bag.source}",)):
         try:
             names = decoder.joint_state(message.data)[0].name
         except RefusedSampleError:

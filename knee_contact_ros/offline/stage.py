@@ -70,18 +70,18 @@ class Listener:
     """Inputs of nodes that have a publisher, by their diagnostics, as `knee_contact: joint_states`"""
 
     def on_published(self, message: RawMessage) -> None:
-        """Note a published input."""
+        """Note the time at which an input was published, if it is a force."""
         if message.topic == f"/{self.force_topic}":
             self.published[stamp_in(message.data)] = time.perf_counter()
 
     def on_contact(self, message: KneeContact) -> None:
-        """Note an answer."""
+        """Note the latency of an answer."""
         sent = self.published.get(stamp_to_ns(message.header.stamp))
         if sent is not None:
             self.latencies.append(time.perf_counter() - sent)
 
     def on_command(self, message: Float64MultiArray) -> None:
-        """Note a command of the companion."""
+        """Note the torque that the companion commands."""
         self.torques.append(message.data[0])
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:

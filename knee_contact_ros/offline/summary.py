@@ -40,13 +40,13 @@ class LoadPeak(NamedTuple):
     """The contact at a local peak of the load."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns] of the peak"""
     load: float
-    """[N]"""
+    """Compressive load [N]"""
     contact_force: float
-    """[N]"""
+    """Contact force [N]"""
     penetration_depth: float
-    """[m]"""
+    """Penetration depth [m]"""
 
 
 @dataclass
@@ -54,10 +54,11 @@ class Summary:
     """Figures of a run of any length, updated block by block."""
 
     body_weight: float
-    """[N]"""
+    """Body weight [N], the unit of reported forces"""
     doubts: Doubts = field(default_factory=Doubts)
     """Doubts about parameters and answers"""
     ticks: int = 0
+    """Number of ticks"""
     flagged: Counter[str] = field(default_factory=Counter)
     """Number of ticks by the name of a status bit that they have"""
     refused: Counter[str] = field(default_factory=Counter)
@@ -67,12 +68,15 @@ class Summary:
     levels: Counter[str] = field(default_factory=Counter)
     """Number of ticks by the name of the level that computed them"""
     evaluations: int = 0
+    """Number of contact-law evaluations"""
     largest_error: float = 0.0
     """Largest estimated error of the depth [m]; infinite if one is not a number"""
     largest_force_error: float = 0.0
     """Largest estimated error of the contact force [N]; infinite if one is not a number"""
     first_stamp: int = 0
+    """Stamp [ns] of the first tick"""
     last_stamp: int = 0
+    """Stamp [ns] of the last tick"""
     peaks: dict[str, Peak] = field(default_factory=dict)
     """Largest values of `PEAKS` by field"""
     split: Split | None = None
@@ -87,7 +91,7 @@ class Summary:
         self._recent = np.empty(0, [(name, np.int64 if name == "stamp" else np.float64) for name in LoadPeak._fields])
 
     def add(self, answers: Rows) -> None:
-        """Add answers, at least one."""
+        """Add a block of answers, at least one, to all figures."""
         stamps, status = answers["stamp"], answers["status"]
         if not self.ticks:
             self.first_stamp = int(stamps[0])

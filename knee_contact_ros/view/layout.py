@@ -33,9 +33,9 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     """Make the layout for knees, with or without a plot of the latency; with `follow` it shows the newest answers."""
     frame = common([frame_of(drawing) for drawing in drawings])
     planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
-    shown = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
+    by_path = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
     main, details, read = (
-        [_plot(drawings, shown[plot.path], follow) for plot in plots if plot.path in shown]
+        [_plot(drawings, by_path[plot.path], follow) for plot in plots if plot.path in by_path]
         for plots in (KNEE, DETAILS, READ_OFF)
     )
     wide = len(drawings) <= ABREAST

@@ -74,9 +74,9 @@ class KneeMarkers:
             self._move(number * MARKERS_PER_COMPARTMENT, SHOWN.unpack_from(rows, number * ROW.itemsize))
         return self._message.tobytes()
 
-    def _move(self, first: int, shown: tuple[Any, ...]) -> None:
+    def _move(self, first: int, values: tuple[Any, ...]) -> None:
         """Move the markers of a compartment, from number `first` on, to the places that an answer gives."""
-        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = shown
+        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
         message, length = self._message, LENGTH * force
         message.move(first, 0.0, 0.0, 0.0, z)
         message.move(first + FEMUR, femoral_x, height, angle, z)

@@ -66,7 +66,7 @@ class Moment(NamedTuple):
 def write_peak(recording: Path, output: Path) -> str:
     """Write a PNG of a recording's first knee where the load is largest; return a line on what it shows.
 
-    Where the femoral height drives the model, the largest contact force is shown.
+    Where the femoral height drives the model, the largest contact force counts.
 
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
@@ -87,12 +87,12 @@ def write_peak(recording: Path, output: Path) -> str:
     model = build_model(known, curves=provenance.texts())
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
     row = with_largest(name, recording, topics[0])
-    shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
+    moment = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
     which = f"{MEDIAL} compartment, " if has_both(known) else ""
     title = f"{which}largest {words}, at {told(row['stamp'], begin_of(row['first_stamp']))} s"
-    output.write_bytes(png(shown, title))
+    output.write_bytes(png(moment, title))
     depth = MM * row["penetration_depth"]
-    return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
+    return f"{title}: {moment.force}, depth {depth:.3f} mm at {math.degrees(moment.flexion_angle):.0f}° of flexion"
 
 
 def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
@@ -113,7 +113,7 @@ def _known(forces: Any) -> Floats:
     return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
-def png(shown: Moment, title: str) -> bytes:
+def png(moment: Moment, title: str) -> bytes:
     """Return a PNG of the knee with its magnified contact."""
     import io
 
@@ -125,9 +125,9 @@ def png(shown: Moment, title: str) -> bytes:
         figure = Figure(figsize=SIZE, layout="constrained")
         FigureCanvasAgg(figure)
         knee, contact = figure.subplots(2, 1, height_ratios=(1.9, 1.0))
-        draw_knee(knee, shown)
+        draw_knee(knee, moment)
         knee.set_title(title)
-        draw_contact(contact, shown, Window.around([shown]))
+        draw_contact(contact, moment, Window.around([moment]))
         file = io.BytesIO()
         figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()
@@ -144,11 +144,11 @@ class Window(NamedTuple):
     """Depth below the tibia's surface [m]"""
 
     @classmethod
-    def around(cls, shown: Sequence[Moment]) -> Window:
+    def around(cls, moments: Sequence[Moment]) -> Window:
         """Return a window that is wide and high enough for several knees."""
-        pictures = [posed(each) for each in shown]
+        pictures = [posed(moment) for moment in moments]
         depth, gap = (max(LEAST_DEPTH, *(sign * picture.depth for picture in pictures)) for sign in (1.0, -1.0))
-        radius = max(each.model.femoral_radius for each in shown)
+        radius = max(moment.model.femoral_radius for moment in moments)
         widths = [0.5 * float(np.ptp(picture.overlap[:, 0])) for picture in pictures if len(picture.overlap)]
         half_width = SIDE * max([*widths, math.sqrt(2.0 * radius * LEAST_DEPTH)])
         return cls(half_width, max(ABOVE * depth, BELOW * gap if gap > LEAST_DEPTH else 0.0), BELOW * depth)
@@ -160,9 +160,9 @@ class Window(NamedTuple):
         return max(round(factor), 1) if factor > 1.0 else factor
 
 
-def draw_knee(axis: Any, shown: Moment) -> None:
+def draw_knee(axis: Any, moment: Moment) -> None:
     """Draw femur and tibia with their cartilage, the force on the femur, directions and a scale."""
-    picture = posed(shown)
+    picture = posed(moment)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
@@ -175,17 +175,17 @@ def draw_knee(axis: Any, shown: Moment) -> None:
     left, right = left - aside, right + aside
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
-    arrow(axis, picture, shown)
-    up = (-math.sin(shown.flexion_angle), math.cos(shown.flexion_angle))
+    arrow(axis, picture, moment)
+    up = (-math.sin(moment.flexion_angle), math.cos(moment.flexion_angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
         x, y = in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft)
         axis.text(x, y, text, color=QUIET, ha="center", va="center", fontsize=9)
     directions(axis, left, right, bottom - 6.0)
 
 
-def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
+def draw_contact(axis: Any, moment: Moment, window: Window) -> None:
     """Draw the contact, magnified along its normal: the overlap of femur and tibia, if neither were deformed."""
-    picture = posed(shown)
+    picture = posed(moment)
     for part, colour in (
         (picture.tibia_cartilage, CARTILAGE), (picture.tibia_bone, BONE), (picture.femur_cartilage, CARTILAGE),
         (picture.femur_bone, BONE),
@@ -211,9 +211,9 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)
 
 
-def posed(shown: Moment) -> Picture:
+def posed(moment: Moment) -> Picture:
     """Return the polygons of a knee at its moment."""
-    return picture_of(shown.model, shown.flexion_angle, shown.femoral_height)
+    return picture_of(moment.model, moment.flexion_angle, moment.femoral_height)
 
 
 def in_contact_frame(picture: Picture, points: Floats) -> Floats:
@@ -236,14 +236,14 @@ def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
         axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)
 
 
-def arrow(axis: Any, picture: Picture, shown: Moment) -> None:
+def arrow(axis: Any, picture: Picture, moment: Moment) -> None:
     """Draw the contact force on the femur, from the contact point along the normal."""
     begin = MM * np.array(picture.contact_point)
-    length = MM_PER_WEIGHT * shown.contact_force / shown.body_weight
+    length = MM_PER_WEIGHT * moment.contact_force / moment.body_weight
     end = begin + length * np.array(picture.normal)
     look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
     axis.annotate("", end, begin, zorder=6, annotation_clip=False, arrowprops=look)
-    axis.text(end[0], end[1] + 1.0, shown.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
+    axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
               va="bottom", fontsize=9, zorder=6)  # fmt: skip
 
 

@@ -23,7 +23,7 @@ NOISE, LEAST = 3.0, 0.01
 
 
 class Series(NamedTuple):
-    """A curve."""
+    """A curve of a plot: its name, style and values."""
 
     name: str
     """Name with the unit"""
@@ -35,7 +35,7 @@ class Series(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """Curves that share a view."""
+    """Curves that share a view, and what is known of the view."""
 
     path: str
     """Path of its entity under `KNEE/curves`"""
@@ -52,10 +52,10 @@ class Plot(NamedTuple):
     """Whether it shows readouts of answers, and not their fields"""
 
 
-def _excess(shown: Rows, weight: float) -> Floats:
+def _excess(answers: Rows, weight: float) -> Floats:
     """Return contact force less load [BW]; 0 where it is noise."""
-    excess = shown["contact_force"] - shown["load"]
-    noise = np.maximum(NOISE * np.nan_to_num(shown["force_error_estimate"]), LEAST * weight)
+    excess = answers["contact_force"] - answers["load"]
+    noise = np.maximum(NOISE * np.nan_to_num(answers["force_error_estimate"]), LEAST * weight)
     return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
 
 
@@ -66,40 +66,40 @@ LAYER_COLOUR = BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 KNEE = (
     Plot(FLEXION, "Flexion angle [deg]", (
-        Series("flexion angle [deg]", ANGLE, 2.0, lambda shown, _: np.degrees(shown["flexion_angle"])),
+        Series("flexion angle [deg]", ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
     )),
     Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
         Series("force - error [BW]", BAND, 1.0,
                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
         Series("force + error [BW]", BAND, 1.0,
                lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
-        Series("contact force [BW]", FORCE, 3.0, lambda shown, weight: shown["contact_force"] / weight),
-        Series("load [BW]", LOAD, 1.0, lambda shown, weight: shown["load"] / weight),
+        Series("contact force [BW]", FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
+        Series("load [BW]", LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
         Series("force - load [BW]", LOAD, 1.0, _excess),
     ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
     Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
         Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
         Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
-        Series("depth [mm]", DEPTH, 2.0, lambda shown, _: MM * _signed(shown)),
+        Series("depth [mm]", DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
     )),
     Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
-        Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
+        Series("anterior [mm]", CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
     )),
 )  # fmt: skip
 """Plots beside the sagittal plane"""
 DETAILS = (
     Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
-        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
+        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda answers, _: MM * answers["sliding_velocity"]),
     )),
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
-        Series("error of the force [N]", FORCE, 1.0, lambda shown, _: shown["force_error_estimate"]),
-        Series("error of the depth [µm]", ERROR, 2.0, lambda shown, _: MICRO * shown["error_estimate"]),
+        Series("error of the force [N]", FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
+        Series("error of the depth [µm]", ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
     ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
     Plot("evaluations", "Contact law evaluations per tick", (
-        Series("evaluations per tick", COST, 1.5, lambda shown, _: shown["evaluations"]),
+        Series("evaluations per tick", COST, 1.5, lambda answers, _: answers["evaluations"]),
     ), steps=True),
     Plot("latency", "Latency from load to answer [ms]", (
-        Series("latency [ms]", ANGLE, 1.0, lambda shown, _: MM * shown["latency"]),
+        Series("latency [ms]", ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
     ), live=True),
 )  # fmt: skip
 """Plots in the second tab"""
@@ -133,15 +133,15 @@ HEIGHT_DRIVEN = KNEE[1]._replace(
 """Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
 
 
-def _signed(shown: Rows) -> Floats:
+def _signed(answers: Rows) -> Floats:
     """Return the depth [m]; negative when apart."""
-    return np.asarray(shown["penetration_depth"] - shown["gap"])
+    return np.asarray(answers["penetration_depth"] - answers["gap"])
 
 
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
-    shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
+    plots = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
     if drawing.height_prescribed:
-        shown = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in shown]
-    shown += [plot for plot in DETAILS if latency or not plot.live]
-    return [*shown, *READ_OFF] if drawing.patch else shown
+        plots = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in plots]
+    plots += [plot for plot in DETAILS if latency or not plot.live]
+    return [*plots, *READ_OFF] if drawing.patch else plots

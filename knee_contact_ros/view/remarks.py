@@ -47,22 +47,22 @@ class Gait:
     """Finds the events of gait and, at the end of every stride, its impulse."""
 
     def __init__(self, body_weight: float) -> None:
-        """`body_weight` is in N."""
+        """Look for events relative to `body_weight` [N]."""
         self._events = GaitEvents(body_weight)
         self._known: list[GaitEvent] = []
         """Events with which a stride may still begin or continue"""
         self._stamps, self._force = np.empty(0, dtype=np.int64), np.empty(0)
 
-    def take(self, shown: Rows) -> list[Remark]:
+    def take(self, answers: Rows) -> list[Remark]:
         """Return the remarks that become certain with these answers, at least one."""
-        stamps, remarks = shown["stamp"], []
+        stamps, remarks = answers["stamp"], []
         steps = np.diff(stamps, prepend=self._stamps[-1] if len(self._stamps) else stamps[0] - 1)
         cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
-        for begin, end in zip([0, *cuts], [*cuts, len(shown)], strict=True):
+        for begin, end in zip([0, *cuts], [*cuts, len(answers)], strict=True):
             if begin in cuts:
                 remarks += self.finish()
             if end > begin:
-                remarks += self._continue(shown[begin:end])
+                remarks += self._continue(answers[begin:end])
         return remarks
 
     def finish(self) -> list[Remark]:
@@ -103,34 +103,34 @@ class Remarks:
     """Finds the events in answers, batch by batch; the result does not depend on the batches."""
 
     def __init__(self, body_weight: float) -> None:
-        """`body_weight` is in N."""
+        """Look for events relative to `body_weight` [N]."""
         self._gait = Gait(body_weight)
         self._state = -1
         self._status = 0
 
-    def take(self, shown: Rows) -> list[Remark]:
+    def take(self, answers: Rows) -> list[Remark]:
         """Return the remarks that become certain with these answers, at least one, by their stamps."""
-        return sorted([*self._gait.take(shown), *self._contact(shown), *self._flags(shown)])
+        return sorted([*self._gait.take(answers), *self._contact(answers), *self._flags(answers)])
 
     def finish(self) -> list[Remark]:
         """Return the remarks that the end makes certain."""
         return self._gait.finish()
 
-    def _contact(self, shown: Rows) -> list[Remark]:
+    def _contact(self, answers: Rows) -> list[Remark]:
         """Return remarks on changes of the contact state."""
-        states = np.concatenate([[self._state], shown["contact_state"].astype(int)])
+        states = np.concatenate([[self._state], answers["contact_state"].astype(int)])
         self._state = int(states[-1])
         changes = np.flatnonzero(np.diff(states)).tolist()
-        pairs = [(int(shown["stamp"][i]), (int(states[i]), int(states[i + 1]))) for i in changes]
+        pairs = [(int(answers["stamp"][i]), (int(states[i]), int(states[i + 1]))) for i in changes]
         return [Remark(stamp, CONTACT[pair]) for stamp, pair in pairs if pair in CONTACT]
 
-    def _flags(self, shown: Rows) -> list[Remark]:
+    def _flags(self, answers: Rows) -> list[Remark]:
         """Return remarks on status bits that are set anew."""
-        status = np.concatenate([[self._status], shown["status"].astype(int)])
+        status = np.concatenate([[self._status], answers["status"].astype(int)])
         self._status = int(status[-1])
         begun = status[1:] & ~status[:-1]
         return [
-            Remark(int(shown["stamp"][i]), text, WARNING)
+            Remark(int(answers["stamp"][i]), text, WARNING)
             for i in np.flatnonzero(begun).tolist()
             for bit, text in STATUS.items()
             if begun[i] & bit

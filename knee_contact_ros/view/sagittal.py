@@ -112,39 +112,40 @@ class Pictures:
         return new
 
 
-def send_moving_plane(drawing: KneeOutlines, shown: Rows, layer: float, send: Send) -> None:
+def send_moving_plane(drawing: KneeOutlines, answers: Rows, layer: float, send: Send) -> None:
     """Send poses and overlaps, of at least one picture; the second layer begins at the depth `layer` [m]."""
-    send(MOVING_FEMUR, _pose(shown))
-    send(OVERLAP, _overlap(drawing, shown, layer))
+    send(MOVING_FEMUR, _pose(answers))
+    send(OVERLAP, _overlap(drawing, answers, layer))
 
 
-def send_moving_marks(drawing: KneeOutlines, shown: Rows, send: Send) -> None:
+def send_moving_marks(drawing: KneeOutlines, answers: Rows, send: Send) -> None:
     """Send the marks in front of the knee, of at least one picture."""
-    send(MOVING_FEMUR, _pose(shown))
-    point = np.stack([shown["contact_point"]["x"], shown["contact_point"]["y"]], axis=1) * ON_SCREEN
-    of_state = colours.OF_STATE[shown["contact_state"].astype(int)]
+    send(MOVING_FEMUR, _pose(answers))
+    point = np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1) * ON_SCREEN
+    of_state = colours.OF_STATE[answers["contact_state"].astype(int)]
     send(POINT, rr.Points2D.columns(positions=point, colors=of_state))
     send(PATH, rr.Points2D.columns(positions=point))
-    force = shown["contact_force"]
-    arrow = force[:, None] / NEWTONS_PER_MM * np.stack([shown["normal_x"], -shown["normal_y"]], axis=1)
+    force = answers["contact_force"]
+    arrow = force[:, None] / NEWTONS_PER_MM * np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
     send(ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow))
     weights = force / drawing.body_weight
     labels = [f"{n:.0f} N\n{w:.2f} BW" if n else "0 N" for n, w in zip(force.tolist(), weights.tolist(), strict=True)]
     within = np.minimum(1.0, FORCE_WITHIN * extent_of(drawing) / np.maximum(np.hypot(*arrow.T), 1e-9))
     place = point + within[:, None] * arrow
-    place[~(shown["gap"] > 0.0), 1] -= ABOVE_FORCE  # apart the word stands on the tibia: above it there may be no bone
+    # Apart, the word stands on the tibia: there may be no bone above it.
+    place[~(answers["gap"] > 0.0), 1] -= ABOVE_FORCE
     send(FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels))
-    depths, gaps = (MM * shown[name] for name in ("penetration_depth", "gap"))
+    depths, gaps = (MM * answers[name] for name in ("penetration_depth", "gap"))
     labels = [_depth_label(*pair) for pair in zip(depths.tolist(), gaps.tolist(), strict=True)]
     send(DEPTH, rr.Points2D.columns(labels=labels))
 
 
-def _pose(shown: Rows) -> Any:
+def _pose(answers: Rows) -> Any:
     """Return the poses of the femur as a column of transforms."""
-    zero = np.zeros(len(shown))
-    half = -0.5 * shown["flexion_angle"]  # the screen's y points down, so a turn changes its sign
+    zero = np.zeros(len(answers))
+    half = -0.5 * answers["flexion_angle"]  # the screen's y points down, so a turn changes its sign
     turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
-    place = np.stack([MM * shown["femoral_x"], -MM * shown["femoral_height"], zero], axis=1)
+    place = np.stack([MM * answers["femoral_x"], -MM * answers["femoral_height"], zero], axis=1)
     return rr.Transform3D.columns(translation=place, quaternion=turn)
 
 
@@ -153,21 +154,20 @@ def extent_of(drawing: KneeOutlines) -> float:
     return MM * float(np.ptp(drawing.femur[:, 0]))
 
 
-def turned(femur: Floats, shown: Rows) -> Floats:
+def turned(femur: Floats, answers: Rows) -> Floats:
     """Return the femur's outlines, shape (n, m, 2) [m], tibia frame; flexion turns anterior to superior."""
-    cosine, sine = np.cos(shown["flexion_angle"])[:, None], np.sin(shown["flexion_angle"])[:, None]
-    x = shown["femoral_x"][:, None] + cosine * femur[:, 0] - sine * femur[:, 1]
-    y = shown["femoral_height"][:, None] + sine * femur[:, 0] + cosine * femur[:, 1]
+    cosine, sine = np.cos(answers["flexion_angle"])[:, None], np.sin(answers["flexion_angle"])[:, None]
+    x = answers["femoral_x"][:, None] + cosine * femur[:, 0] - sine * femur[:, 1]
+    y = answers["femoral_height"][:, None] + sine * femur[:, 0] + cosine * femur[:, 1]
     return np.stack([x, y], axis=2)
 
 
-def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
+def _overlap(drawing: KneeOutlines, answers: Rows, layer: float) -> Any:
     """Return the vertices of the overlap as it is, and of its layers with their depth magnified."""
     radius = 0.5 * extent_of(drawing) / MM
-    region = overlaps(
-        turned(drawing.femur, shown), drawing.tibia, shown["contact_point"]["x"], shown["penetration_depth"], radius
-    )
-    normal = np.stack([shown["normal_x"], shown["normal_y"]], axis=1)
+    middle, deepest = answers["contact_point"]["x"], answers["penetration_depth"]
+    region = overlaps(turned(drawing.femur, answers), drawing.tibia, middle, deepest, radius)
+    normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
     depth = (region.upper - region.lower) * normal[:, None, 1]
     rows = [np.stack([region.x, y], axis=2) for y in (region.upper, region.lower)]
     ends = [0.0 * depth, depth] if not drawing.has_bone else [
@@ -176,7 +176,7 @@ def _overlap(drawing: KneeOutlines, shown: Rows, layer: float) -> Any:
     rows += [rows[0] - MAGNIFICATION * end[..., None] * normal[:, None] for end in ends]
     corners = np.stack(rows, axis=1) * ON_SCREEN
     vertices = _in_space(corners.reshape(-1, 2), "overlap")
-    return rr.Mesh3D.columns(vertex_positions=vertices).partition(np.full(len(shown), len(rows) * POINTS))
+    return rr.Mesh3D.columns(vertex_positions=vertices).partition(np.full(len(answers), len(rows) * POINTS))
 
 
 def _depth_label(depth: float, gap: float) -> str:

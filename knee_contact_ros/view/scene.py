@@ -75,15 +75,15 @@ class Scene:
         """Stamps [ns] of the states that were written last"""
         self._write_still()
 
-    def show(self, shown: Rows) -> None:
+    def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
-        self._alone = not self._begun and len(shown) == 1
+        self._alone = not self._begun and len(answers) == 1
         if not self._begun:
-            self._begin(int(shown["stamp"][0]))
-        self._last_stamp = int(shown["stamp"][-1])
-        read = self._read_off(shown)
+            self._begin(int(answers["stamp"][0]))
+        self._last_stamp = int(answers["stamp"][-1])
+        read = self._read_off(answers)
         for plot in self._plots:
-            source: Any = read if plot.read_off else shown
+            source: Any = read if plot.read_off else answers
             values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
             known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
             if not known.any():
@@ -92,18 +92,18 @@ class Scene:
             columns = rr.Scalars.columns(scalars=values.ravel())
             if values.shape[1] > 1:
                 columns = columns.partition(np.full(len(values), values.shape[1]))
-            self._send(f"{CURVES}/{plot.path}", shown["stamp"][known], columns)
+            self._send(f"{CURVES}/{plot.path}", answers["stamp"][known], columns)
         if math.isfinite(self._layer):
-            ends = shown["stamp"][[0, -1]]
+            ends = answers["stamp"][[0, -1]]
             self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
-        pictures = self._pictures.choose(shown["stamp"])
+        pictures = self._pictures.choose(answers["stamp"])
         if len(pictures):
-            drawn = shown[pictures]
+            drawn = answers[pictures]
             sagittal.send_moving_plane(self._drawing, drawn, self._layer, self._to(sagittal.BODY, drawn["stamp"]))
             sagittal.send_moving_marks(self._drawing, drawn, self._to(sagittal.CAMERA, drawn["stamp"]))
-        self._write_changes(CONTACT, shown["stamp"], shown["contact_state"], list(NAME_OF_STATE.values()))
-        self._write_changes(LEVEL, shown["stamp"], shown["fidelity"], LEVEL_NAMES)
-        self._write_events(self._remarks.take(shown))
+        self._write_changes(CONTACT, answers["stamp"], answers["contact_state"], list(NAME_OF_STATE.values()))
+        self._write_changes(LEVEL, answers["stamp"], answers["fidelity"], LEVEL_NAMES)
+        self._write_events(self._remarks.take(answers))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Write a note on something that happened to the node after the answers so far."""
@@ -115,16 +115,16 @@ class Scene:
             return
         self._write_events([remark_of_note(self._last_stamp, name, values)])
 
-    def _read_off(self, shown: Rows) -> Readings | None:
+    def _read_off(self, answers: Rows) -> Readings | None:
         """Return the readouts of answers; those that depend on the contact law are NaN once the law has changed.
 
         The answer before them is taken into account for the loading rate.
         """
-        drawing, together = self._drawing, np.concatenate((self._before, shown))
-        self._before = shown[-1:].copy()
+        drawing, together = self._drawing, np.concatenate((self._before, answers))
+        self._before = answers[-1:].copy()
         if drawing.patch is None:
             return None
-        read = drawing.patch.readouts(drawing.law, together)[len(together) - len(shown) :]
+        read = drawing.patch.readouts(drawing.law, together)[len(together) - len(answers) :]
         for name in () if self._law_known else SPREAD:
             read[name] = np.nan
         return read
