@@ -17,8 +17,8 @@ from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_v
 from knee_contact_ros.bags.topic_names import Names, names_in_bag
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW, Rows
+from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subject import Subject
@@ -94,10 +94,9 @@ def solve(
 
 def _models(basis: Parameters | Provenance) -> list[KneeModel]:
     """Build the model of each compartment; none if the parameters of a recording changed while it was made."""
-    if isinstance(basis, Parameters):
-        return [compartment.model for compartment in compartments_of(basis, curve_texts(basis, {}))]
-    changed = bool(basis.changes)
-    return [] if changed else [one.model for one in compartments_of(basis.parameters, basis.texts())]
+    if isinstance(basis, Provenance) and basis.changes:
+        return []
+    return [compartment.model for compartment in compartments_of(parameters_in(basis), texts_of(basis))]
 
 
 def solve_inputs(

@@ -83,7 +83,7 @@ def solve(
         UsageError: the bag or the output cannot be used, or no tick could be computed. No output is left then.
     """
     recording = basis if isinstance(basis, Provenance) else None
-    parameters = basis.parameters if isinstance(basis, Provenance) else basis
+    parameters = parameters_in(basis)
     curves = texts_of(basis) if curves is None else curves
     changes = Changes(recording.changes if recording else ())
     with ExitStack() as opened:
@@ -130,6 +130,11 @@ def solve(
             why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
             raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){why}")
     return summary
+
+
+def parameters_in(basis: Parameters | Provenance) -> Parameters:
+    """Return the parameters that a bag is computed with: given ones, or those of a recording."""
+    return basis.parameters if isinstance(basis, Provenance) else basis
 
 
 def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:

@@ -138,7 +138,7 @@ class Remarks:
 
 
 def remark_of_note(stamp: int, name: str, values: Mapping[str, str]) -> Remark:
-    """Return the remark on a note of the node: a reset, or changed parameters."""
+    """Return the remark on a note of something that happened to the node, as a reset or changed parameters."""
     text = ", ".join(f"{key} = {_plain(value)}" for key, value in values.items() if key != "tick")
     return Remark(stamp, name.replace("_", " ") + (f": {text}" if text else ""))
 

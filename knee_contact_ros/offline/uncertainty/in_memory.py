@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.offline.in_memory import Name, in_python_words, solve_inputs
+from knee_contact_ros.offline.solve import parameters_in
 from knee_contact_ros.offline.uncertainty.deviations import deviations_of, read_deviations
 from knee_contact_ros.offline.uncertainty.propagation import Propagated, Sampled, propagated, sampled
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
@@ -75,7 +75,7 @@ def uncertainty(
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         sizes = deviations or {}
         sizes = dotted(sizes) if isinstance(sizes, Mapping) else read_deviations(Path(expanded(str(sizes))))
-        wanted = deviations_of(sizes, basis.parameters if isinstance(basis, Provenance) else basis)
+        wanted = deviations_of(sizes, parameters_in(basis))
         with progress("Solving") as advance:
             given = given_in(path, basis, advance, names, replays=2 * len(wanted), compiled=compiled)
         with progress("Propagating") as advance:

@@ -13,7 +13,7 @@ from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.offline.solve import solve, texts_of
+from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
 from knee_contact_ros.offline.uncertainty.deviations import (
     AXIAL_LOAD,
     FEMORAL_HEIGHT,
@@ -149,7 +149,7 @@ def given_in(
         raise UsageError(
             f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
         )
-    parameters = basis.parameters if isinstance(basis, Provenance) else basis
+    parameters = parameters_in(basis)
     texts = texts_of(basis) if curves is None else curves
     inputs: list[tuple[Any, Any, Any]] = []
     blocks: list[Sequence[Rows]] = []
