@@ -1,4 +1,4 @@
-"""The figures over the gait cycle, as PNG."""
+"""Figures over percent of the gait cycle, in PNG format, and what all figures of the report share."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from knee_contact_ros.tools.report.published import CARTILAGE_THICKNESS, DEPTH, 
 from knee_contact_ros.tools.report.runs import Run
 
 COLOURS = (("#0072B2", "#56B4E9"), ("#D55E00", "#E69F00"), ("#009E73", "#66C2A5"), ("#7B3294", "#CC79A7"))
-"""Of a comparison, or of a run without one, and of a run below its comparison; from Okabe and Ito's, which colour-blind
-readers can tell apart"""
+"""Pairs of line colours: the dark one for a run, or for a comparison; the light one for a run over which a comparison
+is drawn. After Okabe and Ito, whose colours colour-blind readers can tell apart"""
 SIZE = (5.2, 3.1)
-"""[in], without the legend: small, so that its letters can be read on a telephone"""
+"""Width and height of a figure without its legend [in]: small, so that its letters can be read on a telephone"""
 LINE, WIDE = 0.19, 34
-"""Height [in] of a legend's line; letters in it that two columns have room for"""
+"""Height of a line of the legend [in]; largest number of letters of an entry where the legend has two columns"""
 DPI = 200
 MM = 1e3
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
@@ -30,58 +30,66 @@ STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "
          "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
 TWO_LAYERS = "two_layer"
 ALIKE = 0.005
-"""Of what a figure's curves span, as much as curves may differ that are drawn once: a third of a line's thickness"""
+"""Largest difference of curves that are drawn once, as a share of the range of all curves"""
 THINNEST, STEP = 1.8, 1.6
-"""Widths of ways over flexion: the same femur has the same way, so that each is seen below the next one"""
+"""Line widths of contact-point paths over flexion: paths of the same femur coincide, and each must be seen"""
 TOGETHER = 1.5
-"""[%] of the cycle within which toe-offs are marked once"""
+"""Percent of the cycle within which toe-offs of several runs are marked once"""
 LEAST_WAY = 0.01
-"""[mm] that a contact point moves at least, for its way to be drawn"""
+"""Smallest motion of the contact point [mm] for which it is drawn"""
 
 
 class Figure(NamedTuple):
-    """A picture with what belongs to it."""
+    """Picture of the report with its title and caption."""
 
     name: str
-    """Of its file, without the suffix"""
+    """Name of the picture's file, without the suffix"""
     title: str
     caption: str
-    """One or two sentences"""
+    """One or two sentences below the picture"""
     png: bytes
+    """The picture in PNG format"""
 
 
 class Quantity(NamedTuple):
-    """What a figure over the cycle shows."""
+    """Quantity that a figure over the gait cycle shows."""
 
     name: str
     title: str
     axis: str
-    of: Callable[[Floats, Run], Floats]
-    """From mean curves, shape (101, `CURVES`), in SI to what is drawn; likewise from deviations"""
+    """Label of the vertical axis, with the unit in brackets"""
+    column: str
+    """Name of the column of the curves"""
+    factor: float | None
+    """Factor from SI units to the unit of the axis; None: the quantity is a force in body weights"""
+
+    def of(self, curves: Floats, run: Run) -> Floats:
+        """Values in the unit of the axis, shape (101,), from curves of a run in SI units, shape (101, `CURVES`)."""
+        values = curves[:, CURVES.index(self.column)]
+        return values / run.parameters.body_weight if self.factor is None else self.factor * values
 
 
-def column(name: str, factor: float) -> Callable[[Floats, Run], Floats]:
-    """A column of the curves in another unit."""
-    return lambda curves, _run: factor * curves[:, CURVES.index(name)]
+FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", "flexion_angle", float(np.degrees(1.0)))
+FORCE = Quantity("contact_force", "Contact force", "contact force [BW]", "contact_force", None)
+DEPTHS = Quantity("depth", "Penetration depth", "penetration depth [mm]", "penetration_depth", MM)
+POINT = Quantity(
+    "contact_point", "Contact point along the plateau", "contact point, anterior [mm]", "contact_point_x", MM
+)
+PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", "peak_pressure", 1e-6)
+PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", "half_width", MM)
 
 
-def in_weights(name: str) -> Callable[[Floats, Run], Floats]:
-    """A column of forces in body weights."""
-    return lambda curves, run: curves[:, CURVES.index(name)] / run.parameters.body_weight
-
-
-FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", column("flexion_angle", float(np.degrees(1.0))))
-FORCE = Quantity("contact_force", "Contact force", "contact force [BW]", in_weights("contact_force"))
-DEPTHS = Quantity("depth", "Penetration depth", "penetration depth [mm]", column("penetration_depth", MM))
-POINT = Quantity("contact_point", "Contact point along the plateau", "contact point, anterior [mm]",
-                 column("contact_point_x", MM))  # fmt: skip
-
-PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", column("peak_pressure", 1e-6))
-PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", column("half_width", MM))
+def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
+    """Group runs: each run that is no comparison, followed by the comparisons with it."""
+    return [
+        [run, *(other for other in runs if other.beside == place)]
+        for place, run in enumerate(runs)
+        if run.beside is None
+    ]
 
 
 def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
-    """A figure as PNG; `paint` gets matplotlib's figure."""
+    """Draw a figure of a size [in] as PNG; `paint` draws onto matplotlib's figure."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
@@ -96,27 +104,27 @@ def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
 
 
 def colour(runs: Sequence[Run], run: Run) -> str:
-    """Each run's own; lighter for one with a comparison, which is drawn over it."""
+    """Line colour of a run; lighter for a run with a comparison, which is drawn over it."""
     place = runs.index(run) if run.beside is None else run.beside
     bases = [index for index, each in enumerate(runs) if each.beside is None]
     compared = any(each.beside == place for each in runs)
     return COLOURS[bases.index(place) % len(COLOURS)][compared and run.beside is None]
 
 
-def told(runs: Sequence[Run]) -> str:
-    """What the runs of a figure differ in, for below it: of comparisons, and of recordings with other parameters."""
+def differences_in(runs: Sequence[Run]) -> str:
+    """Say in which parameters the runs of a figure differ: comparisons from their runs, and recordings among them."""
     texts = {run.name: "; ".join(map(str, run.differences)) for run in runs if run.beside is not None}
     if len(set(texts.values())) == 1:
         texts = {"What differs": next(iter(texts.values()))}
-    found = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
+    lines = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
     differ = between([run.parameters for run in runs if run.beside is None and run.known])
     if differ:
-        found.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
-    return " ".join(found)
+        lines.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
+    return " ".join(lines)
 
 
 def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
-    """All figures over percent of the gait cycle, of the runs that have cycles."""
+    """Draw all figures over percent of the gait cycle; `cyclic` are those of `runs` that have gait cycles."""
     several = any(run.gathered.mean.count > 1 for run in cyclic)
     lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " if several else ""
     depth = (
@@ -131,25 +139,25 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         captions[PATCH] = "Of a round patch, from the depth and the radii of the law. "
     if moves(cyclic):
         captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive. "
-    found = []
-    for each, caption in captions.items():
-        shown = (
-            [run for run in cyclic if run.beside is None] if each is FLEXION else cyclic
-        )  # a comparison has the same
-        text = sentences(lines, caption, apart(shown, each), told(cyclic))
-        png = draw(SIZE, partial(panel, runs=runs, cyclic=shown, what=each))
-        found.append(Figure(each.name, f"{each.title} over the gait cycle", text, png))
+    figures = []
+    for quantity, caption in captions.items():
+        drawn = cyclic
+        if quantity is FLEXION:  # a comparison has the same
+            drawn = [run for run in cyclic if run.beside is None]
+        text = sentences(lines, caption, apart(drawn, quantity), differences_in(cyclic))
+        png = draw(SIZE, partial(panel, runs=runs, cyclic=drawn, what=quantity))
+        figures.append(Figure(quantity.name, f"{quantity.title} over the gait cycle", text, png))
     if moves(cyclic):
         path = draw(SIZE, partial(path_panel, runs=runs, cyclic=cyclic))
-        caption = "Its way over the gait cycle: dot at heel strike, triangle at toe-off."
-        found.append(
-            Figure("contact_point_flexion", "Contact point over flexion", sentences(caption, told(runs)), path)
+        caption = sentences(
+            "Its way over the gait cycle: dot at heel strike, triangle at toe-off.", differences_in(runs)
         )
-    return found
+        figures.append(Figure("contact_point_flexion", "Contact point over flexion", caption, path))
+    return figures
 
 
 def pressure_of(run: Run) -> str:
-    """How the pressure follows from the law, for a caption or a cell."""
+    """Say how the pressure of a run follows from its contact law, for a caption or a cell of a table."""
     patch = run.model.patch if run.model else None
     if patch is None:
         return "not known"
@@ -159,18 +167,18 @@ def pressure_of(run: Run) -> str:
 
 
 def spread_caption(cyclic: Sequence[Run]) -> str:
-    """Where the pressure comes from."""
-    told = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
-    return f"In the middle of the patch. {'; '.join(told)}. "
+    """Caption of the peak pressure: how it follows from each contact law."""
+    laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
+    return f"In the middle of the patch. {'; '.join(laws)}. "
 
 
 def sentences(*parts: str) -> str:
-    """Parts of a caption in one."""
+    """Join the parts of a caption that are not empty."""
     return " ".join(part.strip() for part in parts if part.strip())
 
 
 def alike(cyclic: Sequence[Run], *quantities: Quantity) -> list[list[Run]]:
-    """The runs in groups whose curves are the same within `tolerance`, each group's first one being drawn."""
+    """Group runs whose curves of all quantities are the same within `tolerance`; the first of each group is drawn."""
     most = [tolerance(cyclic, what) for what in quantities]
     groups: list[list[Run]] = []
     for run in cyclic:
@@ -184,19 +192,19 @@ def alike(cyclic: Sequence[Run], *quantities: Quantity) -> list[list[Run]]:
 
 
 def tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
-    """How far curves that are drawn once may be apart, in the unit of what is drawn."""
+    """Largest difference of curves that are drawn once, in the unit of the quantity's axis."""
     values = [what.of(run.gathered.mean.mean, run) for run in cyclic]
     return ALIKE * float(np.nanmax(values) - np.nanmin(values))
 
 
 def difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
-    """The largest difference of two mean curves, and the percent where it is."""
+    """Largest difference of two mean curves, in the unit of the quantity's axis, and the percent at which it is."""
     found = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
     return float(found.max()), int(found.argmax())
 
 
 def apart(cyclic: Sequence[Run], what: Quantity) -> str:
-    """How far comparisons are from their runs, and what is drawn once."""
+    """Say how far the curves of comparisons are from those of their runs, and which curves are drawn once."""
     unit = what.axis[what.axis.index("[") + 1 : what.axis.index("]")]
     same = [group for group in alike(cyclic, what) if len(group) > 1]
     drawn_once = (
@@ -210,13 +218,13 @@ def apart(cyclic: Sequence[Run], what: Quantity) -> str:
 
 
 def moves(cyclic: Sequence[Run]) -> bool:
-    """Whether the contact point moves in any of the runs."""
+    """Whether the contact point moves along the plateau in any of the runs."""
     points = [POINT.of(run.gathered.mean.mean, run) for run in cyclic]
     return any(float(np.ptp(each)) > LEAST_WAY for each in points)
 
 
 def force_caption(cyclic: Sequence[Run]) -> str:
-    """What the ranges behind the forces are."""
+    """Caption of the contact force: what the published ranges behind the curves are."""
     ranges = ranges_of(cyclic)
     if not ranges:
         return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
@@ -231,7 +239,7 @@ def force_caption(cyclic: Sequence[Run]) -> str:
 
 
 def ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
-    """Published forces to compare with; none where total and compartment forces are mixed, none of a lateral one."""
+    """Published ranges to show behind contact forces; none where runs of the whole joint and of a compartment mix."""
     kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
     if len(kinds) != 1:
         return ()
@@ -239,7 +247,7 @@ def ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
 
 
 def panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
-    """One quantity of all runs."""
+    """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all of the report, for the colours."""
     axis = canvas.subplots()
     if what is FORCE:
         draw_ranges(axis, ranges_of(cyclic))
@@ -259,7 +267,7 @@ def panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantit
 
 
 def line(axis: Any, run: Run, hue: str, what: Quantity, name: str) -> None:
-    """Mean, spread and single cycles of a run, under a name."""
+    """Draw mean, standard deviation and single cycles of a run, with a name for the legend."""
     mean = run.gathered.mean
     values = what.of(mean.mean, run)
     style, width = looks(run, hue)
@@ -273,7 +281,7 @@ def line(axis: Any, run: Run, hue: str, what: Quantity, name: str) -> None:
 
 
 def joined(group: Sequence[Run]) -> str:
-    """One name for runs whose curves are the same."""
+    """Name in the legend for a group of runs whose curves are the same."""
     if len({run.name for run in group}) == 1 and len(group) > 1:  # what a comparison does not change
         tails = [run.label.removeprefix(run.name).lstrip(", ") for run in group]
         return ", ".join(filter(None, (group[0].name, " = ".join(filter(None, tails)))))
@@ -281,7 +289,7 @@ def joined(group: Sequence[Run]) -> str:
 
 
 def looks(run: Run, hue: str) -> tuple[str, float]:
-    """Style and width of a run's line: what lies above is thinner than what is seen below it."""
+    """Style and width of a run's line; lines drawn later are thinner, so that those below can be seen."""
     if run.beside is not None:
         return "--", 1.3
     number = next((place for place, (dark, _) in enumerate(COLOURS) if hue == dark), None)
@@ -289,7 +297,7 @@ def looks(run: Run, hue: str) -> tuple[str, float]:
 
 
 def toe_offs(axis: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
-    """Where stance ends on average: once, if all are close together."""
+    """Mark the mean end of stance of each run, or once if all are close together."""
     bases = [run for run in cyclic if run.beside is None]
     stances = [float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])) for run in bases]
     if max(stances) - min(stances) <= TOGETHER:
@@ -303,12 +311,12 @@ def toe_offs(axis: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
 
 
 def lowest(cyclic: Sequence[Run], what: Quantity) -> float:
-    """The lowest value of all mean curves, below 0 where a law with tension pulls."""
+    """Lowest value of all mean curves; it is below 0 where a contact law with tension pulls."""
     return min(float(what.of(run.gathered.mean.mean, run).min()) for run in cyclic)
 
 
 def path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
-    """Contact point over flexion angle."""
+    """Draw the contact point over the flexion angle."""
     axis = canvas.subplots()
     groups = alike(cyclic, POINT, FLEXION)
     for number, group in enumerate(groups):
@@ -325,7 +333,7 @@ def path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
 
 
 def draw_ranges(axis: Any, ranges: Sequence[Range]) -> None:
-    """Published peaks behind the curves."""
+    """Draw published ranges of peaks behind the curves."""
     for each, shade in zip(ranges, ("0.88", "0.76", "0.76"), strict=False):
         begin, end = each.window
         if each.lowest == each.highest:
@@ -336,7 +344,7 @@ def draw_ranges(axis: Any, ranges: Sequence[Range]) -> None:
 
 
 def legend(canvas: Any, axis: Any) -> None:
-    """Below the axes, each text once."""
+    """Add a legend below the axes, with each text once, and make the figure higher by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
     once = dict(zip(reversed(labels), reversed(handles), strict=True))
     order = list(dict.fromkeys(labels))
@@ -347,11 +355,11 @@ def legend(canvas: Any, axis: Any) -> None:
 
 
 def plain(label: str) -> str:
-    """A label as matplotlib shows it: dollars are formulas to it, and a leading underscore hides."""
+    """Escape a label for matplotlib, where dollars begin formulas and a leading underscore hides the entry."""
     shown = label.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 
 
 def has_bone(run: Run) -> bool:
-    """Whether its contact law has a second layer."""
+    """Whether the contact law of a run has a second layer, the bone."""
     return run.parameters.contact.law.startswith(TWO_LAYERS)
