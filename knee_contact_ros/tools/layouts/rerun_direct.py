@@ -7,14 +7,15 @@ are drawn. It can select a field but not calculate with it, so everything is in 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.tools.layouts.fields import JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Lane, Plot
-
-if TYPE_CHECKING:
-    import rerun.blueprint as rrb
 
 APPLICATION = "knee_contact"
 """Application id of the blueprint in `config/rerun`"""
@@ -32,8 +33,6 @@ def blueprint(namespace: str = "") -> rrb.Blueprint:
 
     On the left are the answers, on the right how they were computed, and under which load.
     """
-    import rerun.blueprint as rrb
-
     plots = [_plot(plot, namespace) for plot in PLOTS]
     inputs = [_lanes(namespace), *plots[ON_THE_KNEE:], _joints(namespace)]
     shares = [1.8, *[1.0] * len(inputs[1:])]
@@ -51,8 +50,6 @@ def save(path: Path, application: str = APPLICATION, namespace: str = "") -> Non
 
 
 def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
-    import rerun.blueprint as rrb
-
     overrides: dict[Any, list[Any]] = {}
     for curve in plot.curves:
         overrides.setdefault(absolute(curve.topic, namespace), []).append(_line(plot, curve))
@@ -66,16 +63,11 @@ def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
 
 
 def _line(plot: Plot, curve: Curve) -> Any:
-    import rerun as rr
-
     style = rr.SeriesLines(names=plot.with_unit(curve.name), colors=[curve.colour.rgb], widths=[curve.width])
     return style.visualizer(mappings=[_mapping("Scalars:scalars", curve.topic, curve.field)])
 
 
 def _lanes(namespace: str) -> rrb.StateTimelineView:
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     def lane(what: Lane) -> Any:
         values = list(what.words)
         style = rr.StateConfiguration(
@@ -97,8 +89,6 @@ def _lanes(namespace: str) -> rrb.StateTimelineView:
 
 def _joints(namespace: str) -> rrb.TimeSeriesView:
     """View of the joint angles as they were received: those of the namespace, and those that both knees share."""
-    import rerun.blueprint as rrb
-
     topics = {absolute(JOINT_STATES, namespace), absolute(JOINT_STATES)}
     return rrb.TimeSeriesView(
         origin="/", contents=sorted(f"{topic}/position" for topic in topics), name=JOINTS, **_axes(legend=True)
@@ -107,8 +97,6 @@ def _joints(namespace: str) -> rrb.TimeSeriesView:
 
 def _axes(legend: bool) -> dict[str, Any]:
     """Common time axis and legend of a view."""
-    import rerun.blueprint as rrb
-
     return {
         "axis_x": rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         "plot_legend": rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
@@ -117,8 +105,6 @@ def _axes(legend: bool) -> dict[str, Any]:
 
 def _mapping(target: str, topic: str, field: str) -> Any:
     """Map a field of a topic's messages to the component `target` of a visualizer."""
-    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
-
     return VisualizerComponentMapping(
         target=target,
         source_kind=ComponentSourceKind.SourceComponent,

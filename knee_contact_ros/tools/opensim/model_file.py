@@ -28,14 +28,14 @@ def read_xml(path: Path, root: str | None = None) -> ET.Element:
         UsageError: the file cannot be read, or is no such document.
     """
     try:
-        found = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
+        document = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except ET.ParseError as error:
         raise UsageError(f"{path} is no OpenSim document: {error}") from None
-    if root is not None and found.find(root) is None:
+    if root is not None and document.find(root) is None:
         raise UsageError(f"{path} is no OpenSim {root.lower()} file")
-    return found
+    return document
 
 
 def text_in(element: ET.Element, tag: str) -> str:

@@ -28,13 +28,11 @@ STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, 
 def picture(fit: Fit, name: str) -> bytes:
     """Draw the picture of a fit, as PNG; `name` is the mesh's."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     panels = [draw_curvature, draw_circles, draw_deviations, *([draw_cartilage] if fit.thickness else [])]
     with mpl.rc_context(STYLE):
         canvas = Figure(figsize=FEMUR if fit.femur else TIBIA, layout="constrained")
-        FigureCanvasAgg(canvas)
         if fit.femur:
             grid = canvas.add_gridspec(len(panels), 2, width_ratios=(1.1, 1.0))
             whole, rows = canvas.add_subplot(grid[:, 0]), [grid[row, 1] for row in range(len(panels))]

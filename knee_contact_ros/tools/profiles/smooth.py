@@ -137,8 +137,8 @@ def solve(problem: _Problem, logarithm: float) -> Floats:
     free = np.linalg.lstsq(triangle, target, rcond=None)[0]
     if (free >= problem.lower).all():
         return np.asarray(free)
-    found: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
-    return np.asarray(found.x)
+    bounded: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
+    return np.asarray(bounded.x)
 
 
 def residual(problem: _Problem, unknowns: Floats) -> float:

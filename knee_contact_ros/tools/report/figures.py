@@ -91,12 +91,10 @@ def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
 def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
     """Draw a figure of a size [in] as PNG; `paint` draws onto matplotlib's figure."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
     with mpl.rc_context(STYLE):
         canvas = Canvas(figsize=size, layout="constrained")
-        FigureCanvasAgg(canvas)
         paint(canvas)
         file = io.BytesIO()
         canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
@@ -199,8 +197,8 @@ def tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
 
 def difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
     """Largest difference of two mean curves, in the unit of the quantity's axis, and the percent at which it is."""
-    found = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
-    return float(found.max()), int(found.argmax())
+    apart = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
+    return float(apart.max()), int(apart.argmax())
 
 
 def apart(cyclic: Sequence[Run], what: Quantity) -> str:
@@ -212,8 +210,9 @@ def apart(cyclic: Sequence[Run], what: Quantity) -> str:
     )
     other = [(run, next(each for each in cyclic if each.name == run.name and each.beside is None)) for run in cyclic
              if run.beside is not None and not any(run in group for group in same)]  # fmt: skip
-    found = ((run.name, *difference(base, run, what)) for run, base in other)
-    largest = ", ".join(f"{name} {size:.2g} {unit} (at {at} %)" for name, size, at in found)
+    largest = ", ".join(
+        f"{run.name} {size:.2g} {unit} (at {at} %)" for run, base in other for size, at in [difference(base, run, what)]
+    )
     return sentences(drawn_once, f"Largest difference of dashed to full: {largest}." if largest else "")
 
 
@@ -356,8 +355,8 @@ def legend(canvas: Any, axis: Any) -> None:
 
 def plain(label: str) -> str:
     """Escape a label for matplotlib, where dollars begin formulas and a leading underscore hides the entry."""
-    shown = label.replace("$", r"\$")
-    return f" {shown}" if shown.startswith("_") else shown
+    escaped = label.replace("$", r"\$")
+    return f" {escaped}" if escaped.startswith("_") else escaped
 
 
 def has_bone(run: Run) -> bool:

@@ -28,22 +28,22 @@ class StancePeak(NamedTuple):
 def stance_peaks(gathered: Gathered) -> list[StancePeak]:
     """Find the peaks of stance of a run, in the order of time."""
     starts = np.array([cycle.span.start for cycle in gathered.cycles], dtype=np.int64)
-    found: list[StancePeak] = []
+    peaks: list[StancePeak] = []
     largest: dict[tuple[int, str], int] = {}
     for moment in gathered.moments:
         if moment.event.kind != LOAD_PEAK:
             continue
         place = cycle_of(gathered.cycles, starts, moment)
         percent = None if place is None else gathered.cycles[place].span.percent(moment.event.stamp)
-        found.append(StancePeak(moment, place, percent, ""))
+        peaks.append(StancePeak(moment, place, percent, ""))
         half = "" if place is None else _half(moment, gathered.cycles[place])
         if place is not None and half:
-            before = largest.setdefault((place, half), len(found) - 1)
-            if moment.load > found[before].moment.load:
-                largest[place, half] = len(found) - 1
+            before = largest.setdefault((place, half), len(peaks) - 1)
+            if moment.load > peaks[before].moment.load:
+                largest[place, half] = len(peaks) - 1
     for (_, half), index in largest.items():
-        found[index] = found[index]._replace(which=half)
-    return found
+        peaks[index] = peaks[index]._replace(which=half)
+    return peaks
 
 
 def cycle_of(cycles: list[Cycle], starts: np.ndarray[tuple[int], np.dtype[np.int64]], moment: Moment) -> int | None:

@@ -35,18 +35,18 @@ class Table(NamedTuple):
 def first_table(runs: Sequence[Run]) -> Table:
     """Compare the peaks of stance of all runs; without any, the ticks with the largest load or contact force."""
     peaks = [stance_peaks(run.gathered) for run in runs]
-    found = [which for which in (FIRST, SECOND) if any(peak.which == which for each in peaks for peak in each)]
-    head = [f"{which} peak: " for which in found]
-    if not found:
+    kinds = [which for which in (FIRST, SECOND) if any(peak.which == which for each in peaks for peak in each)]
+    head = [f"{which} peak: " for which in kinds]
+    if not kinds:
         head = [" or ".join(dict.fromkeys(LARGEST[run.gathered.of_largest] for run in runs)) + ": "]
     columns = [f"{name}{quantity}" for name in head for quantity in ("load [BW]", "contact force [BW]", "depth [mm]")]
     rows = []
     for run, each in zip(runs, peaks, strict=True):
-        moments = [[peak.moment for peak in each if peak.which == which] for which in found]
-        if not found:
+        moments = [[peak.moment for peak in each if peak.which == which] for which in kinds]
+        if not kinds:
             moments = [[run.gathered.largest] if run.gathered.largest else []]
         rows.append((run.label, *(cell for group in moments for cell in _means(group, run.parameters.body_weight))))
-    count = max((len([peak for peak in each if peak.which == which]) for each in peaks for which in found), default=0)
+    count = max((len([peak for peak in each if peak.which == which]) for each in peaks for which in kinds), default=0)
     note = f"Mean ± standard deviation of up to {count} stances." if count > 1 else ""
     return Table(("", *columns), rows, note)
 
