@@ -10,7 +10,8 @@ from knee_contact_ros import __version__
 from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.tools.report import words
 from knee_contact_ros.tools.report.comparison import between
-from knee_contact_ros.tools.report.figures import Figure, moves
+from knee_contact_ros.tools.report.figures import Figure
+from knee_contact_ros.tools.report.over_cycle import moves
 from knee_contact_ros.tools.report.published import SOURCES, which_load
 from knee_contact_ros.tools.report.runs import Run, prescribed
 from knee_contact_ros.tools.report.uncertain import contribution_table, interval_table

@@ -86,8 +86,8 @@ def run_report(options: ReportOptions, output: Path) -> list[Path]:
 def write(runs: Sequence[Run], folder: Path) -> list[str]:
     """Write all files of the report into a folder; return their names, the page first."""
     from knee_contact_ros.tools.report.data import as_csv, tables
-    from knee_contact_ros.tools.report.figures import over_cycle
     from knee_contact_ros.tools.report.knees import knees
+    from knee_contact_ros.tools.report.over_cycle import over_cycle
     from knee_contact_ros.tools.report.over_time import over_time
     from knee_contact_ros.tools.report.page import page
 

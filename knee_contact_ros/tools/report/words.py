@@ -11,8 +11,9 @@ import numpy as np
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.tools.report.cycles import Cycle
-from knee_contact_ros.tools.report.figures import has_bone, pressure_of
+from knee_contact_ros.tools.report.figures import has_bone
 from knee_contact_ros.tools.report.gather import LARGEST, Moment
+from knee_contact_ros.tools.report.over_cycle import pressure_of
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, stance_peaks
 from knee_contact_ros.tools.report.published import which_load
 from knee_contact_ros.tools.report.runs import Run, own_values
