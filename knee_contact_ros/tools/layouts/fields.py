@@ -1,6 +1,6 @@
-"""What is plotted of a recording in viewers that know nothing of a knee: fields of messages, in SI units.
+"""Fields of messages that are plotted in viewers that know nothing of a knee, in SI units.
 
-`rerun_direct.py`, `foxglove.py` and `plotjuggler.py` say it in each viewer's language.
+`rerun_direct.py`, `foxglove.py` and `plotjuggler.py` write them in each viewer's format.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from knee_contact_ros.system.errors import UsageError
 
 
 class Colour(NamedTuple):
-    """Red, green, blue of 255, and what it is called."""
+    """Colour: red, green and blue from 0 to 255, and its name."""
 
     red: int
     green: int
@@ -23,12 +23,12 @@ class Colour(NamedTuple):
 
     @property
     def rgb(self) -> tuple[int, int, int]:
-        """The numbers."""
+        """Red, green and blue."""
         return self.red, self.green, self.blue
 
     @property
     def code(self) -> str:
-        """`#rrggbb`."""
+        """Colour as `#rrggbb`."""
         return f"#{self.red:02x}{self.green:02x}{self.blue:02x}"
 
 
@@ -42,33 +42,34 @@ VIOLET = Colour(190, 140, 230, "violet")
 
 
 class Curve(NamedTuple):
-    """One number of a message over time."""
+    """Number in a message that is plotted over time."""
 
     topic: str
-    """Relative, as in `topics.py`"""
+    """Relative name of the topic, as in `topics.py`"""
     field: str
-    """With dots: `contact_point.x`"""
+    """Name of the field with dots: `contact_point.x`"""
     name: str
+    """Name of the curve"""
     colour: Colour
     width: float = 1.5
-    """[pixels]"""
+    """Width of the line [pixels]"""
 
 
 class Plot(NamedTuple):
-    """Curves on one axis."""
+    """Plot of curves with a common axis."""
 
     title: str
     unit: str
-    """Of all of them; empty for a count"""
+    """Unit of all curves; empty for a count"""
     curves: tuple[Curve, ...]
 
     def with_unit(self, name: str) -> str:
-        """`load [N]`."""
+        """Text of a name with the unit: `load [N]`."""
         return f"{name} [{self.unit}]" if self.unit else name
 
     @property
     def headline(self) -> str:
-        """The title with the unit; it says which curve is which, because a legend would lie over the curves."""
+        """Title with unit, names and colours of the curves, as a legend would lie over the curves."""
         if len(self.curves) == 1:
             return self.with_unit(self.title)
         names = ", ".join(f"{curve.name} {curve.colour.name}" for curve in self.curves)
@@ -76,13 +77,15 @@ class Plot(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """A number that stands for a word."""
+    """Lane of a number that stands for a state."""
 
     field: str
-    """Of the topic `knee_contact`"""
+    """Name of the field of the topic `knee_contact`"""
     title: str
     words: dict[int, str]
+    """Name of the state for each number"""
     colours: dict[int, Colour]
+    """Colour of the state for each number"""
 
 
 PLOTS = (
@@ -135,15 +138,15 @@ PLOTS = (
     ),
 )
 ON_THE_KNEE = 5
-"""The first plots: what the knee does; the others tell how that came about"""
+"""Number of the first plots that show what the knee does; the others show how that was computed"""
 JOINTS = "Joint positions [rad]"
-"""Title of the plot of `joint_states`, whose curves have the names of the joints"""
+"""Title of the plot of `joint_states`, whose curves are named after the joints"""
 STATES = "Contact, level of the model, status"
 """Title of the lanes"""
 
 
 def _status_words() -> dict[int, str]:
-    """A word for every set of bits."""
+    """Names of the states of every combination of status bits."""
     bits = [bit for bit in Status if bit]
     words = {
         value: " + ".join(str(bit.name).lower().replace("_", " ") for bit in bits if value & bit)
@@ -171,10 +174,10 @@ LANES = (
 
 
 def checked(namespace: str) -> str:
-    """A namespace, if it can be one.
+    """Check a namespace and return it.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: it is no valid name of a ROS namespace.
     """
     if namespace and not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", namespace, re.ASCII):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, as left or robot/left")

@@ -1,4 +1,4 @@
-"""A layout for Foxglove, and for Lichtblick, which took over its open version: our messages as they were recorded.
+"""Layout for Foxglove, and for Lichtblick, which continues its open version, of our messages as they are recorded.
 
 Everything is in SI units: the functions that could convert have other names in the two (`.@degrees`, `.@rad2deg`),
 and Lichtblick has none that multiplies.
@@ -14,20 +14,20 @@ from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.tools.layouts.fields import BLUE, JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Plot
 
 DIAGNOSTICS = "/diagnostics"
-"""Only a running node has it; recordings do not"""
+"""Topic of diagnostics, which a running node has, and recordings do not"""
 STAMPS = "headerStamp"
-"""Foxglove's name for the stamps in the messages' headers"""
+"""Foxglove's name for the stamps in the headers of messages"""
 LOGARITHMIC = ("error_estimate", "force_error_estimate")
-"""Fields too small for axes that end at three decimals, as Lichtblick's do"""
+"""Fields that are plotted as logarithms, as they are too small for the three decimals of Lichtblick's axes"""
 
 Panels = dict[str, dict[str, Any]]
-"""Configurations of the panels by their ids: `Plot!force`"""
+"""Configurations of panels by their ids, such as `Plot!force`"""
 Mosaic = Any
-"""The id of a panel, or two of these side by side or one above the other"""
+"""Arrangement of panels: the id of a panel, or two arrangements side by side or one above the other"""
 
 
 def layout(namespace: str = "") -> dict[str, Any]:
-    """What is imported as a layout file: a tab with the plots and one with the messages and the node's diagnostics."""
+    """Make the content of a layout file: a tab with plots, and one with messages and the node's diagnostics."""
     plots = {f"Plot!{number}": _plot(plot, namespace) for number, plot in enumerate(PLOTS)}
     joints = {f"Plot!{len(PLOTS)}": _joints(namespace)}
     states = {"StateTransitions!states": _states(namespace)}
@@ -37,9 +37,9 @@ def layout(namespace: str = "") -> dict[str, Any]:
         "DiagnosticSummary!node": {"topicToRender": DIAGNOSTICS, "minLevel": 0, "pinnedIds": []},
     }
     ids = list(plots)
-    knee = beside(above(*ids[:ON_THE_KNEE]), above(*states, above(*ids[ON_THE_KNEE:], *joints), share=30.0))
-    raw = beside(*messages)
-    tabs = [{"title": "Knee", "layout": knee}, {"title": "Messages", "layout": raw}]
+    answers, inputs = _split("column", ids[:ON_THE_KNEE]), _split("column", [*ids[ON_THE_KNEE:], *joints])
+    knee = _split("row", [answers, _split("column", [*states, inputs], share=30.0)])
+    tabs = [{"title": "Knee", "layout": knee}, {"title": "Messages", "layout": _split("row", list(messages))}]
     tab: Panels = {"Tab!knee": {"activeTabIdx": 0, "tabs": tabs}}
     return {
         "configById": tab | plots | joints | states | messages,
@@ -51,21 +51,12 @@ def layout(namespace: str = "") -> dict[str, Any]:
 
 
 def path(topic: str, field: str, namespace: str = "") -> str:
-    """Foxglove's name for a field: `/knee_contact.contact_point.x`."""
+    """Foxglove's name of a field: `/knee_contact.contact_point.x`."""
     return f"{absolute(topic, namespace)}.{field}"
 
 
-def above(*parts: Mosaic, share: float | None = None) -> Mosaic:
-    """One above the other, all of one height unless the first has a `share` [%]."""
-    return _split("column", parts, share)
-
-
-def beside(*parts: Mosaic) -> Mosaic:
-    """Side by side, all of one width."""
-    return _split("row", parts)
-
-
 def _split(direction: str, parts: Sequence[Mosaic], share: float | None = None) -> Mosaic:
+    """Arrange parts in a `row` or `column`, all of the same size unless the first has a `share` [%]."""
     if len(parts) == 1:
         return parts[0]
     rest = _split(direction, parts[1:])
@@ -78,7 +69,7 @@ def _raw(topic: str) -> dict[str, Any]:
 
 
 def _plot(plot: Plot, namespace: str) -> dict[str, Any]:
-    """The curves in reverse: the one in front comes first."""
+    """Configuration of a plot; its curves are in reverse order, as the first is drawn in front."""
     logarithm = any(curve.field in LOGARITHMIC for curve in plot.curves)
     before, after = ("log10 of ", ".@log10") if logarithm else ("", "")
     return _axes(before + plot.headline) | {
@@ -113,7 +104,7 @@ def _axes(headline: str) -> dict[str, Any]:
 
 
 def _titled(title: str) -> dict[str, Any]:
-    """Both have a key of their own for it."""
+    """Title of a panel, under the key of each of the two viewers."""
     return {"foxglovePanelTitle": title, "lichtblickPanelTitle": title}
 
 

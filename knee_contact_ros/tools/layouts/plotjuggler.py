@@ -1,6 +1,6 @@
-"""Layouts for PlotJuggler: our messages in degrees, millimetres and newtons (3), in SI units (4).
+"""Layouts for PlotJuggler of our messages: in degrees, millimetres and newtons for version 3, in SI units for 4.
 
-PlotJuggler 3 knows a number as `/knee_contact/contact_point/x`, 4 by its topic and the rest; a JointState's by the
+PlotJuggler 3 names a number `/knee_contact/contact_point/x`, 4 by topic and field; those of a JointState by the
 joint's name. The transform `Scale/Offset` of 3 converts; 4 has scripts for that, which a layout cannot count on.
 """
 
@@ -18,27 +18,27 @@ from knee_contact_ros.tools.layouts.fields import BLUE, LANES, PLOTS, RED, VIOLE
 JOINT = "knee"
 """Default of the parameter `knee.joint_name`"""
 SHOWN = {"rad": ("deg", 180.0 / math.pi), "m": ("mm", 1e3), "m/s": ("mm/s", 1e3)}
-"""Unit of a field to the unit shown, and the factor between them"""
+"""Displayed unit and factor to it, by the unit of a field"""
 SMALL = {"error_estimate": ("um", 1e6)}
-"""The same for single fields"""
+"""Displayed unit and factor to it for single fields"""
 LANE_COLOURS = (BLUE, VIOLET, RED)
 
 
 def layout(namespace: str = "") -> str:
-    """What PlotJuggler 3 loads as a layout file, XML."""
+    """Layout file for PlotJuggler 3, as XML text."""
     document = _Layout(namespace, converts=True).document({})
     ET.SubElement(document, "use_relative_time_offset", enabled="1")
     return _text(document)
 
 
 def layout_4(namespace: str = "") -> str:
-    """The same for PlotJuggler 4, `.pj4.xml`, for whatever recording is open."""
+    """Layout file for PlotJuggler 4 (`.pj4.xml`), as XML text, which applies to any open recording."""
     attributes = {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
     return _text(_Layout(namespace, converts=False).document(attributes))
 
 
 def path(topic: str, field: str, namespace: str = "") -> str:
-    """PlotJuggler's name for a field: `/knee_contact/contact_point/x`."""
+    """PlotJuggler's name of a field: `/knee_contact/contact_point/x`."""
     return f"{absolute(topic, namespace)}/{field.replace('.', '/')}"
 
 
@@ -48,14 +48,14 @@ def _text(root: ET.Element) -> str:
 
 
 class _Layout(NamedTuple):
-    """A layout in the making."""
+    """Builder of a layout."""
 
     namespace: str
     converts: bool
-    """Whether curves carry a transform, as in PlotJuggler 3"""
+    """Whether curves have a transform to another unit, as in PlotJuggler 3"""
 
     def document(self, attributes: Mapping[str, str]) -> ET.Element:
-        """All tabs."""
+        """XML document with all tabs; `attributes` are those of its root."""
         root = ET.Element("root", dict(attributes))
         window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
         plots = [self._plot(plot) for plot in PLOTS]
@@ -87,11 +87,11 @@ class _Layout(NamedTuple):
         return area
 
     def _shown(self, unit: str) -> tuple[str, float]:
-        """The unit shown, and the factor to it."""
+        """Displayed unit for a unit of a field, and the factor to it."""
         return SHOWN.get(unit, (unit, 1.0)) if self.converts else (unit, 1.0)
 
     def _curve(self, plot: ET.Element, source: tuple[str, str], name: str, colour: Colour, factor: float = 1.0) -> None:
-        """A curve of a topic's field; its `name` is told where it is converted."""
+        """Add a curve of a topic and field to a plot; it gets the `name` where it is converted."""
         topic, field = source
         if not self.converts:
             names = {"topic": absolute(topic, self.namespace), "field": field.replace(".", "/")}
@@ -108,7 +108,7 @@ def _tab(window: ET.Element, name: str, *columns: list[ET.Element]) -> None:
 
 
 def _split(orientation: str, parts: Sequence[ET.Element]) -> ET.Element:
-    """Side by side (`|`) or one above the other (`-`), all of one size."""
+    """Arrange parts side by side (`|`) or one above the other (`-`), all of the same size."""
     sizes = ";".join([f"{1.0 / len(parts):.4f}"] * len(parts))
     splitter = ET.Element("DockSplitter", orientation=orientation, count=str(len(parts)), sizes=sizes)
     splitter.extend(parts)
@@ -116,6 +116,6 @@ def _split(orientation: str, parts: Sequence[ET.Element]) -> ET.Element:
 
 
 def _area(title: str, style: str = "Lines") -> tuple[ET.Element, ET.Element]:
-    """A place with a title, and the plot in it."""
+    """Make an area with a title, and the plot in it."""
     area = ET.Element("DockArea", name=title)
     return area, ET.SubElement(area, "plot", mode="TimeSeries", style=style, line_width="1.5")

@@ -1,58 +1,43 @@
-"""A blueprint for Rerun's own import of an MCAP recording: it plots fields of our messages as they were recorded.
+"""Blueprint for Rerun's own import of an MCAP recording: it plots fields of our messages as they are recorded.
 
-Rerun knows JointState and turns it into curves. Of other messages it keeps the fields, and a blueprint says which of
-them are drawn. It can pick a field but not calculate with it, so everything is in SI units.
+Rerun turns JointState into curves by itself. Of other messages it keeps the fields, and a blueprint selects those that
+are drawn. It can select a field but not calculate with it, so everything is in SI units.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.tools.layouts.fields import JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Lane, Plot
 
-if TYPE_CHECKING:
-    import rerun.blueprint as rrb
-
 APPLICATION = "knee_contact"
-"""Application id of the blueprint that is shipped"""
+"""Application id of the blueprint in `config/rerun`"""
 TIMELINE = "ros2_timestamp"
-"""Rerun's name for the stamps in the messages' headers"""
+"""Rerun's name for the stamps in the headers of messages"""
 
 
 def application_of(recording: Path) -> str:
-    """The application id under which Rerun opens an MCAP file: its name without suffix, and without dots."""
+    """Application id under which Rerun opens an MCAP file: its name without suffix, with underscores for dots."""
     return recording.stem.replace(".", "_")
 
 
-def component(topic: str) -> str:
-    """Rerun's name for the messages of one of our topics."""
-    return MESSAGE_TYPES[topic].replace("/", ".") + ":message"
-
-
-def selector(field: str) -> str:
-    """Rerun's name for a field of a message."""
-    return f".{field}"
-
-
 def blueprint(namespace: str = "") -> rrb.Blueprint:
-    """Views of `/knee_contact` and what belongs to it; of `/left/knee_contact` in the namespace `left`.
+    """Make views of `/knee_contact` and related topics, of `/left/knee_contact` in the namespace `left`.
 
-    On the left the answers, on the right how they came about, and under which load.
+    On the left are the answers, on the right how they were computed, and under which load.
     """
-    import rerun.blueprint as rrb
-
     plots = [_plot(plot, namespace) for plot in PLOTS]
-    states, joints = _lanes(namespace), _joints(namespace)
+    inputs = [_lanes(namespace), *plots[ON_THE_KNEE:], _joints(namespace)]
+    shares = [1.8, *[1.0] * len(inputs[1:])]
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*plots[:ON_THE_KNEE]),
-            rrb.Vertical(
-                states, *plots[ON_THE_KNEE:], joints, row_shares=[1.8, *[1.0] * len(plots[ON_THE_KNEE - 1 :])]
-            ),
-        ),
+        rrb.Horizontal(rrb.Vertical(*plots[:ON_THE_KNEE]), rrb.Vertical(*inputs, row_shares=shares)),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -60,13 +45,11 @@ def blueprint(namespace: str = "") -> rrb.Blueprint:
 
 
 def save(path: Path, application: str = APPLICATION, namespace: str = "") -> None:
-    """Write the blueprint as an `.rbl` file, which Rerun uses for recordings of that application id."""
+    """Write the blueprint as an `.rbl` file, which Rerun uses for recordings with that application id."""
     blueprint(namespace).save(application, path)
 
 
 def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
-    import rerun.blueprint as rrb
-
     overrides: dict[Any, list[Any]] = {}
     for curve in plot.curves:
         overrides.setdefault(absolute(curve.topic, namespace), []).append(_line(plot, curve))
@@ -80,16 +63,11 @@ def _plot(plot: Plot, namespace: str) -> rrb.TimeSeriesView:
 
 
 def _line(plot: Plot, curve: Curve) -> Any:
-    import rerun as rr
-
     style = rr.SeriesLines(names=plot.with_unit(curve.name), colors=[curve.colour.rgb], widths=[curve.width])
     return style.visualizer(mappings=[_mapping("Scalars:scalars", curve.topic, curve.field)])
 
 
 def _lanes(namespace: str) -> rrb.StateTimelineView:
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     def lane(what: Lane) -> Any:
         values = list(what.words)
         style = rr.StateConfiguration(
@@ -110,9 +88,7 @@ def _lanes(namespace: str) -> rrb.StateTimelineView:
 
 
 def _joints(namespace: str) -> rrb.TimeSeriesView:
-    """The angles as they came: those of the namespace and those that both knees share."""
-    import rerun.blueprint as rrb
-
+    """View of the joint angles as they were received: those of the namespace, and those that both knees share."""
     topics = {absolute(JOINT_STATES, namespace), absolute(JOINT_STATES)}
     return rrb.TimeSeriesView(
         origin="/", contents=sorted(f"{topic}/position" for topic in topics), name=JOINTS, **_axes(legend=True)
@@ -120,9 +96,7 @@ def _joints(namespace: str) -> rrb.TimeSeriesView:
 
 
 def _axes(legend: bool) -> dict[str, Any]:
-    """One time axis for all."""
-    import rerun.blueprint as rrb
-
+    """Common time axis and legend of a view."""
     return {
         "axis_x": rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         "plot_legend": rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
@@ -130,12 +104,10 @@ def _axes(legend: bool) -> dict[str, Any]:
 
 
 def _mapping(target: str, topic: str, field: str) -> Any:
-    """A visualizer's `target` is filled from a field of a topic's messages."""
-    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
-
+    """Map a field of a topic's messages to the component `target` of a visualizer."""
     return VisualizerComponentMapping(
         target=target,
         source_kind=ComponentSourceKind.SourceComponent,
-        source_component=component(topic),
-        selector=selector(field),
+        source_component=MESSAGE_TYPES[topic].replace("/", ".") + ":message",
+        selector=f".{field}",
     )

@@ -1,4 +1,4 @@
-"""A knee's angle as OpenSim has it → flexion in rad, positive in flexion."""
+"""Determine unit and sign of a knee's angle in OpenSim's files."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from knee_contact_ros.system.errors import UsageError
 
 DEGREES, RADIANS, AUTO = "deg", "rad", "auto"
 LARGEST_RADIANS = 3.5
-"""[rad] No knee bends so far: numbers beyond are degrees"""
+"""Angle [rad] that no knee reaches: larger numbers are in degrees"""
 SMALLEST_DEGREES = 3.5
-"""[deg] What stays below may as well be radians"""
+"""Angle [deg] below which numbers may also be in radians"""
 FLEXES = math.radians(20.0)
-"""[rad] which a knee flexes in every step, and never extends"""
+"""Angle [rad] that a knee reaches in flexion in every step, and never in extension"""
 TIMES_MORE = 2.0
-"""How many times as far it must go to the one side as to the other for the sign to be clear"""
+"""Least ratio of the angles to both sides for which the sign is clear"""
 EXTENDS = math.radians(30.0)
-"""[rad] Hyperextension and flexion beyond which a sign or a unit is wrong"""
+"""Hyperextension [rad] beyond which a sign or unit is wrong"""
 LARGEST_FLEXION = math.radians(170.0)
+"""Flexion angle [rad] beyond which a sign or unit is wrong"""
 
 
-def unit_of(storage: Storage, column: str, asked: str) -> str:
-    """Whether a column is in `deg` or `rad`, as asked for or as header and values say.
+def unit_of(storage: Storage, column: str, requested: str) -> str:
+    """Unit of a column, `deg` or `rad`: the requested one, or with `auto` that of the header, checked by the values.
 
     Raises:
-        UsageError: header and values contradict each other, or neither says.
+        UsageError: header and values contradict each other, or the unit is not clear.
     """
-    if asked != AUTO:
-        return asked
+    if requested != AUTO:
+        return requested
     values = storage.column(column)
     reach, span = float(np.abs(values).max()), f"{column} goes from {values.min():.3g} to {values.max():.3g}"
     if storage.degrees is None:
@@ -44,18 +45,18 @@ def unit_of(storage: Storage, column: str, asked: str) -> str:
     return DEGREES if storage.degrees else RADIANS
 
 
-def sign_of(angle: Floats, where: str, asked: int | None, bounds: tuple[float, float] | None) -> int:
-    """What makes an angle [rad] positive in flexion, 1 or -1.
+def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None) -> int:
+    """Sign that makes an angle [rad] positive in flexion, 1 or -1.
 
-    As asked for; else from the data, as a walking knee flexes far more than it extends; else from `bounds`, the
-    coordinate's range [rad] in the model. `where` names file and column.
+    It is the requested one, or else follows from the data, as a walking knee flexes far more than it extends, or else
+    from `bounds`, the coordinate's range [rad] in the model. `where` names file and column in messages.
 
     Raises:
-        UsageError: the sign asked for cannot be, or nothing tells it.
+        UsageError: the sign is impossible for a knee, or is not clear.
     """
     low, high = float(angle.min()), float(angle.max())
     span = f"{where} goes from {math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
-    sign = asked or clear_sign(low, high) or (clear_sign(*bounds) if bounds else None)
+    sign = requested or clear_sign(low, high) or (clear_sign(*bounds) if bounds else None)
     if sign is None:
         raise UsageError(f"{span}: which sign is flexion? Give --angle-sign 1 or -1, or --model")
     lowest, highest = (low, high) if sign > 0 else (-high, -low)
@@ -69,7 +70,7 @@ def sign_of(angle: Floats, where: str, asked: int | None, bounds: tuple[float, f
 
 
 def clear_sign(low: float, high: float) -> int | None:
-    """The sign of flexion if a range [rad] goes clearly further to one side."""
+    """Sign of flexion if a range of angles [rad] reaches clearly further to one side; None if it does not."""
     if high >= FLEXES and high >= -TIMES_MORE * low:
         return 1
     if -low >= FLEXES and -low >= TIMES_MORE * high:

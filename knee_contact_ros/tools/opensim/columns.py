@@ -1,4 +1,4 @@
-"""Which columns are a knee's: OpenSim's names say coordinate, joint, body and frame."""
+"""Find the columns of a knee by OpenSim's names, which tell coordinate, joint, body and frame."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from knee_contact_ros.system.errors import UsageError
 RIGHT, LEFT = "right", "left"
 SIDE_WORDS = {RIGHT: {"r", "right"}, LEFT: {"l", "left"}}
 ANGLE_WORDS = {"angle", "flexion", "flex", "extension", "ext", "fe"}
-"""Beside `knee` and the side; `knee_angle_r_beta` is the patella's, `knee_adduction_r` another rotation"""
+"""Words allowed in the name of a knee's angle beside `knee` and the side; others are of the patella or other axes"""
 TIBIA, FEMUR = ("tibia", "shank"), ("femur", "femor", "thigh")
-"""Beginnings of words in bodies' names"""
+"""Beginnings of words in the names of bodies"""
 REACTION = re.compile(r"(?P<joint>.+)_on_(?P<body>.+)_in_(?P<frame>.+)_(?P<axis>[fmp][xyz])")
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 POINT = ("px", "py", "pz")
@@ -22,15 +22,17 @@ HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame chil
 
 
 class Reaction(NamedTuple):
-    """A joint's reaction in a file: columns `<joint>_on_<body>_in_<frame>_fx` and so on."""
+    """Reaction of a joint in a file, with columns `<joint>_on_<body>_in_<frame>_fx` and so on."""
 
     joint: str
     body: str
+    """Body on which it acts"""
     frame: str
+    """Frame in which it is expressed"""
 
     @property
     def prefix(self) -> str:
-        """What its columns begin with."""
+        """Beginning of the names of its columns."""
         return f"{self.joint}_on_{self.body}_in_{self.frame}_"
 
     @property
@@ -45,16 +47,12 @@ class Reaction(NamedTuple):
 
 
 def angle_column(storage: Storage, side: str, coordinate: str | None) -> str:
-    """The column with the knee's angle; `coordinate` names it, or its coordinate.
+    """Find the column with the knee's angle; `coordinate` is its name or that of its coordinate, None if not known.
 
     Raises:
-        UsageError: there is none, or more than one.
+        UsageError: there is no such column, or more than one.
     """
-    by_coordinate: dict[str, str] = {}
-    for name in storage.names:
-        found = coordinate_of(name)
-        if found is not None:
-            by_coordinate[found] = name
+    by_coordinate = {found: name for name in storage.names if (found := coordinate_of(name)) is not None}
     if coordinate is not None:
         if coordinate in storage.names:
             return coordinate
@@ -71,14 +69,14 @@ def angle_column(storage: Storage, side: str, coordinate: str | None) -> str:
 
 
 def speed_column(names: Iterable[str], angle: str) -> str | None:
-    """The column beside an angle's that has its rate, in a file of states or of speeds."""
+    """Find the column with the rate of an angle's column, in a file of states or of speeds; None: there is none."""
     wanted = angle.removesuffix("/value") + "/speed" if "/" in angle else angle
     coordinate = coordinate_of(angle)
     return next((name for name in names if name in {wanted, coordinate} or name.endswith(f"/{coordinate}/speed")), None)
 
 
 def coordinate_of(name: str) -> str | None:
-    """The coordinate whose value a column has: itself, or that of `/jointset/JOINT/COORDINATE/value`."""
+    """Coordinate whose value a column has, also with a name `/jointset/JOINT/COORDINATE/value`; None: it has none."""
     parts = name.strip("/").split("/")
     if len(parts) == 1:
         return name
@@ -86,16 +84,16 @@ def coordinate_of(name: str) -> str | None:
 
 
 def is_knee_angle(name: str, side: str) -> bool:
-    """Whether a coordinate's name says that it is the flexion of this knee."""
-    found = words(name)
-    return "knee" in found and bool(found & SIDE_WORDS[side]) and not found - {"knee"} - ANGLE_WORDS - SIDE_WORDS[side]
+    """Whether a coordinate is the flexion angle of the knee of a side, by its name."""
+    parts = words(name)
+    return "knee" in parts and bool(parts & SIDE_WORDS[side]) and not parts - {"knee"} - ANGLE_WORDS - SIDE_WORDS[side]
 
 
 def find_reaction(storage: Storage, side: str, joint: str | None) -> Reaction:
-    """The knee's reaction on the tibia in the tibia's frame, else one that it can be computed from.
+    """Find the knee's reaction on the tibia in the tibia's frame, or else one from which it can be computed.
 
     Raises:
-        UsageError: there is no such joint, it is not unique, or acts elsewhere or is expressed in another frame.
+        UsageError: there is no such joint or more than one, or its reaction is on another body or in another frame.
     """
     there = reactions(storage)
     if not there:
@@ -111,40 +109,31 @@ def find_reaction(storage: Storage, side: str, joint: str | None) -> Reaction:
         raise UsageError(f"{storage.path} has {having} among {some(joints)}; choose one with --joint NAME")
     ours = [reaction for reaction in there if reaction.joint == knees[0]]
     for reaction in (*(r for r in ours if r.on_tibia), *(r for r in ours if r.on_femur)):
-        complete(storage, reaction)
+        missing = [reaction.prefix + axis for axis in AXES if reaction.prefix + axis not in storage.names]
+        if missing:
+            raise UsageError(f"{storage.path} has no column {', '.join(missing)}")
         return reaction
     raise UsageError(f"{storage.path}: {refusal(ours[0])}; {HOW}")
 
 
 def refusal(reaction: Reaction) -> str:
-    """Why a reaction cannot be taken."""
+    """Say why a reaction cannot be used."""
     if not is_part(reaction.body, (*TIBIA, *FEMUR)):
         return f"{reaction.joint} acts on {reaction.body}, and must on the tibia"
     return f"{reaction.joint} on {reaction.body} is expressed in {reaction.frame}, and must be in the tibia's frame"
 
 
-def complete(storage: Storage, reaction: Reaction) -> None:
-    """Check that all six components are there.
-
-    Raises:
-        UsageError: they are not.
-    """
-    missing = [reaction.prefix + axis for axis in AXES if reaction.prefix + axis not in storage.names]
-    if missing:
-        raise UsageError(f"{storage.path} has no column {', '.join(missing)}")
-
-
 def reactions(storage: Storage) -> list[Reaction]:
-    """All reactions of a file."""
+    """List the reactions that a file has."""
     matches = [REACTION.fullmatch(name) for name in storage.names]
     return list(dict.fromkeys(Reaction(m["joint"], m["body"], m["frame"]) for m in matches if m))
 
 
 def is_part(name: str, beginnings: tuple[str, ...]) -> bool:
-    """Whether a body's name has a word that begins so."""
+    """Whether a body's name has a word with one of these beginnings."""
     return any(word.startswith(beginnings) for word in words(name))
 
 
 def words(name: str) -> set[str]:
-    """The words of a name, in lower case."""
+    """Words of a name, in lower case."""
     return set(re.findall("[a-z]+", name.lower()))

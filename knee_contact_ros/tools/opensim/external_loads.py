@@ -1,4 +1,4 @@
-"""Which columns of a file with ground reactions act on which foot: by OpenSim's external loads, or by their names."""
+"""Find the columns of ground reactions that act on a foot, by OpenSim's external loads or by the columns' names."""
 
 from __future__ import annotations
 
@@ -11,34 +11,33 @@ from xml.etree import ElementTree as ET
 from knee_contact_ros.offline.gait_files.storage import Storage, read_storage, some
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.columns import LEFT, RIGHT, SIDE_WORDS, is_part, words
-from knee_contact_ros.tools.opensim.model_file import read_xml
+from knee_contact_ros.tools.opensim.model_file import NOTHING, read_xml, text_in
 
 XML = ".xml"
-NOTHING = {"", "Unassigned", "unassigned"}
 GROUND = {"ground", "/ground", *NOTHING}
-"""Names of the frame that stands still; it is meant where none is named"""
+"""Names of the ground frame, which is also meant where none is named"""
 FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
-"""Beginnings of words in bodies' names"""
+"""Beginnings of words in names of the bodies of a foot"""
 FORCE = re.compile(r"(?P<stem>.*force.*_)vx", re.IGNORECASE)
-"""The first of a force's columns, as `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
+"""Name of a force's first column, as `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
 EXAMPLES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
-"""Whose the plates are in OpenSim's own examples, which name no foot"""
+"""Side of each force plate in OpenSim's own examples, which name no foot"""
 TURNS = ("torque", "moment")
 
 
 class FootForce(NamedTuple):
-    """A force on a foot: what the names of its columns begin with; x, y and z follow."""
+    """Columns of a force on a foot: the beginnings of their names, which x, y and z follow."""
 
     force: str
-    """[N]"""
+    """Columns of the force [N]"""
     point: str
-    """[m] where it acts"""
+    """Columns of the point of application [m]"""
     torque: str
-    """[N m] of the free moment; empty: there is none"""
+    """Columns of the free moment [N m]; empty: there are none"""
 
     @property
-    def told(self) -> str:
-        """The columns, for a person."""
+    def columns(self) -> str:
+        """Text that names the columns."""
         return " ".join(f"{name}(x y z)" for name in self if name)
 
 
@@ -48,27 +47,27 @@ class GroundFile(NamedTuple):
     data: Storage
     forces: tuple[FootForce, ...]
     notes: tuple[str, ...]
-    """What was left out"""
+    """What was left out, as sentences"""
 
 
 def data_file(ground: Path, folder: Path | None = None) -> Path:
-    """The file with the numbers: `ground` itself, or the one that it names if it is an external loads file.
+    """Find the file with the numbers: `ground` itself, or the one that it names if it is an external loads file.
 
-    That lies beside it, or is named from `folder`, where a tool of OpenSim runs with it.
+    That file lies beside it, or is named from `folder`, in which a tool of OpenSim runs with it.
 
     Raises:
-        UsageError: it names none, or one that is not there.
+        UsageError: the external loads file names no file, or one that is not there.
     """
     return named_data(ground, folder) if ground.suffix.lower() == XML else ground
 
 
 def named_data(loads: Path, folder: Path | None = None) -> Path:
-    """The file with the numbers of an external loads file; it lies beside it, or is named from `folder`.
+    """Find the file with the numbers of an external loads file; it lies beside that, or is named from `folder`.
 
     Raises:
-        UsageError: it names none, or one that is not there.
+        UsageError: the external loads file names no file, or one that is not there.
     """
-    name = (read_xml(loads, "ExternalLoads").findtext(".//datafile") or "").strip()
+    name = text_in(read_xml(loads, "ExternalLoads"), ".//datafile")
     if name in NOTHING:
         raise UsageError(f"{loads} names no datafile, which has the numbers")
     places = [place / name for place in (loads.parent, folder) if place]
@@ -79,10 +78,10 @@ def named_data(loads: Path, folder: Path | None = None) -> Path:
 
 
 def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
-    """The forces on a foot, right or left; `data` is what `data_file` gives.
+    """Read the forces on the right or left foot; `data` is the file that `data_file` finds.
 
     Raises:
-        UsageError: a file cannot be read, it is not clear what acts on the foot, or a column is missing.
+        UsageError: a file cannot be read, it is not clear which forces act on the foot, or a column is missing.
     """
     storage = read_storage(data)
     if ground.suffix.lower() == XML:
@@ -90,20 +89,24 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     else:
         forces, notes = [by_names(storage, side)], []
     for force in forces:
-        check_columns(storage, force)
+        missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in storage.names]
+        if missing:
+            raise UsageError(f"{storage.path} has no column {', '.join(missing)}; it has {some(storage.names)}")
     return GroundFile(storage, tuple(forces), tuple(notes))
 
 
 def by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
-    """The forces that an external loads file applies to bodies of a foot, and notes on those that it has elsewhere.
+    """Forces that an external loads file applies to bodies of a foot, and notes on forces on other bodies than feet.
 
     Raises:
-        UsageError: there are none, or they are not expressed in ground.
+        UsageError: there are no forces on the foot, or they are not expressed in ground.
     """
     forces: list[FootForce] = []
+    bodies: list[str] = []
     elsewhere: list[str] = []
     for element in read_xml(path, "ExternalLoads").iter("ExternalForce"):
-        body = text(element, "applied_to_body")
+        body = text_in(element, "applied_to_body")
+        bodies.append(body)
         if not applies(element) or not body:
             continue
         if is_foot(body, side):
@@ -111,29 +114,22 @@ def by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
         elif not any(is_foot(body, other) for other in SIDE_WORDS):
             elsewhere.append(body)
     if not forces:
-        raise UsageError(
-            f"{path} applies no force to the {side} foot; its forces act on {some(bodies(path)) or 'nothing'}"
-        )
+        named = some(list(dict.fromkeys(filter(None, bodies))))
+        raise UsageError(f"{path} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
     return forces, [f"ground: what acts on {', '.join(elsewhere)} is left out"] * bool(elsewhere)
 
 
-def bodies(path: Path) -> list[str]:
-    """All bodies that an external loads file applies forces to."""
-    found = read_xml(path, "ExternalLoads").iter("ExternalForce")
-    return list(dict.fromkeys(filter(None, (text(element, "applied_to_body") for element in found))))
-
-
 def foot_force(path: Path, element: ET.Element) -> FootForce:
-    """What an ExternalForce says.
+    """Columns that an ExternalForce of an external loads file names.
 
     Raises:
         UsageError: it has no force or no point, or these are not expressed in ground.
     """
     where = f"{path}: the force {element.get('name', '')!r}"
     for tag in ("force_expressed_in_body", "point_expressed_in_body"):
-        if text(element, tag) not in GROUND:
-            raise UsageError(f"{where}: {tag} is {text(element, tag)}, and must be ground")
-    force, point, torque = (text(element, f"{what}_identifier") for what in ("force", "point", "torque"))
+        if text_in(element, tag) not in GROUND:
+            raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, and must be ground")
+    force, point, torque = (text_in(element, f"{what}_identifier") for what in ("force", "point", "torque"))
     for name, value in (("force", force), ("point", point)):
         if value in NOTHING:
             raise UsageError(f"{where} has no {name}_identifier")
@@ -141,25 +137,20 @@ def foot_force(path: Path, element: ET.Element) -> FootForce:
 
 
 def applies(element: ET.Element) -> bool:
-    """Whether a force is switched on, as OpenSim 3 or 4 says it."""
-    return text(element, "isDisabled").lower() != "true" and text(element, "appliesForce").lower() != "false"
-
-
-def text(element: ET.Element, tag: str) -> str:
-    """A property; empty if it is not there."""
-    return (element.findtext(tag) or "").strip()
+    """Whether a force is enabled, by the properties of OpenSim 3 and 4."""
+    return text_in(element, "isDisabled").lower() != "true" and text_in(element, "appliesForce").lower() != "false"
 
 
 def is_foot(body: str, side: str) -> bool:
-    """Whether a body's name says that it is of the foot of this side."""
+    """Whether a body belongs to the foot of a side, by its name."""
     return is_part(body, FOOT) and bool(words(body) & SIDE_WORDS[side])
 
 
 def by_names(storage: Storage, side: str) -> FootForce:
-    """The force whose columns name the foot, or that has the place it has in OpenSim's examples.
+    """Find the force whose columns name the foot, or have the names that OpenSim's examples have for it.
 
     Raises:
-        UsageError: it is not clear which one.
+        UsageError: there is no such force, or more than one.
     """
     stems = [match["stem"] for match in map(FORCE.fullmatch, storage.names) if match]
     if not stems:
@@ -177,20 +168,9 @@ def by_names(storage: Storage, side: str) -> FootForce:
 
 
 def torque_of(names: Sequence[str], stem: str) -> str:
-    """What a free moment's columns begin with, by the stem of its force's; empty if there are none."""
+    """Beginning of the names of a free moment's columns, from that of its force; empty if there are none."""
     for turn in TURNS:
         for prefix in (stem.replace("force", turn), stem.replace("force", turn) + "m"):
             if f"{prefix}y" in names:
                 return prefix
     return ""
-
-
-def check_columns(storage: Storage, force: FootForce) -> None:
-    """Check that all columns of a force are there.
-
-    Raises:
-        UsageError: they are not.
-    """
-    missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in storage.names]
-    if missing:
-        raise UsageError(f"{storage.path} has no column {', '.join(missing)}; it has {some(storage.names)}")

@@ -1,4 +1,4 @@
-"""Ground reactions as force plates tell them → force and torque about an ankle that moves."""
+"""Ground reactions of force plates → force and torque about a moving ankle."""
 
 from __future__ import annotations
 
@@ -11,33 +11,31 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.external_loads import FootForce, GroundFile
 
 IN_THE_AIR = 10.0
-"""[N] of vertical force below which a foot is in the air: plates are noisy, and a centre of pressure is none there"""
+"""Vertical force [N] below which a foot is in the air: plates are noisy, and have no centre of pressure then"""
 STANDS = 100.0
-"""[N] of vertical force that a foot which walks reaches, and beyond which its centre of pressure must be near it"""
+"""Vertical force [N] that a walking foot reaches, and above which its centre of pressure must be near the ankle"""
 NEAR = 0.30
-"""[m] in the ground plane from the ankle to a centre of pressure, half of the time: more than a foot has before it"""
+"""Largest median distance [m] of ankle and centre of pressure in the ground plane: more than a foot's length ahead"""
 
 
 def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
-    """The rows between the first and the last stamp [ns], and their neighbours.
+    """Select the rows between the first and the last stamp [ns], with a neighbour at each end.
 
     Raises:
-        UsageError: there are none.
+        UsageError: there are fewer than two.
     """
     data = ground.data
     first = max(int(np.searchsorted(data.stamps, stamps[0], "right")) - 1, 0)
     last = int(np.searchsorted(data.stamps, stamps[-1], "left")) + 1
     within = data._replace(stamps=data.stamps[first:last], values=data.values[first:last])
     if len(within.stamps) < 2:
-        told = " to ".join(f"{stamp / NANOSECONDS:g}" for stamp in (stamps[0], stamps[-1]))
-        raise UsageError(f"{data.path} spans {data.span()}, and the kinematics {told} s")
+        span = " to ".join(f"{stamp / NANOSECONDS:g}" for stamp in (stamps[0], stamps[-1]))
+        raise UsageError(f"{data.path} spans {data.span()}, and the kinematics {span} s")
     return ground._replace(data=within)
 
 
 def about_ankle(ground: GroundFile, ankle: Floats) -> GroundForces:
-    """Force and torque about the ankle at the rows of the file; all 0 where the foot is in the air.
-
-    Several forces on a foot are added.
+    """Sum the forces on a foot, with their torque about the ankle, at the rows of the file; 0 with the foot in the air.
 
     Args:
         ground: the file, in OpenSim's axes of the ground (x forward, y up, z to the right).
@@ -69,7 +67,7 @@ def wrench_of(data: Storage, names: FootForce, ankle: Floats) -> tuple[Floats, F
 
 
 def vector(data: Storage, name: str, where: np.ndarray | None = None) -> Floats:
-    """Three columns, shape (n, 3); 0 outside `where`, truth values of shape (n,): a point may be no number in the air.
+    """Vector in three columns, shape (n, 3), 0 where `where`, shape (n,), is false: a point may be NaN in the air.
 
     Raises:
         UsageError: a number that counts is not finite.
@@ -85,10 +83,10 @@ def vector(data: Storage, name: str, where: np.ndarray | None = None) -> Floats:
 
 
 def check_upright(ground: GroundFile) -> None:
-    """Check that the ground presses upwards, and by as much as a foot that walks gets.
+    """Check that each force acts upwards, and is as large as that on a walking foot.
 
     Raises:
-        UsageError: it does not, or a number is not finite.
+        UsageError: one does not or is not, or a number is not finite.
     """
     for names in ground.forces:
         up = vector(ground.data, names.force)[:, 1]
@@ -102,10 +100,10 @@ def check_upright(ground: GroundFile) -> None:
 
 
 def check_near(data: Storage, names: FootForce, arm: Floats) -> None:
-    """Check that centres of pressure are where the foot is; `arm` [m] is from the ankle to each, shape (n, 3).
+    """Check that centres of pressure are near the foot; `arm` [m] is from the ankle to each, shape (n, 3).
 
     Raises:
-        UsageError: they are not.
+        UsageError: they are not near it.
     """
     if not len(arm):
         return

@@ -1,11 +1,10 @@
-"""What a leg's sensors would have told of a gait: hip and ankle by OpenSim, the ground's force about the ankle."""
+"""Simulated sensors of a leg: hip and ankle angles by OpenSim's kinematics, and the ground's force about the ankle."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -22,11 +21,11 @@ from knee_contact_ros.tools.opensim.model_file import read_xml
 from knee_contact_ros.tools.opensim.opensim_process import check_opensim, last_words, run_python
 
 AHEAD = 0.7
-"""Mean x of the direction in which the pelvis points: within 45 degrees of x"""
+"""Smallest mean x component of the pelvis's forward direction: within 45 degrees of x"""
 
 
 class LegJoints(NamedTuple):
-    """A leg's joints in a model."""
+    """Names of a leg's joints in a model."""
 
     side: str
     hip: str
@@ -35,47 +34,49 @@ class LegJoints(NamedTuple):
 
     @property
     def names(self) -> tuple[str, str, str]:
-        """Hip, knee, ankle."""
+        """Names of hip, knee and ankle."""
         return self.hip, self.knee, self.ankle
 
 
 class LegGait(NamedTuple):
-    """What a leg's sensors would have told, and where it comes from."""
+    """Measurements of a leg's simulated sensors, with their origin."""
 
     leg: Leg
     columns: str
-    """Of the ground's forces"""
+    """Names of the columns of the ground's forces"""
     notes: tuple[str, ...]
-    """What was converted or left out"""
+    """What was converted or left out, as sentences"""
 
 
 class Places(NamedTuple):
-    """Where a leg is, in ground (x forward, y up, z to the right)."""
+    """Positions of a leg in the ground frame (x forward, y up, z to the right)."""
 
     stamps: Stamps
-    """[ns], of the kinematics; shape (n,)"""
+    """Stamps of the kinematics [ns], shape (n,)"""
     hip: Floats
-    """[m] the joint's centre, shape (n, 3); likewise the others"""
+    """Centre of the hip joint [m], shape (n, 3)"""
     knee: Floats
+    """Centre of the knee joint [m], shape (n, 3)"""
     ankle: Floats
+    """Centre of the ankle joint [m], shape (n, 3)"""
     forward: Floats
-    """The pelvis's x axis, shape (n, 3)"""
+    """Direction of the pelvis's x axis, shape (n, 3)"""
     toes_up: Floats
-    """[rad] of the foot's x axis above the shank's, shape (n,)"""
+    """Angle of the foot's x axis above the shank's [rad], shape (n,)"""
 
 
 def read_leg(
     ground: GroundFile, kinematics: Storage, degrees: bool, model: Path, joints: LegJoints, work: Path
 ) -> LegGait:
-    """What the sensors of a leg would have told.
+    """Simulate the sensors of a leg.
 
     Args:
-        ground: the forces on its foot.
+        ground: ground reactions on the foot.
         kinematics: coordinates of the model over time.
-        degrees: whether angles of it are in degrees.
-        model: the model's file.
-        joints: of the leg.
-        work: a folder for a process of OpenSim, with its log.
+        degrees: whether angles in the kinematics are in degrees.
+        model: file of the model.
+        joints: joints of the leg in the model.
+        work: folder for a process of OpenSim and its log.
 
     Raises:
         UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
@@ -86,7 +87,7 @@ def read_leg(
     places = places_of(kinematics, degrees, model, joints, work)
     check_heading(kinematics, places)
     ankle = np.column_stack([interpolated(ground.data.stamps, places.stamps, column) for column in places.ankle.T])
-    told = about_ankle(ground, ankle)
+    forces = about_ankle(ground, ankle)
     notes = [
         f"hip and ankle: by OpenSim, of {', '.join(joints.names)} of {model.name}",
         "ground: moved from the centre of pressure to the ankle",
@@ -95,11 +96,11 @@ def read_leg(
     if not all(force.torque for force in ground.forces):
         notes.append("ground: no free moment in the file")
     if joints.side == LEFT:
-        told = mirrored(told)
+        forces = GroundForces(*knee_gait.mirrored(knee_gait.Reactions(*forces)))
         notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
     hip, ankle_angle = (Angles(places.stamps, angle, None) for angle in (thigh_angle(places), places.toes_up))
-    columns = ", ".join(force.told for force in ground.forces)
-    return LegGait(Leg(hip, ankle_angle, told), columns, tuple(notes))
+    columns = ", ".join(force.columns for force in ground.forces)
+    return LegGait(Leg(hip, ankle_angle, forces), columns, tuple(notes))
 
 
 def thigh_angle(places: Places) -> Floats:
@@ -108,48 +109,38 @@ def thigh_angle(places: Places) -> Floats:
     return np.asarray(np.arctan2(thigh[:, 0], -thigh[:, 1]))
 
 
-def mirrored(ground: GroundForces) -> GroundForces:
-    """A left leg's as a right one's."""
-    return GroundForces(*knee_gait.mirrored(knee_gait.Reactions(*ground)))
-
-
 def leg_joints(model: Path, side: str, coordinate: str | None) -> LegJoints:
-    """The joints in a model's file; the knee is the one with the coordinate.
+    """Find the joints of a leg in a model's file; the knee is the joint with the coordinate.
 
     Raises:
-        UsageError: it is no model, or one of them is not there or not unique.
+        UsageError: the file is no model, or a joint is not there or not unique.
     """
     joints = [e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")]
-    knees = [e for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]
+    knees = [e.get("name", "") for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]
+    names = [name for name in (e.get("name", "") for e in joints) if words(name) & SIDE_WORDS[side]]
     return LegJoints(
         side,
-        the_one(model, f"{side} hip", named(joints, "hip", side)),
-        the_one(model, f"coordinate {coordinate}", [knee.get("name", "") for knee in knees]),
-        the_one(model, f"{side} ankle", named(joints, "ankle", side)),
+        only(model, f"{side} hip", [name for name in names if "hip" in words(name)]),
+        only(model, f"coordinate {coordinate}", knees),
+        only(model, f"{side} ankle", [name for name in names if "ankle" in words(name)]),
     )
 
 
-def named(joints: list[ET.Element], part: str, side: str) -> list[str]:
-    """Names that have a word and a side."""
-    names = [joint.get("name", "") for joint in joints]
-    return [name for name in names if part in words(name) and words(name) & SIDE_WORDS[side]]
-
-
-def the_one(model: Path, what: str, names: list[str]) -> str:
-    """The only name.
+def only(model: Path, what: str, names: list[str]) -> str:
+    """Return the only name, whose repetitions do not count; `what` describes it in messages.
 
     Raises:
-        UsageError: there are more, or none.
+        UsageError: there are other names, or none.
     """
-    found = list(dict.fromkeys(names))
-    if len(found) != 1:
-        having = f"the joints {', '.join(found)}" if found else "no joint"
+    different = list(dict.fromkeys(names))
+    if len(different) != 1:
+        having = f"the joints {', '.join(different)}" if different else "no joint"
         raise UsageError(f"{model} has {having} of the {what}, and one is needed")
-    return found[0]
+    return different[0]
 
 
 def places_of(kinematics: Storage, degrees: bool, model: Path, joints: LegJoints, work: Path) -> Places:
-    """Where OpenSim's model has the leg at the rows of the kinematics.
+    """Compute the positions of a leg at the rows of the kinematics, with OpenSim in a process of its own.
 
     Raises:
         UsageError: a number is not finite, or OpenSim fails.
@@ -157,10 +148,10 @@ def places_of(kinematics: Storage, degrees: bool, model: Path, joints: LegJoints
     known = {e.get("name") for e in read_xml(model, "Model").iter("Coordinate")}
     columns = {coordinate_of(name): name for name in kinematics.names}
     coordinates = {name: kinematics.column(column).tolist() for name, column in columns.items() if name in known}
-    asked, answer, log = (work / name for name in ("leg_asked.json", "leg_answer.json", "leg.log"))
-    where = {"model": str(model.absolute()), "joints": joints.names, "degrees": degrees}
-    asked.write_text(json.dumps(where | {"coordinates": coordinates}), encoding="utf-8")
-    if code := run_python(leg_step.__name__, (asked.name, answer.name), work, log):
+    request, answer, log = (work / name for name in ("leg_request.json", "leg_answer.json", "leg.log"))
+    content = {"model": str(model.absolute()), "joints": joints.names, "degrees": degrees, "coordinates": coordinates}
+    request.write_text(json.dumps(content), encoding="utf-8")
+    if code := run_python(leg_step.__name__, (request.name, answer.name), work, log):
         raise UsageError(f"OpenSim failed with {model}, code {code}: {last_words(log)}")
     table = np.array(json.loads(answer.read_text(encoding="utf-8")))
     hip, knee, ankle, forward = np.split(table[:, :12], 4, axis=1)
@@ -168,10 +159,10 @@ def places_of(kinematics: Storage, degrees: bool, model: Path, joints: LegJoints
 
 
 def check_heading(kinematics: Storage, places: Places) -> None:
-    """Check that the person faces in the direction of x.
+    """Check that the person faces towards x.
 
     Raises:
-        UsageError: they do not.
+        UsageError: the person does not.
     """
     x, _, z = places.forward.mean(axis=0)
     if x < AHEAD:

@@ -1,10 +1,11 @@
-"""Where a leg's joints are, by OpenSim, in a process of its own, with ASKED ANSWER (JSON), run in a folder to write to.
+"""Compute positions of a leg's joints with OpenSim, in a process of its own with the arguments REQUEST ANSWER (JSON).
 
-It imports nothing of ours: OpenSim prints much, and can take its process with it.
+It imports nothing of ours: OpenSim prints much, and can end its process. It runs in a folder that it may write to.
 
-ASKED has `model` (its path), `joints` (names of hip, knee and ankle), `degrees` (whether angles are in degrees) and
-`coordinates` (by names, a value a row). ANSWER is a list with a list for each row: the centres of hip, knee and ankle
-[m] and the pelvis's x axis, each three numbers in ground, and how far the foot's x axis rises above the shank's [rad].
+REQUEST has `model` (its path), `joints` (names of hip, knee and ankle), `degrees` (whether angles are in degrees) and
+`coordinates` (by name, a value for each row). ANSWER is a list with a list for each row: the centres of hip, knee and
+ankle [m] and the pelvis's x axis, each three numbers in ground, and the angle of the foot's x axis above the shank's
+[rad].
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from typing import Any
 
 
 def main() -> int:
-    """Answer what is asked."""
+    """Read the request, and write the answer; return the exit code."""
     import opensim
 
-    asked = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    model = opensim.Model(asked["model"])
+    request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    model = opensim.Model(request["model"])
     state = model.initSystem()
-    joints = [model.getJointSet().get(name) for name in asked["joints"]]
-    coordinates = [model.getCoordinateSet().get(name) for name in asked["coordinates"]]
-    turning = [asked["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational for each in coordinates]
+    joints = [model.getJointSet().get(name) for name in request["joints"]]
+    coordinates = [model.getCoordinateSet().get(name) for name in request["coordinates"]]
+    turning = [request["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational for each in coordinates]
     for coordinate in coordinates:
         coordinate.setLocked(state, False)
     answer = []
-    for values in zip(*asked["coordinates"].values(), strict=True):
+    for values in zip(*request["coordinates"].values(), strict=True):
         for coordinate, value, degrees in zip(coordinates, values, turning, strict=True):
             coordinate.setValue(state, math.radians(value) if degrees else value, False)
         if model.getConstraintSet().getSize():
@@ -41,7 +42,7 @@ def main() -> int:
 
 
 def row(forward: Any, joints: list[Any], state: Any) -> list[float]:
-    """A row of the answer; `forward` is the x axis."""
+    """Row of the answer for a state of the model; `forward` is the x axis as a vector of OpenSim."""
     hip, knee, ankle = joints
     vectors = [joint.getChildFrame().getPositionInGround(state) for joint in joints]
     vectors.append(hip.getParentFrame().findBaseFrame().expressVectorInGround(state, forward))

@@ -1,4 +1,4 @@
-"""What a model file (.osim, of any version) says of a knee."""
+"""Read OpenSim's XML documents, and mass and range of a coordinate from model files (.osim, of any version)."""
 
 from __future__ import annotations
 
@@ -8,38 +8,46 @@ from xml.etree import ElementTree as ET
 
 from knee_contact_ros.system.errors import UsageError
 
+NOTHING = {"", "Unassigned", "unassigned"}
+"""Texts of properties that are not set"""
+
 
 class ModelFacts(NamedTuple):
-    """What a model's file says."""
+    """Mass and range of a coordinate of a model."""
 
     mass: float
-    """[kg] of all bodies"""
+    """Mass of all bodies [kg]"""
     bounds: tuple[float, float] | None
-    """Range [rad] of the coordinate; None: it has none"""
+    """Range of the coordinate [rad]; None: it has none"""
 
 
 def read_xml(path: Path, root: str | None = None) -> ET.Element:
-    """An OpenSim document's root.
+    """Root of an OpenSim document, which must have a child `root` if that is given.
 
     Raises:
-        UsageError: it cannot be read, or is no such document.
+        UsageError: the file cannot be read, or is no such document.
     """
     try:
-        found = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
+        document = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except ET.ParseError as error:
         raise UsageError(f"{path} is no OpenSim document: {error}") from None
-    if root is not None and found.find(root) is None:
+    if root is not None and document.find(root) is None:
         raise UsageError(f"{path} is no OpenSim {root.lower()} file")
-    return found
+    return document
+
+
+def text_in(element: ET.Element, tag: str) -> str:
+    """Text of a property of an element without blanks around it; empty if it is not there."""
+    return (element.findtext(tag) or "").strip()
 
 
 def read_model(path: Path, coordinate: str | None) -> ModelFacts:
-    """Read mass, and the range of a coordinate.
+    """Read the mass of a model, and the range of a coordinate.
 
     Raises:
-        UsageError: it is no model, or has no such coordinate.
+        UsageError: the file is no model, or has no such coordinate.
     """
     root = read_xml(path, "Model")
     mass = sum(float(body.findtext("mass", "0")) for body in root.iter("Body"))

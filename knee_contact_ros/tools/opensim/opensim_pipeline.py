@@ -1,4 +1,4 @@
-"""OpenSim's own tools one after another, in a copy of the user's folder, each in a process of its own."""
+"""Run OpenSim's tools one after another in a copy of the user's folder, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import stat
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,11 +32,13 @@ from knee_contact_ros.tools.opensim.opensim_setups import (
 
 GB = 10**9
 HIDDEN = "/."
-"""In the path of what is not copied"""
+"""Part of the paths that are not copied"""
 LARGEST = 4 * GB
-"""[B] that are copied"""
+"""Largest size of a folder that is copied [B]"""
 STATIC_RATE = 200.0
-"""[Hz] of static optimization that we set up: forces are smooth in between, and a row takes some 50 ms"""
+"""Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes some 50 ms"""
+RESULTS = ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads", "BodyKinematics_pos_global")
+"""Results of the joint reactions' step, in the order of the fields of `Run`"""
 WORDS = {
     "scale": "Scaling", "ik": "Inverse kinematics", "rra": "Residual reduction", "cmc": "Computed muscle control",
     "static": "Static optimization", "reactions": "Joint reactions", "dynamics": "Inverse dynamics",
@@ -45,48 +46,47 @@ WORDS = {
 
 
 class Run(NamedTuple):
-    """What has come of the steps; all paths are in the copy."""
+    """Results of the steps; all paths are in the copy."""
 
     folder: Path
-    """That the last step ran in"""
+    """Folder in which the last step ran"""
     muscles: Setup
-    """CMC or static optimization"""
+    """Set-up file of CMC or static optimization"""
     forces: Path
-    """Of muscles, residual and reserve actuators"""
+    """Forces of muscles, residual and reserve actuators"""
     model: Path
     kinematics: Path
     speeds: Path
     reactions: Path
     centre_of_mass: Path
     moments: Path
-    """Net joint moments; not there if inverse dynamics has failed"""
+    """Net joint moments; the file is missing if inverse dynamics failed"""
     seconds: dict[str, float]
-    """That each step took"""
+    """Duration of each step [s]"""
     setups: tuple[Setup, ...]
-    """The user's own, as they ran"""
+    """The user's set-up files, as they ran"""
 
 
 def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]]:
-    """The folder to copy, and set-up files of the steps to run, the last one CMC or static optimization.
+    """Choose the folder to copy, and the set-up files of the steps to run, the last one CMC or static optimization.
 
-    Without `steps`, all that there are; static optimization only if there is no CMC.
+    Without `steps`, all that have a set-up file are run, but static optimization only if there is no CMC.
 
     Raises:
         UsageError: a file is missing or cannot be used, or OpenSim is not installed.
     """
-    found = find_setups(paths)
+    there = find_setups(paths)
     unknown = [step for step in steps if step not in CHOOSABLE]
     if unknown:
         raise UsageError(f"--steps: there is no {unknown[0]}; there are {', '.join(CHOOSABLE)}")
-    wanted = list(steps) or [step for step in CHOOSABLE if step in found and (step != STATIC or CMC not in found)]
+    wanted = list(steps) or [step for step in CHOOSABLE if step in there and (step != STATIC or CMC not in there)]
     if (CMC in wanted) == (STATIC in wanted):
         raise UsageError(f"--steps {','.join(wanted)}: one of cmc and static must be among them, as forces come of it")
-    missing = [step for step in wanted if step not in found and not (step == STATIC and CMC in found)]
+    missing = [step for step in wanted if step not in there and not (step == STATIC and CMC in there)]
     if missing:
-        raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(found)}")
+        raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(there)}")
     check_opensim()
-    chosen = [found.get(step, found.get(CMC)) for step in CHOOSABLE if step in wanted]
-    setups = [setup for setup in chosen if setup is not None]
+    setups = [there[step if step in there else CMC] for step in CHOOSABLE if step in wanted]
     folder = common_folder(setups)
     check_inputs(setups)
     return folder, [s._replace(step=STATIC) if s.step == CMC and STATIC in wanted else s for s in setups]
@@ -131,10 +131,10 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
 
 
 def copy(folder: Path, work: Path) -> None:
-    """Copy a folder, to be written to even if the original must not be, and make one for logs in it.
+    """Copy a folder, make the copy writable even if the original is not, and make a folder for logs in it.
 
     Raises:
-        UsageError: it cannot be copied, or is too large.
+        UsageError: the folder cannot be copied, or is too large.
     """
     visible = (path for path in folder.rglob("[!.]*") if HIDDEN not in str(path.relative_to(folder)))
     size = sum(path.stat().st_size for path in visible if path.is_file())
@@ -151,7 +151,7 @@ def copy(folder: Path, work: Path) -> None:
 
 
 def rows_between(setup: Setup) -> int:
-    """Every how many rows of the kinematics static optimization is to be done, for `STATIC_RATE`.
+    """Interval, in rows of the kinematics, at which static optimization has the rate `STATIC_RATE`.
 
     Raises:
         UsageError: the kinematics cannot be read.
@@ -160,15 +160,13 @@ def rows_between(setup: Setup) -> int:
     return max(1, round((len(stamps) - 1) * NANOSECONDS / (float(stamps[-1] - stamps[0]) * STATIC_RATE)))
 
 
-RESULTS = ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads", "BodyKinematics_pos_global")
-"""Of the joint reactions' step, in the order of `Run`'s fields"""
-
-
 def results_of(muscles: Setup) -> tuple[str, str | None]:
-    """Files of forces and of states, made readable, that the muscles' step has written; named from its folder.
+    """Find the files of forces and of states that the muscles' step wrote, relative to its folder.
+
+    CMC's states are copied with a header that OpenSim can read; static optimization may have none.
 
     Raises:
-        UsageError: they are not there.
+        UsageError: a file is not there.
     """
     results, place = Path(muscles.results()), muscles.folder
     if muscles.step == STATIC:
@@ -184,8 +182,3 @@ def results_of(muscles: Setup) -> tuple[str, str | None]:
     fixed = states.with_stem(f"{states.stem}_repaired")
     (place / fixed).write_text(repaired(text_of(place / states), place / states), encoding="utf-8")
     return str(forces), str(fixed)
-
-
-def opensim_version() -> str:
-    """The version of the installed OpenSim."""
-    return f"OpenSim {version('opensim')}"

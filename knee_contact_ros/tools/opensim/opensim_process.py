@@ -1,4 +1,4 @@
-"""A step of OpenSim in a process of its own: started, watched by its log, ended with us."""
+"""Run a step of OpenSim in a process of its own, follow its progress by its log, and end it when we end."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from knee_contact_ros.tools.opensim.opensim_setups import TOOLS, Setup
 
 EXTRA = "opensim"
 PERIOD = 0.2
-"""[s] between two looks at a running step"""
+"""Period of the checks on a running step [s]"""
 PATIENCE = 5.0
-"""[s] that a step gets to end"""
+"""Time that a step has to end [s]"""
 TAIL = 4096
-"""Bytes of a log in which its last time is looked for"""
+"""Number of bytes at the end of a log in which its last time is looked for"""
 TIMES = re.compile(rb"\bt(?:ime)? = ([0-9.eE+-]+)")
 MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
@@ -32,14 +32,14 @@ def check_opensim() -> None:
     """Check that OpenSim is installed.
 
     Raises:
-        UsageError: it is not.
+        UsageError: it is not installed.
     """
     if find_spec("opensim") is None:
         raise UsageError(not_installed("opensim", EXTRA))
 
 
 def run_step(setup: Setup, work: Path, bar: Bar) -> None:
-    """Run a tool in a process of its own, in its set-up file's folder, with its output in `work`/logs.
+    """Run the tool of a set-up file in that file's folder, with its output in `work`/logs.
 
     Raises:
         UsageError: it has failed.
@@ -58,12 +58,12 @@ def run_step(setup: Setup, work: Path, bar: Bar) -> None:
 def run_python(
     module: str, arguments: Sequence[str], folder: Path, log: Path, look: Callable[[], None] = lambda: None
 ) -> int:
-    """Run a module in a process of its own, in a folder, with its output in `log`; give its exit code.
+    """Run a module in a process of its own, in a folder, with its output in `log`; return its exit code.
 
-    `look` is called every now and then meanwhile.
+    While it runs, `look` is called every `PERIOD`.
     """
-    how = python_module(module, *arguments)
-    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **how) as process:
+    command = python_module(module, *arguments)
+    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **command) as process:
         while process.poll() is None:
             look()
             with suppress(subprocess.TimeoutExpired):
@@ -72,7 +72,7 @@ def run_python(
 
 
 def times_of(setup: Setup) -> tuple[float, float]:
-    """First and last time [s] of a step; both 0 if it has none."""
+    """First and last time of a step [s]; both 0 if its set-up file has none."""
     texts = setup.text("time_range").split() or [setup.text("initial_time"), setup.text("final_time")]
     try:
         return float(texts[0]), float(texts[1])
@@ -81,7 +81,7 @@ def times_of(setup: Setup) -> tuple[float, float]:
 
 
 def progress_of(log: Path, window: tuple[float, float]) -> tuple[int, int]:
-    """Thousandths done, as the last time in the log says."""
+    """Progress of a step in thousandths, with their number, by the last time in its log."""
     with log.open("rb") as file:
         file.seek(max(file.seek(0, 2) - TAIL, 0))
         times = TIMES.findall(file.read())
@@ -93,7 +93,7 @@ def progress_of(log: Path, window: tuple[float, float]) -> tuple[int, int]:
 
 
 def last_words(log: Path) -> str:
-    """The last line of a log that tells of a failure, else the last one."""
+    """Last line of a log that reports a failure, or else its last line."""
     lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     telling = [line for line in lines if FAILED.search(line) and not MESHES.search(line)]
     return (telling or lines or ["it said nothing"])[-1]

@@ -1,4 +1,4 @@
-"""How far a run of OpenSim can be trusted: residuals and reserves against what the literature allows.
+"""Judge a run of OpenSim: residuals, reserves and marker errors against the limits of the literature.
 
 Hicks, Uchida, Seth, Rajagopal, Delp: Is my model good enough? J Biomech Eng 137(2), 020905, 2015,
 doi:10.1115/1.4029304: residual forces below 5 % of the peak net external force, residual moments below 1 % of that
@@ -18,58 +18,59 @@ import numpy as np
 from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage, read_storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.opensim.external_loads import named_data
-from knee_contact_ros.tools.opensim.model_file import read_xml
+from knee_contact_ros.tools.opensim.model_file import read_xml, text_in
 from knee_contact_ros.tools.opensim.opensim_pipeline import Run
 from knee_contact_ros.tools.opensim.opensim_setups import IK, Setup
 
 FORCE_SHARE, MOMENT_SHARE, RESERVE_SHARE = 0.05, 0.01, 0.05
+"""Largest residual forces, residual moments and reserves, as shares of the quantities above"""
 SMALL_RESERVE = 1.0
-"""[N m]"""
+"""Reserve that always passes [N m]"""
 MARKER_RMS, MARKER_MAX = 0.02, 0.04
-"""[m]"""
+"""Largest RMS and largest single marker error [m]"""
 PELVIS = "pelvis"
-"""What the coordinates begin with that have residuals where these are actuators of coordinates"""
+"""Beginning of the names of coordinates whose actuators are residuals"""
 ALWAYS = "knee"
-"""Reserves that are shown also when they are small"""
+"""Part of the names of reserves that are shown also if they are small"""
 
 
 class Check(NamedTuple):
-    """A quantity and what it may be."""
+    """Quantity of a run with its limit."""
 
     name: str
     peak: float
     rms: float
     allowed: float
-    """That the peak may reach"""
+    """Limit of the peak"""
     unit: str
     basis: str
-    """Where `allowed` comes from"""
+    """Text on the origin of the limit"""
 
     @property
     def passed(self) -> bool:
-        """Whether it keeps to it."""
+        """Whether the peak is within the limit."""
         return self.peak <= self.allowed
 
     def sentence(self) -> str:
-        """All of it in a line."""
+        """Describe the quantity, its limit and the verdict in a line."""
         verdict = "within" if self.passed else "ABOVE"
         numbers = f"peak {self.peak:.3g}, RMS {self.rms:.3g} {self.unit}"
         return f"{self.name}: {numbers}, {verdict} {self.allowed:.3g} ({self.basis})"
 
 
 class Actuators(NamedTuple):
-    """Names of actuators beside the muscles."""
+    """Actuators beside the muscles."""
 
     forces: tuple[str, ...]
-    """Residual forces"""
+    """Names of residual forces"""
     moments: tuple[str, ...]
-    """Residual moments"""
+    """Names of residual moments"""
     reserves: dict[str, str]
-    """Reserves, with their coordinates"""
+    """Coordinates of reserves, by their names"""
 
 
 def assess(run: Run) -> list[Check]:
-    """All checks of a run: residuals, reserves of the knee and those above what is allowed, markers.
+    """Check residuals, markers and reserves of a run; of the reserves those of the knee and those above their limit.
 
     Raises:
         UsageError: a file of the run cannot be read.
@@ -91,17 +92,17 @@ def assess(run: Run) -> list[Check]:
 
 
 def check(name: str, values: Floats, allowed: float, unit: str, basis: str) -> Check:
-    """A check of values over time."""
+    """Make a check of values over time, shape (n,)."""
     return Check(name, float(np.abs(values).max()), float(np.sqrt(np.mean(values**2))), allowed, unit, basis)
 
 
 def together(forces: Storage, names: Sequence[str]) -> Floats:
-    """Magnitude of the vector that actuators make up."""
+    """Magnitude over time of the vector whose components are actuators, shape (n,)."""
     return np.asarray(np.linalg.norm([forces.column(name) for name in names], axis=0))
 
 
 def reserve_checks(forces: Storage, reserves: dict[str, str], moments: Storage) -> Iterator[Check]:
-    """Each reserve against the net moment of its joint."""
+    """Check each reserve against the net moment of its joint."""
     for name, coordinate in reserves.items():
         net = f"{coordinate}_moment"
         if net in moments.names:
@@ -112,7 +113,7 @@ def reserve_checks(forces: Storage, reserves: dict[str, str], moments: Storage) 
 
 
 def marker_checks(setup: Setup) -> Iterator[Check]:
-    """Marker errors of inverse kinematics, if it wrote them."""
+    """Check the marker errors of inverse kinematics, if it wrote them."""
     path = setup.folder / setup.results() / f"{setup.name}_ik_marker_errors.sto"
     if path.is_file():
         errors = read_storage(path)
@@ -122,15 +123,15 @@ def marker_checks(setup: Setup) -> Iterator[Check]:
 
 
 def read_actuators(muscles: Setup, folder: Path, forces: Storage) -> Actuators:
-    """What the force set files add to the muscles.
+    """Read the actuators that the force set files add to the muscles.
 
     Raises:
-        UsageError: one cannot be read.
+        UsageError: a file cannot be read.
     """
     residual_forces, residual_moments, reserves = [], [], {}
     for file in muscles.text("force_set_files").split():
         for element in read_xml(folder / file).findall(".//objects/*"):
-            name, coordinate = element.get("name", ""), (element.findtext("coordinate") or "").strip()
+            name, coordinate = element.get("name", ""), text_in(element, "coordinate")
             if name not in forces.names:
                 continue
             if element.tag == "PointActuator" or (coordinate.startswith(PELVIS) and coordinate[-3:-1] == "_t"):
@@ -150,7 +151,7 @@ def external_peak(loads: Path, folder: Path, stamps: Stamps) -> float:
     """
     root = read_xml(loads, "ExternalLoads")
     data = read_storage(named_data(loads, folder))
-    names = [(force.findtext("force_identifier") or "").strip() for force in root.iter("ExternalForce")]
+    names = [text_in(force, "force_identifier") for force in root.iter("ExternalForce")]
     names = [name for name in names if f"{name}x" in data.names]
     if not names:
         raise UsageError(f"{loads}: no force_identifier of it is in {data.path}")

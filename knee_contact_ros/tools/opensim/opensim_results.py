@@ -1,4 +1,4 @@
-"""Results of OpenSim, kinematics and joint reactions, as a knee's gait; notes say what was found and converted."""
+"""Read a knee's gait from results of OpenSim, kinematics and joint reactions; notes say what was converted."""
 
 from __future__ import annotations
 
@@ -30,66 +30,69 @@ from knee_contact_ros.tools.opensim.leg import LegGait, leg_joints, read_leg
 from knee_contact_ros.tools.opensim.model_file import read_model
 
 GRAVITY = 9.80665
-"""[m/s²]"""
+"""Standard gravity [m/s²]"""
 SMALLEST_FORCE, LARGEST_FORCE = 20.0, 1e6
-"""[N] Axial force whose peak lies outside is not in N"""
+"""Range of the peak of an axial force [N], outside of which the force is not in N"""
 MOVES = 0.1
-"""[rad/s] RMS below which a rate says nothing"""
+"""RMS of the rate [rad/s] below which a given rate cannot be checked"""
 FITS = (0.5, 2.0)
-"""Regression of the rate given on the one derived; outside, it has another unit or is another joint's"""
+"""Range of the slope of given over derived rate; outside, the given one has another unit or is another joint's"""
+SPLIT = (AXES[:3], AXES[3:])
+"""Axes of the force, and of the torque"""
 
 
 @dataclass(frozen=True)
 class Files:
-    """What to read."""
+    """Files to read."""
 
     kinematics: Path
     reactions: Path
     speeds: Path | None = None
     model: Path | None = None
     ground: Path | None = None
-    """External loads, or ground reactions by the names of their columns; None: no leg's sensors are told of"""
+    """External loads file, or ground reactions with names that tell the foot; None: no leg's sensors are simulated"""
     ground_data: Path | None = None
-    """The file with the numbers of `ground`"""
+    """File with the numbers of `ground`"""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to read it."""
+    """Settings of the import."""
 
     joint: str | None = None
-    """Of the reactions; None: the one whose name says knee and side"""
+    """Joint of the reactions; None: the one whose name says knee and side"""
     coordinate: str | None = None
-    """Likewise of the kinematics"""
+    """Coordinate of the kinematics; None: the one whose name says knee and side"""
     angle_unit: str = AUTO
+    """Unit of the angle: `deg`, `rad` or `auto`"""
     angle_sign: int | None = None
-    """1 or -1; None: as the data say"""
+    """Sign that makes the angle positive in flexion, 1 or -1; None: it is found from the data"""
     start: float | None = None
-    """[s]"""
+    """First time [s]; None: the first that all files have"""
     end: float | None = None
-    """[s]"""
+    """Last time [s]; None: the last that all files have"""
     rate: float | None = None
-    """[Hz]; None: every row keeps its stamp"""
+    """Rate of interpolated samples [Hz]; None: every row keeps its stamp"""
 
 
 class KneeGait(NamedTuple):
-    """A knee's gait, and where it comes from."""
+    """Gait of a knee, with its origin."""
 
     side: str
     angles: Angles
     reactions: Reactions
     columns: dict[str, str]
-    """What was taken from where"""
+    """Names of the columns, by quantity"""
     notes: tuple[str, ...]
-    """What was converted or left out"""
+    """What was converted or left out, as sentences"""
     body_weight: float | None
-    """[N] of the model"""
+    """Weight of the model [N]; None: no model is given"""
     leg: Leg | None = None
-    """What the leg's sensors would have told beside the knee's angle, where ground reactions are given"""
+    """Measurements of the leg's simulated sensors; None: no ground reactions are given"""
 
 
 def read_knee(side: str, files: Files, settings: Settings, work: Path | None = None) -> KneeGait:
-    """Read one knee's gait, and with ground reactions, for which OpenSim runs in the folder `work`, its whole leg's.
+    """Read a knee's gait, and with ground reactions that of its leg, for which OpenSim runs in the folder `work`.
 
     Raises:
         UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
@@ -104,36 +107,35 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path | None = N
     angles, angle_notes = read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
     chosen = find_reaction(reactions, side, settings.joint)
     wrenches, wrench_notes = read_wrenches(reactions, chosen, side)
-    told = read_sensors(kinematics, column, side, files, settings, work) if files.ground else None
-    ground_stamps = told.leg.ground.stamps if told else None
+    leg = read_sensors(kinematics, column, side, files, settings, work) if files.ground else None
+    ground_stamps = leg.leg.ground.stamps if leg else None
     window = knee_gait.common_window(angles, wrenches, settings.start, settings.end, ground_stamps)
     rows = len(wrenches.stamps)
     if settings.rate:
         angles, wrenches = knee_gait.resample(angles, wrenches, window, settings.rate)
-        window_notes = [f"{'all' if told else 'both'} interpolated linearly at {settings.rate:g} Hz"]
+        window_notes = [f"{'all' if leg else 'both'} interpolated linearly at {settings.rate:g} Hz"]
     else:
         angles, wrenches = knee_gait.cut(angles, wrenches, window)
         outside = rows - len(wrenches.stamps)
-        window_notes = [f"{outside} reactions left out: no angle at their time, or outside --start and --end"] * (
-            outside > 0
-        )
+        left_out = f"{outside} reactions left out: no angle at their time, or outside --start and --end"
+        window_notes = [left_out] if outside > 0 else []
     columns = {"angle": column, "reaction": chosen.prefix + f"({' '.join(AXES)})"}
-    columns |= {"ground force": told.columns} if told else {}
+    columns |= {"ground force": leg.columns} if leg else {}
     return KneeGait(
         side,
         knee_gait.with_rate(angles),
         wrenches,
         columns,
-        (*angle_notes, *wrench_notes, *(told.notes if told else ()), *window_notes),
+        (*angle_notes, *wrench_notes, *(leg.notes if leg else ()), *window_notes),
         facts.mass * GRAVITY if facts else None,
-        leg_within(told.leg, angles.stamps, window, settings) if told else None,
+        leg_within(leg.leg, angles.stamps, window, settings) if leg else None,
     )
 
 
 def read_sensors(
     kinematics: Storage, column: str, side: str, files: Files, settings: Settings, work: Path | None
 ) -> LegGait:
-    """What the leg's sensors would have told; `column` has the knee's angle.
+    """Simulate the leg's sensors; `column` is that of the knee's angle in the kinematics.
 
     Raises:
         UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
@@ -150,7 +152,7 @@ def read_sensors(
 
 
 def leg_within(leg: Leg, stamps: Stamps, window: tuple[int, int], settings: Settings) -> Leg:
-    """A leg at the stamps of the knee's angles, shape (n,); its ground's forces too, or those within the window."""
+    """Interpolate a leg at the stamps of the knee's angles, shape (n,); without a rate, ground forces keep theirs."""
     own = leg.ground.stamps
     return leg_at(leg, stamps, stamps if settings.rate else own[(own >= window[0]) & (own <= window[1])])
 
@@ -158,7 +160,7 @@ def leg_within(leg: Leg, stamps: Stamps, window: tuple[int, int], settings: Sett
 def read_angles(
     storage: Storage, column: str, speeds: Path | None, settings: Settings, bounds: tuple[float, float] | None
 ) -> tuple[Angles, list[str]]:
-    """Flexion with its rate if a file has it, and notes; `bounds` is the coordinate's range [rad] in the model.
+    """Read the flexion angle, its rate if a file has it, and notes; `bounds` [rad] is its range in the model.
 
     Raises:
         UsageError: unit, sign or rate are wrong or not clear, or there are fewer than two rows.
@@ -186,32 +188,32 @@ def read_angles(
 
 
 def checked_rate(angles: Angles, source: Storage, name: str, rate: Floats) -> Floats:
-    """A rate [rad/s] at the angles' stamps.
+    """Interpolate a rate [rad/s] at the stamps of the angles, and check it.
 
     Raises:
-        UsageError: it does not span them, or is not the rate of these angles.
+        UsageError: the rate does not span the angles, or is not that of these angles.
     """
     if source.stamps[0] > angles.stamps[0] or source.stamps[-1] < angles.stamps[-1]:
         raise UsageError(f"{source.path} spans {source.span()}, less than the angles")
     first = angles.stamps[0]
-    found: Floats = np.interp(angles.stamps - first, source.stamps - first, rate)
+    given: Floats = np.interp(angles.stamps - first, source.stamps - first, rate)
     derived = knee_gait.with_rate(angles).rate
     assert derived is not None  # noqa: S101  (with_rate gives one)
     power = float(derived @ derived)
-    slope = float(found @ derived) / power if power > MOVES**2 * len(derived) else 1.0
+    slope = float(given @ derived) / power if power > MOVES**2 * len(derived) else 1.0
     if not FITS[0] <= slope <= FITS[1]:
         raise UsageError(
             f"{source.path}: {name} is {slope:.3g} times the rate of the angle; another unit than its "
             "inDegrees says, or another coordinate's?"
         )
-    return found
+    return given
 
 
 def read_wrenches(storage: Storage, reaction: Reaction, side: str) -> tuple[Reactions, list[str]]:
-    """What acts on the tibia at its frame's origin, a left one mirrored, and notes.
+    """Read force and torque on the tibia at its frame's origin, mirrored for a left knee, and notes.
 
     Raises:
-        UsageError: it pulls the joint apart, or is not in N.
+        UsageError: the force pulls the joint apart, or is not in N.
     """
     force, torque = (np.column_stack([storage.column(reaction.prefix + axis) for axis in part]) for part in SPLIT)
     notes = []
@@ -225,15 +227,15 @@ def read_wrenches(storage: Storage, reaction: Reaction, side: str) -> tuple[Reac
             torque = torque + np.cross(point, force)
             notes.append("torque: moved to the tibia frame's origin")
     check_axial(storage, reaction, -force[:, 1])
-    found = Reactions(storage.stamps, force, torque)
+    wrenches = Reactions(storage.stamps, force, torque)
     if side == LEFT:
-        found = knee_gait.mirrored(found)
+        wrenches = knee_gait.mirrored(wrenches)
         notes.append("reaction: left knee mirrored to a right one (force z, torque x and y turned)")
-    return found, [*notes, *duplicate_notes(storage)]
+    return wrenches, [*notes, *duplicate_notes(storage)]
 
 
 def check_axial(storage: Storage, reaction: Reaction, load: Floats) -> None:
-    """Check the axial load [N], compression positive.
+    """Check the axial load [N], > 0 in compression, shape (n,).
 
     Raises:
         UsageError: it is mostly tension, or not in N.
@@ -249,11 +251,8 @@ def check_axial(storage: Storage, reaction: Reaction, load: Floats) -> None:
 
 
 def duplicate_notes(storage: Storage) -> list[str]:
-    """Note on rows that had the same stamp as the next, if there were any."""
+    """Note on rows that were left out as the next row has the same stamp, if there are any."""
     if not storage.duplicates:
         return []
     rows = "row gave" if storage.duplicates == 1 else "rows gave"
     return [f"{storage.path.name}: {storage.duplicates} {rows} way to the next of the same time"]
-
-
-SPLIT = (AXES[:3], AXES[3:])

@@ -1,4 +1,4 @@
-"""OpenSim's set-up files: which step each is, what it reads and writes, and those that we write ourselves."""
+"""OpenSim's set-up files: the step of each, the files that it reads and writes, and those that we write ourselves."""
 
 from __future__ import annotations
 
@@ -10,65 +10,69 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.opensim.model_file import read_xml
+from knee_contact_ros.tools.opensim.model_file import NOTHING, read_xml, text_in
 
 SCALE, IK, RRA, CMC, STATIC, REACTIONS, DYNAMICS = "scale", "ik", "rra", "cmc", "static", "reactions", "dynamics"
 TOOLS = {
     SCALE: "ScaleTool", IK: "InverseKinematicsTool", RRA: "RRATool", CMC: "CMCTool", STATIC: "AnalyzeTool",
     REACTIONS: "AnalyzeTool", DYNAMICS: "InverseDynamicsTool",
 }  # fmt: skip
-"""By step, in the order in which they run"""
+"""Tool of each step, in the order in which the steps run"""
 CHOOSABLE = (SCALE, IK, RRA, CMC, STATIC)
 INPUTS = (
     "model_file", "marker_set_file", "marker_file", "force_set_files", "external_loads_file", "desired_kinematics_file",
     "task_set_file", "constraints_file", "coordinates_file", "coordinate_file", "datafile",
 )  # fmt: skip
+SHARED = (
+    "model_file", "replace_force_set", "force_set_files", "external_loads_file", "initial_time", "final_time",
+)  # fmt: skip
+"""Properties that an AnalyzeTool takes from another set-up file"""
 OUTPUTS = ("output_model_file", "output_motion_file", "output_marker_file")
-NOTHING = {"", "Unassigned", "unassigned"}
 
 
 class Setup(NamedTuple):
-    """A set-up file."""
+    """Set-up file of a tool."""
 
     step: str
     path: Path
     tool: ET.Element
+    """The tool's element in the file"""
 
     @property
     def name(self) -> str:
-        """The tool's, with which the names of its results begin."""
+        """Name of the tool, with which the names of its results begin."""
         return self.tool.get("name", "")
 
     def text(self, tag: str, default: str = "") -> str:
-        """A property; empty if it is not set."""
-        found = (self.tool.findtext(f".//{tag}") or "").strip()
-        return default if found in NOTHING else found
+        """Text of a property, or the default if it is not set."""
+        text = text_in(self.tool, f".//{tag}")
+        return default if text in NOTHING else text
 
     @property
     def folder(self) -> Path:
-        """The folder that a tool runs in, and from which its setup names files."""
+        """Folder in which the tool runs, and relative to which the set-up file names others."""
         return self.path.parent
 
     def results(self) -> str:
-        """Folder of its results, from its own."""
+        """Folder of the results, relative to `folder`."""
         return posixpath.normpath(self.text("results_directory", "."))
 
     def reads(self) -> list[str]:
-        """Files that it needs."""
+        """Files that the set-up file names as inputs, relative to `folder`."""
         texts = [element.text or "" for tag in INPUTS for element in self.tool.iter(tag)]
         return list(dict.fromkeys(posixpath.normpath(n) for text in texts for n in text.split() if n not in NOTHING))
 
     def writes(self) -> list[str]:
-        """Files that it makes under names of their own."""
+        """Files that the set-up file names as outputs, relative to `folder`."""
         texts = [(element.text or "").strip() for tag in OUTPUTS for element in self.tool.iter(tag)]
         return [posixpath.normpath(text) for text in texts if text not in NOTHING]
 
 
 def find_setups(paths: Sequence[Path]) -> dict[str, Setup]:
-    """The set-up files among `paths`, files or folders, by step.
+    """Find the set-up files among `paths`, which are files or folders; return them by step.
 
     Raises:
-        UsageError: there are none, or two of a step.
+        UsageError: there are none, or two for a step.
     """
     files: list[Path] = []
     for path in paths:
@@ -87,10 +91,10 @@ def find_setups(paths: Sequence[Path]) -> dict[str, Setup]:
 
 
 def read_setup(path: Path) -> Setup | None:
-    """A set-up file; None if it is something else.
+    """Read a set-up file; None if the file is not one.
 
     Raises:
-        UsageError: it cannot be read.
+        UsageError: the file cannot be read.
     """
     root = read_xml(path)
     for step in CHOOSABLE:
@@ -101,10 +105,10 @@ def read_setup(path: Path) -> Setup | None:
 
 
 def common_folder(setups: Sequence[Setup]) -> Path:
-    """The folder that holds the set-up files and all that they name, absolute.
+    """Find the folder that holds the set-up files and all files that they name, as an absolute path.
 
     Raises:
-        UsageError: a name is absolute, or the folder is that of a whole disk or home.
+        UsageError: a file name is absolute, or the folder is a root or home folder.
     """
     places = {absolute(setup.folder) for setup in setups}
     for setup in setups:
@@ -121,10 +125,10 @@ def common_folder(setups: Sequence[Setup]) -> Path:
 
 
 def check_inputs(setups: Sequence[Setup]) -> None:
-    """Check before anything runs that every step finds its files or gets them from one before.
+    """Check before anything runs that the input files of every step are there, or are written by a step before it.
 
     Raises:
-        UsageError: one does not.
+        UsageError: a file is not.
     """
     files: set[Path] = set()
     folders: set[Path] = set()
@@ -145,39 +149,30 @@ def check_inputs(setups: Sequence[Setup]) -> None:
 
 
 def needed(setup: Setup) -> list[str]:
-    """All files that a step needs, also those that its external loads name.
+    """All files that a step needs, including the data file of its external loads; relative to the set-up's folder.
 
     Raises:
         UsageError: the external loads cannot be read.
     """
-    return [*setup.reads(), *measured_loads(setup)]
+    loads = setup.text("external_loads_file", " ")
+    if not (setup.folder / loads).is_file():
+        return setup.reads()
+    name = text_in(read_xml(setup.folder / loads), ".//datafile")
+    if name in NOTHING:
+        return setup.reads()
+    beside = posixpath.normpath(posixpath.join(posixpath.dirname(loads), name))
+    return [*setup.reads(), beside if (setup.folder / beside).is_file() else posixpath.normpath(name)]
 
 
 def absolute(path: Path) -> Path:
-    """A path from the root, without dots; links stay."""
+    """Absolute path without dots; symbolic links are kept."""
     return Path(os.path.abspath(path))  # noqa: PTH100  (resolve would follow links out of the folder)
 
 
-def measured_loads(setup: Setup) -> list[str]:
-    """The data file of a set-up's external loads, if these are there.
-
-    Raises:
-        UsageError: they cannot be read.
-    """
-    loads = setup.text("external_loads_file", " ")
-    if not (setup.folder / loads).is_file():
-        return []
-    name = (read_xml(setup.folder / loads).findtext(".//datafile") or "").strip()
-    if name in NOTHING:
-        return []
-    beside = posixpath.normpath(posixpath.join(posixpath.dirname(loads), name))
-    return [beside if (setup.folder / beside).is_file() else posixpath.normpath(name)]
-
-
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:
-    """Static optimization of what a CMC set-up would track, every `interval` rows, with its model, actuators, loads."""
-    tool = analyze_tool(base, f"{base.name}_static", "ResultsStatic")
-    add(ET.SubElement(objects(tool), "StaticOptimization", name="StaticOptimization"), step_interval=str(interval))
+    """Write a set-up file for static optimization of what a CMC set-up tracks, every `interval` rows."""
+    tool, analyses = analyze_tool(base, f"{base.name}_static", "ResultsStatic")
+    add(ET.SubElement(analyses, "StaticOptimization", name="StaticOptimization"), step_interval=str(interval))
     add(tool, coordinates_file=base.text("desired_kinematics_file"))
     cutoff = float(base.text("lowpass_cutoff_frequency", "-1"))
     add(tool, lowpass_cutoff_frequency_for_coordinates=str(cutoff if cutoff > 0.0 else -1.0))
@@ -185,12 +180,12 @@ def static_setup(base: Setup, path: Path, interval: int) -> Setup:
 
 
 def reactions_setup(base: Setup, path: Path, states: str | None, forces: str) -> Setup:
-    """Joint reactions on the tibia in its frame, kinematics and centre of mass, from what the muscles' step has found.
+    """Write a set-up file for joint reactions on child bodies in their frames, kinematics and the centre of mass.
 
-    `states` is CMC's file of states; without it the coordinates that `base` had are taken.
+    `forces` is the file of forces of the muscles' step, `base`; `states` is CMC's file of states, without which the
+    coordinates of `base` are taken.
     """
-    tool = analyze_tool(base, "knee_contact", "ResultsReactions")
-    analyses = objects(tool)
+    tool, analyses = analyze_tool(base, "knee_contact", "ResultsReactions")
     add(ET.SubElement(analyses, "Kinematics", name="Kinematics"), coordinates="all", in_degrees="true")
     add(ET.SubElement(analyses, "BodyKinematics", name="BodyKinematics"), bodies="center_of_mass")
     reaction = ET.SubElement(analyses, "JointReaction", name="JointReaction")
@@ -204,7 +199,7 @@ def reactions_setup(base: Setup, path: Path, states: str | None, forces: str) ->
 
 
 def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[float, float]) -> Setup:
-    """Net joint moments, with which reserves are compared."""
+    """Write a set-up file for inverse dynamics: net joint moments, with which reserves are compared."""
     tool = ET.Element(TOOLS[DYNAMICS], name="knee_contact")
     add(tool, results_directory="ResultsDynamics", model_file=base.text("model_file"))
     add(tool, time_range=f"{window[0]} {window[1]}", forces_to_exclude="Muscles")
@@ -213,38 +208,22 @@ def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[floa
     return write(tool, DYNAMICS, path)
 
 
-def analyze_tool(base: Setup, name: str, results: str) -> ET.Element:
-    """An AnalyzeTool with the model, actuators, loads and times of `base`."""
+def analyze_tool(base: Setup, name: str, results: str) -> tuple[ET.Element, ET.Element]:
+    """Make an AnalyzeTool with the model, actuators, loads and times of `base`, and the element for its analyses."""
     tool = ET.Element(TOOLS[REACTIONS], name=name)
-    for tag in (
-        "model_file",
-        "replace_force_set",
-        "force_set_files",
-        "external_loads_file",
-        "initial_time",
-        "final_time",
-    ):
-        add(tool, **{tag: base.text(tag)})
+    add(tool, **{tag: base.text(tag) for tag in SHARED})
     add(tool, results_directory=results, output_precision="12", solve_for_equilibrium_for_auxiliary_states="false")
-    ET.SubElement(ET.SubElement(tool, "AnalysisSet", name="Analyses"), "objects")
-    return tool
-
-
-def objects(tool: ET.Element) -> ET.Element:
-    """Where an AnalyzeTool has its analyses."""
-    found = tool.find("AnalysisSet/objects")
-    assert found is not None  # noqa: S101  (`analyze_tool` has made it)
-    return found
+    return tool, ET.SubElement(ET.SubElement(tool, "AnalysisSet", name="Analyses"), "objects")
 
 
 def add(element: ET.Element, **properties: str) -> None:
-    """Give an element properties."""
+    """Add properties to an element."""
     for tag, text in properties.items():
         ET.SubElement(element, tag).text = text
 
 
 def write(tool: ET.Element, step: str, path: Path) -> Setup:
-    """Write a set-up file."""
+    """Write a set-up file with a tool."""
     document = ET.Element("OpenSimDocument", Version="40000")
     document.append(tool)
     ET.indent(document)

@@ -1,6 +1,6 @@
-"""One tool of OpenSim in a process of its own, with TOOL SETUP, run in the folder of the set-up files.
+"""Run a tool of OpenSim in a process of its own with the arguments TOOL SETUP, in the folder of the set-up file.
 
-It imports nothing of ours: OpenSim prints much, and can take its process with it.
+It imports nothing of ours: OpenSim prints much, and can end its process.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import sys
 
 
 def main() -> int:
-    """Run the tool; 1 if it says that it has failed."""
+    """Run the tool; return 1 if it reports that it has failed, else 0."""
     import opensim
 
     tool = getattr(opensim, sys.argv[1])(sys.argv[2])

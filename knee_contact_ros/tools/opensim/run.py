@@ -1,53 +1,56 @@
-"""The work of `knee-contact import-opensim`: run OpenSim if asked to, read one knee or both, write the bags, print."""
+"""The work of `knee-contact import-opensim`: run OpenSim if requested, read one knee or both, write bags, print."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from knee_contact_ros.offline.gait_files.gait_bag import check_output, digest, write_bag
+from knee_contact_ros import __version__
+from knee_contact_ros.offline.gait_files.gait_bag import LEG_QUANTITIES, QUANTITIES, check_output, digest, write_bag
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.opensim.columns import LEFT, RIGHT
 from knee_contact_ros.tools.opensim.external_loads import data_file
-from knee_contact_ros.tools.opensim.opensim_pipeline import Run, opensim_version, plan, run_pipeline
+from knee_contact_ros.tools.opensim.opensim_pipeline import Run, plan, run_pipeline
 from knee_contact_ros.tools.opensim.opensim_process import check_opensim
 from knee_contact_ros.tools.opensim.opensim_quality import Check, assess
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait, Settings, read_knee
-from knee_contact_ros.tools.opensim.origin import origin_record
 from knee_contact_ros.tools.opensim.show import show_checks, show_knee, show_steps
 
 BOTH = "both"
 LOADS = "external_loads_file"
 RUN = "opensim"
-"""Folder of the run in the work folder"""
+"""Name of the run's folder in the work folder"""
 
 
 class Pipeline(NamedTuple):
-    """What to run."""
+    """Steps of OpenSim to run."""
 
     setups: tuple[Path, ...]
     """Set-up files, or the folder that has them"""
     steps: tuple[str, ...]
-    """Names of steps; empty: all that there are"""
+    """Names of steps; empty: all that have a set-up file"""
     work: Path | None
-    """Where to keep logs and all results; None: nowhere"""
+    """Folder in which to keep logs and all results; None: they are not kept"""
 
 
 def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: bool) -> None:
-    """Do what the command line asks for; `options` are those of the command `import-opensim`.
+    """Import results of OpenSim, or run OpenSim first; `options` are the other options of the command, by name.
 
     Raises:
-        UsageError: they do not fit together; and see `import_run` and `import_results`.
+        UsageError: options exclude each other or are missing, or `import_run` or `import_results` raises it.
     """
-    left = options | {"rate": options["rate"] or None}
-    pipeline = Pipeline(left.pop("setups"), tuple(filter(None, left.pop("steps").split(","))), left.pop("work"))
-    results = {name: left.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
-    ground = left.pop("ground")
-    sign = left.pop("angle_sign")
-    settings = Settings(**left, angle_sign=None if sign == "auto" else int(sign))
+    rest = options | {"rate": options["rate"] or None}
+    pipeline = Pipeline(rest.pop("setups"), tuple(filter(None, rest.pop("steps").split(","))), rest.pop("work"))
+    results = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
+    ground = rest.pop("ground")
+    sign = rest.pop("angle_sign")
+    settings = Settings(**rest, angle_sign=None if sign == "auto" else int(sign))
     given = [f"--{name}" for name, path in results.items() if path is not None]
     if pipeline.setups:
         if given:
@@ -65,10 +68,10 @@ def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: 
 
 
 def ground_files(ground: str, model: Path | None) -> dict[str, Path]:
-    """Ground reactions, as --ground names them, and the file with their numbers, by the names of `Files`.
+    """Ground reactions that --ground names, and the file with their numbers, by the names of the fields of `Files`.
 
     Raises:
-        UsageError: no name or no model is given, a file cannot be used, or OpenSim is not installed.
+        UsageError: no file or no model is given, a file cannot be used, or OpenSim is not installed.
     """
     if not ground:
         raise UsageError("--ground FILE is missing; only with --setup it is found")
@@ -79,7 +82,7 @@ def ground_files(ground: str, model: Path | None) -> dict[str, Path]:
 
 
 def ground_of_run(ground: str, run: Run) -> dict[str, Path]:
-    """Likewise after a run, whose external loads are taken if --ground names none.
+    """Ground reactions that --ground names, or else external loads of a run, by the names of the fields of `Files`.
 
     Raises:
         UsageError: a file cannot be used.
@@ -91,9 +94,9 @@ def ground_of_run(ground: str, run: Run) -> dict[str, Path]:
 def import_run(
     side: str, pipeline: Pipeline, settings: Settings, output: Path, overwrite: bool, ground: str | None = None
 ) -> None:
-    """Run OpenSim's tools in a copy of the set-up files' folder, and import what comes of it.
+    """Run OpenSim's tools in a copy of the set-up files' folder, and import their results.
 
-    With `ground` the leg's sensors too: of this file with ground reactions or, if it is empty, of the set-up's own.
+    With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, the set-up's.
 
     Raises:
         UsageError: a file or the output cannot be used, or a step has failed; no bag is then written.
@@ -112,14 +115,14 @@ def import_run(
         checks, fault = judge(run)
         of_ground = ground_of_run(ground, run) if ground is not None else {}
         files = Files(run.kinematics, run.reactions, run.speeds, run.model, **of_ground)
-        more = {"source": opensim_version(), **run_record(run, checks, fault)}
+        more = {"source": f"OpenSim {version('opensim')}", **run_record(run, checks, fault)}
         store([read_knee(name, files, settings, work) for name in bags], files, settings, bags, work, more)
     show_steps(run)
     show_checks(checks, fault)
 
 
 def judge(run: Run) -> tuple[list[Check], str]:
-    """Checks of a run; or none, and why: hours of computing are not given up for that."""
+    """Check a run; if that fails return no checks and the reason, as hours of computing are not given up for that."""
     try:
         return assess(run), ""
     except UsageError as fault:
@@ -127,13 +130,13 @@ def judge(run: Run) -> tuple[list[Check], str]:
 
 
 def run_record(run: Run, checks: Sequence[Check], fault: str) -> dict[str, str]:
-    """For the metadata record: steps with their set-up files, and how far the run can be trusted."""
+    """Entries of the metadata record on a run: its steps with their set-up files, and its checks."""
     steps = [f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups]
     return {"steps": "\n".join(steps), "quality": "\n".join(check.sentence() for check in checks) or fault}
 
 
 def import_results(side: str, files: Files, settings: Settings, output: Path, overwrite: bool) -> None:
-    """Write the bag of a knee, or with `both` a bag for each, and print what is in them.
+    """Write the bag of a knee, or with the side `both` a bag for each, and print a summary.
 
     Raises:
         UsageError: a file or the output cannot be used; nothing is then written.
@@ -152,7 +155,7 @@ def store(
     work: Path,
     more: dict[str, str],
 ) -> None:
-    """Write bags by way of the folder `work`, and print what is in them; `more` goes into the metadata record."""
+    """Write bags by way of the folder `work`, and print a summary; `more` is added to the metadata record."""
     for knee in knees:
         origin = origin_record(knee, files, settings, more)
         write_bag(knee.side, knee.angles, knee.reactions, work / bags[knee.side].name, origin, leg=knee.leg)
@@ -162,11 +165,26 @@ def store(
         show_knee(knee, files, bags[knee.side])
 
 
+def origin_record(gait: KneeGait, files: Files, settings: Settings, more: dict[str, str]) -> dict[str, str]:
+    """Content of the bag's metadata record; nothing in it depends on where or when it is written."""
+    record = {"package": f"knee_contact_ros {__version__}", "source": "OpenSim results", "side": gait.side}
+    for name, path in asdict(files).items():
+        if path is not None:
+            record |= {name: path.name, f"{name}_sha256": digest(path)}
+    record |= {f"column of {what}": name for what, name in gait.columns.items()}
+    record |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(asdict(settings)), **QUANTITIES}
+    if gait.leg:
+        record |= LEG_QUANTITIES
+    if gait.body_weight:
+        record["body_weight"] = f"{gait.body_weight:.3f} N"
+    return record | more
+
+
 def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dict[str, Path]:
-    """The bags by side: OUTPUT, or OUTPUT_right and OUTPUT_left.
+    """Paths of the bags by side: OUTPUT, or OUTPUT_right and OUTPUT_left for both.
 
     Raises:
-        UsageError: one is there already, or --joint or --coordinate is to be of both sides.
+        UsageError: a bag exists already, or --joint or --coordinate is given for both sides.
     """
     if side == BOTH and (settings.joint or settings.coordinate):
         raise UsageError("--joint and --coordinate name one knee's; give --side right or left with them")

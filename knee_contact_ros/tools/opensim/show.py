@@ -1,4 +1,4 @@
-"""What `knee-contact import-opensim` prints."""
+"""Print the summaries of `knee-contact import-opensim`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from knee_contact_ros.tools.opensim.opensim_quality import Check
 from knee_contact_ros.tools.opensim.opensim_results import Files, KneeGait
 
 USUAL_WEIGHT = 737.068
-"""[N] For the search for peaks where no model tells: the default of `body_weight`"""
+"""Body weight for the search for peaks where no model is given [N]: the default of `body_weight`"""
 SHARE = 0.5
-"""Of the axial load that a compartment gets by default (`load.share`)"""
+"""Share of the axial load that a compartment has by default (`load.share`)"""
 
 
 def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
-    """Print rows, spans, angle range, load peaks, what was converted, and where the bag is."""
+    """Print a knee's columns, spans, range of the angle, load peaks and notes, and where the bag is."""
     console = Console(width=WIDTH)
     degrees = np.degrees(knee.angles.angle)
     rows = Table(box=None, show_header=False, pad_edge=False)
@@ -48,7 +48,7 @@ def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
 
 
 def add_leg(rows: Table, knee: KneeGait, leg: Leg, files: Files) -> None:
-    """Rows on what the leg's sensors would have told."""
+    """Add rows on the leg's simulated sensors."""
     hip, ankle = (np.degrees(angles.angle) for angles in (leg.hip, leg.ankle))
     rows.add_row("ground", shown(f"{knee.columns['ground force']} of {(files.ground_data or files.reactions).name}"))
     rows.add_row("", f"{span(leg.ground.stamps)}, {leg.ground.force[:, 1].max():.1f} N upwards at most")
@@ -57,12 +57,12 @@ def add_leg(rows: Table, knee: KneeGait, leg: Leg, files: Files) -> None:
 
 
 def span(stamps: Stamps) -> str:
-    """Rows, and from when to when."""
+    """Text with the number of rows and their first and last time."""
     return f"{len(stamps)} rows, {stamps[0] / NANOSECONDS:.3f} to {stamps[-1] / NANOSECONDS:.3f} s"
 
 
 def peak_table(knee: KneeGait) -> Table:
-    """Local peaks of the axial load, and its largest value."""
+    """Make a table of the local peaks of the axial load, and of its largest value."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     weight = knee.body_weight
     for heading in ("", "axial load [N]", f"x {SHARE:g} [N]", *(["x 0.5 [BW]"] if weight else []), "at [s]"):
@@ -76,24 +76,24 @@ def peak_table(knee: KneeGait) -> Table:
 
 
 def peaks(knee: KneeGait) -> dict[str, int]:
-    """Rows of the local peaks of the load, as `pipeline.gait` finds them, and of the largest."""
+    """Indices of the local peaks of the load, as `pipeline.gait` finds them, and of the largest load, by name."""
     load, stamps = -knee.reactions.force[:, 1], knee.reactions.stamps
     finder = GaitEvents(knee.body_weight or USUAL_WEIGHT)
-    found = finder.add(stamps, np.zeros_like(load), SHARE * load) + finder.finish()
-    local = sorted(event.stamp for event in found if event.kind == LOAD_PEAK)
+    events = finder.add(stamps, np.zeros_like(load), SHARE * load) + finder.finish()
+    local = sorted(event.stamp for event in events if event.kind == LOAD_PEAK)
     numbered = {f"peak {n}": int(np.searchsorted(stamps, stamp)) for n, stamp in enumerate(local, start=1)}
     return numbered | {"largest": int(load.argmax())}
 
 
 def show_steps(run: Run) -> None:
-    """Print how long each step took."""
+    """Print the duration of each step of a run."""
     console = Console(width=WIDTH)
     took = ", ".join(f"{WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
     console.print(f"OpenSim: {took}", highlight=False, markup=False)
 
 
 def show_checks(checks: Sequence[Check], fault: str = "") -> None:
-    """Print residuals, reserves and marker errors beside what is allowed, and what follows; or why there are none."""
+    """Print residuals, reserves and marker errors with their limits and a conclusion, or `fault` if there are none."""
     console = Console(width=WIDTH)
     if fault:
         console.print(fault, soft_wrap=True, highlight=False, markup=False)

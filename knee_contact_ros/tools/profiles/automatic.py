@@ -1,4 +1,4 @@
-"""The slice through the contact centre of a compartment, found from the surface alone."""
+"""Find the slice through the contact centre of a compartment from the surface alone."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from knee_contact_ros.tools.profiles.surface import Surface
 FLEXION = np.radians(np.linspace(0.0, 60.0, 25))
 """Flexion angles [rad] of gait"""
 NEAR = 0.2e-3
-"""[m] What is so little above the lowest point counts with it: noise moves a single point about"""
+"""Height [m] above the lowest point within which points count as lowest, as noise moves single points"""
 STEPWISE = 1e-4
-"""[m] that the answer is rounded to"""
+"""Step [m] to which the place is rounded"""
 
 
 def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
-    """Place z [m] of the slice; medial is z < 0.
+    """Find the place z [m] of the slice; medial is z < 0.
 
     Femur: where its lowest points lie on average while it flexes from 0° to 60°. Tibia: the middle of the plateau, each
     triangle counting with its area seen from above.
 
     Raises:
-        UsageError: nothing there, or a cloud of points.
+        UsageError: the surface has nothing on that side, or is a cloud of points.
     """
     if not len(surface.triangles):
         raise UsageError(f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm")
@@ -41,7 +41,7 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
 
 
 def of_femur(points: Floats) -> float:
-    """Mean z [m] of the lowest points."""
+    """Mean z [m] of a femur's lowest points over the flexion angles of gait."""
     places = []
     for angle in FLEXION:
         height = np.sin(angle) * points[:, 0] + np.cos(angle) * points[:, 1]
@@ -50,7 +50,7 @@ def of_femur(points: Floats) -> float:
 
 
 def of_tibia(surface: Surface, side: Any) -> float:
-    """Mean z [m] of the area."""
+    """Mean z [m] of a tibia's area seen from above; `side` marks the points of the compartment."""
     triangles = surface.triangles[side[surface.triangles].all(axis=1)]
     corners = surface.points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

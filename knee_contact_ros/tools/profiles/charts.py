@@ -1,203 +1,183 @@
-"""How a profile is written as a function g of one number, so that smoothing is linear.
+"""Charts: coordinates in which a profile is a function g of a single number, so that smoothing it is a linear problem.
 
 Femur: polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g,
 so that v > 0 is convexity, and v is constant for a circle about the centre. Tibia: height over x. g = y/L over x/L, and
-v = g'' is free. v is what is smoothed.
+v = g'' is free. The smoothed quantity is v.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
 
 LEAST_V = 0.01
-"""Of a femur: a curvature of about this over R; a profile is convex throughout"""
+"""Lower bound of v for a femur: a curvature of about this over R, so that a profile is convex throughout"""
 
 
-class Chart(Protocol):
-    """Coordinates of a slice."""
+@dataclass(frozen=True)
+class Chart(ABC):
+    """Coordinates of a slice: a place along the profile, and the function g across it."""
 
-    @property
-    def scale(self) -> float:
-        """[m] that a unit of the place is long, about."""
-        ...
-
-    @property
-    def half_turn(self) -> float:
-        """A step of the place that only going round the back makes."""
-        ...
-
-    @property
-    def least(self) -> float:
-        """Lower bound of v."""
-        ...
+    middle: Floats
+    """Origin of the chart, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
+    scale: float
+    """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
+    half_turn: ClassVar[float]
+    """Smallest step of the place that only a piece round the back of a closed slice makes"""
+    least: ClassVar[float]
+    """Lower bound of v"""
 
     @classmethod
+    @abstractmethod
     def around(cls, points: Floats) -> Chart:
-        """The chart for points of shape (n, 2) [m]."""
-        ...
+        """Make the chart for points of shape (n, 2) [m]."""
 
+    @abstractmethod
     def place(self, points: Floats) -> Floats:
-        """Along the profile, from posterior to anterior."""
-        ...
+        """Places along the profile, increasing from posterior to anterior, shape (n,)."""
 
+    @abstractmethod
     def outwards(self, points: Floats) -> Floats:
-        """Towards the joint [m]."""
-        ...
+        """Distances of points towards the joint [m], shape (n,)."""
 
+    @abstractmethod
     def value(self, points: Floats) -> Floats:
-        """The function g."""
-        ...
+        """Values of the function g at points, shape (n,)."""
 
+    @abstractmethod
     def metres(self, points: Floats) -> Floats:
-        """What a unit of g amounts to across the profile [m], shape (n,)."""
-        ...
+        """Distances across the profile that correspond to a unit of g at points [m], shape (n,)."""
 
+    @abstractmethod
     def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """The columns g of columns v, shape (grid, n), which are 0 with their first derivative at the grid's begin."""
-        ...
+        """Columns g for columns v, shape (grid, n), zero with zero slope at the beginning of the grid."""
 
+    @abstractmethod
     def free(self, grid: Floats) -> Floats:
-        """The two columns g that have v = 0, shape (grid, 2)."""
-        ...
+        """The two columns g for which v = 0, shape (grid, 2): straight lines."""
 
+    @abstractmethod
     def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points of shape (grid, 2) [m]."""
-        ...
+        """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
 
 
-class _Polar(NamedTuple):
-    centre: tuple[float, float]
-    radius: float
-    middle: float
+@dataclass(frozen=True)
+class Polar(Chart):
+    """Chart of a femur: the place is the angle about a centre [rad], counted from the middle of the profile."""
 
-
-class Polar(_Polar):
-    """A femur's: the angle about a centre [rad], from the middle of the profile."""
-
-    __slots__ = ()
+    turn: float
+    """Direction from the centre to the middle of the profile [rad]"""
     half_turn = math.pi
     least = LEAST_V
 
     @classmethod
     def around(cls, points: Floats) -> Polar:
-        """Coope's circle; the middle is where most of the points lie."""
+        """Make the chart about the centre of Coope's circle; its middle is where most of the points lie."""
         centre, radius = circle(points)
         aside = (points - centre).mean(axis=0)
-        return cls((float(centre[0]), float(centre[1])), radius, math.atan2(aside[1], aside[0]))
-
-    @property
-    def scale(self) -> float:
-        """The radius."""
-        return self.radius
+        return cls(centre, radius, math.atan2(aside[1], aside[0]))
 
     def place(self, points: Floats) -> Floats:
-        """Counter-clockwise, which is from posterior over distal to anterior."""
-        x, y = (points - np.array(self.centre)).T
-        angle: Floats = (np.arctan2(y, x) - self.middle + math.pi) % math.tau - math.pi
+        """Angles counter-clockwise, which is from posterior over distal to anterior."""
+        x, y = (points - self.middle).T
+        angle: Floats = (np.arctan2(y, x) - self.turn + math.pi) % math.tau - math.pi
         return angle
 
     def outwards(self, points: Floats) -> Floats:
-        """Distance from the centre."""
-        return np.asarray(np.hypot(*(points - np.array(self.centre)).T))
+        """Distances r from the centre [m]."""
+        return np.asarray(np.hypot(*(points - self.middle).T))
 
     def value(self, points: Floats) -> Floats:
-        """R/r."""
-        return np.asarray(self.radius / self.outwards(points))
+        """Values g = R/r."""
+        return np.asarray(self.scale / self.outwards(points))
 
     def metres(self, points: Floats) -> Floats:
-        """|dr/dg| = r²/R."""
-        return np.asarray(self.outwards(points) ** 2 / self.radius)
+        """Distances |dr/dg| = r²/R [m]."""
+        return np.asarray(self.outwards(points) ** 2 / self.scale)
 
     def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """The solution of g'' + g = v: the integral of sin(α - β) v(β)."""
+        """Solution of g'' + g = v: the integral of sin(α - β) v(β)."""
         sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]
         return sine * integral(grid, cosine * v) - cosine * integral(grid, sine * v)
 
     def free(self, grid: Floats) -> Floats:
-        """Straight lines."""
+        """Cosine and sine, which are straight lines in this chart."""
         return np.column_stack([np.cos(grid), np.sin(grid)])
 
     def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points at the distance R/g."""
-        angle = grid + self.middle
-        return np.asarray(
-            np.array(self.centre) + (self.radius / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        )
+        """Points at the distance R/g from the centre."""
+        angle = grid + self.turn
+        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-class _Flat(NamedTuple):
-    middle: tuple[float, float]
-    half: float
+@dataclass(frozen=True)
+class Flat(Chart):
+    """Chart of a tibia: the place is x from the middle of the plateau, in half widths."""
 
-
-class Flat(_Flat):
-    """A tibia's: x from the middle of the plateau in half widths."""
-
-    __slots__ = ()
     half_turn = math.inf
     least = -math.inf
 
     @classmethod
     def around(cls, points: Floats) -> Flat:
-        """The box around the points."""
+        """Make the chart about the middle of the box around the points."""
         x, y = points.T
-        return cls((float(x.min() + x.max()) / 2.0, float(y.mean())), max(float(np.ptp(x)) / 2.0, 1e-9))
-
-    @property
-    def scale(self) -> float:
-        """Half the width."""
-        return self.half
+        return cls(np.array([(x.min() + x.max()) / 2.0, y.mean()]), max(float(np.ptp(x)) / 2.0, 1e-9))
 
     def place(self, points: Floats) -> Floats:
-        """To anterior."""
-        return np.asarray((points[:, 0] - self.middle[0]) / self.half)
+        """Places towards anterior, -1 to 1."""
+        return np.asarray((points[:, 0] - self.middle[0]) / self.scale)
 
     def outwards(self, points: Floats) -> Floats:
-        """Upwards."""
+        """Heights above the middle [m]."""
         return np.asarray(points[:, 1] - self.middle[1])
 
     def value(self, points: Floats) -> Floats:
-        """Height."""
-        return self.outwards(points) / self.half
+        """Heights in half widths."""
+        return self.outwards(points) / self.scale
 
     def metres(self, points: Floats) -> Floats:
-        """The half width throughout; slopes of a plateau are small."""
-        return np.full(len(points), self.half)
+        """The half width for every point, as the slopes of a plateau are small."""
+        return np.full(len(points), self.scale)
 
     def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """The double integral."""
+        """Solution of g'' = v: the double integral."""
         return integral(grid, integral(grid, v))
 
     def free(self, grid: Floats) -> Floats:
-        """Straight lines."""
+        """One and the place, which are straight lines."""
         return np.column_stack([np.ones_like(grid), grid])
 
     def curve(self, grid: Floats, g: Floats) -> Floats:
         """Points at the height g."""
-        return np.array(self.middle) + self.half * np.column_stack([grid, g])
+        return self.middle + self.scale * np.column_stack([grid, g])
 
 
 def integral(grid: Floats, columns: Floats) -> Floats:
-    """From the grid's begin, column by column; trapezoids."""
+    """Integrate each column from the beginning of the grid, by trapezoids; shape (grid, n)."""
     from scipy.integrate import cumulative_trapezoid
 
     return np.asarray(cumulative_trapezoid(columns, grid, axis=0, initial=0.0))
 
 
+def chord_length(points: Floats) -> Floats:
+    """Length along the chords from the first of points of shape (n, 2) [m] to each, shape (n,) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
 def circle(points: Floats) -> tuple[Floats, float]:
-    """Centre and radius [m] of the circle of least squares through points of shape (n, 2) [m].
+    """Fit a circle to points of shape (n, 2) [m] by least squares; return its centre, shape (2,), and radius [m].
 
     Coope's linear form: (x² + y²) = 2 a x + 2 b y + c. I. D. Coope 1993, J Optim Theory Appl 76:381-388.
     """
     middle = points.mean(axis=0)
     local = points - middle
-    solution = np.linalg.lstsq(np.column_stack([2.0 * local, np.ones(len(local))]), (local**2).sum(axis=1), rcond=None)[
-        0
-    ]
+    rows = np.column_stack([2.0 * local, np.ones(len(local))])
+    solution = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
     centre = solution[:2]
     return centre + middle, math.sqrt(max(float(solution[2] + centre @ centre), 0.0))

@@ -1,4 +1,4 @@
-"""From a surface to a profile with all that is to be said of it."""
+"""Fit a profile to a slice of a surface, with circles, thickness of cartilage, and remarks."""
 
 from __future__ import annotations
 
@@ -16,25 +16,28 @@ from knee_contact_ros.tools.profiles.surface import Surface
 from knee_contact_ros.tools.profiles.thickness import Thickness, thickness
 
 TOLERANCE, SLAB = 0.05e-3, 2e-3
-"""[m] The defaults"""
+"""Defaults of the tolerance and of the slab's half thickness [m]"""
 FLATTEST_FEMUR = 0.35
-"""Height over width of a slice; a condyle has some 0.8, a plateau 0.1 to 0.2"""
+"""Smallest ratio of height and width of a femur's slice: a condyle has some 0.8, a plateau 0.1 to 0.2"""
 NOTABLE = 0.5e-3
-"""[m] of a deviation that is worth a word"""
+"""Deviation of the slice from the profile [m] from which on it is reported"""
 GAIT, LEAST_REACH = (0.0, 60.0), 0.5
-"""Normals [deg] that touch in gait, and the share of them that a condyle has at least"""
+"""Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
 WORST = 1e-3
-"""[m] RMS that no profile of the wanted kind can be off"""
+"""Largest roughness [m] of a slice that counts as a condyle or plateau"""
 
 
 class Fit(NamedTuple):
-    """A profile in the mesh's frame, and what belongs to it."""
+    """Profile in the mesh's frame, with its circles, thickness of cartilage, and remarks."""
 
     femur: bool
+    """Whether it is a femur's profile, and not a tibia's"""
     z: float
-    """Of the slice [m]"""
+    """Place of the slice [m]"""
     slab: float
+    """Half thickness of the slab [m]"""
     tolerance: float
+    """RMS distance from the slice that smoothing may add [m]"""
     smoothed: Smoothed
     shape: Shape
     circles: list[FittedCircle]
@@ -74,7 +77,7 @@ def fit(
 
 
 def check_reach(surface: Surface, z: float, shape: Shape) -> None:
-    """Refuse what cannot touch a tibia in most of a gait, as a slice through the notch between the condyles."""
+    """Refuse a profile that cannot be in contact in most of a gait, as of a slice through the intercondylar notch."""
     low, high = np.degrees([shape.normal.min(), shape.normal.max()])
     if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
         raise UsageError(
@@ -85,7 +88,7 @@ def check_reach(surface: Surface, z: float, shape: Shape) -> None:
 
 
 def far_off(smoothed: Smoothed) -> list[str]:
-    """Where the slice lies far from the profile, which noise of a mesh does not do."""
+    """Report where the slice lies far from the profile, which is more than the noise of a mesh."""
     at = int(np.abs(smoothed.deviations).argmax())
     off = float(smoothed.deviations[at])
     if abs(off) < NOTABLE:

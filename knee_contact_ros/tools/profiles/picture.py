@@ -1,4 +1,4 @@
-"""The picture of a fit: slice and profile, circles, curvature, deviation and thickness."""
+"""Picture of a fit: slice and profile, circles, curvature, deviations and thickness of cartilage."""
 
 from __future__ import annotations
 
@@ -15,26 +15,24 @@ from knee_contact_ros.tools.profiles.words import MM, side
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
 LINE = 0.24
-"""[in] of the legend, a line with its share of what is around"""
+"""Height of a line of the legend with its share of the margins [in]"""
 WIDTHS = (4.6, 3.5, 2.4, 1.4)
-"""Of circles as straight lines, which may lie on each other"""
+"""Line widths of circles in the plot of curvature, where they may lie on each other"""
 FEMUR, TIBIA, DPI = (10.5, 6.4), (7.6, 8.6), 110
-"""[in] of a picture: a femur's slice beside what is drawn along it, a tibia's above, with the same x"""
+"""Size of a picture [in] and its resolution: a femur's slice is beside the plots along it, a tibia's above them"""
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
               "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
               "legend.fontsize": 8.5}  # fmt: skip
 
 
 def picture(fit: Fit, name: str) -> bytes:
-    """The picture as PNG."""
+    """Draw the picture of a fit, as PNG; `name` is the mesh's."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     panels = [draw_curvature, draw_circles, draw_deviations, *([draw_cartilage] if fit.thickness else [])]
     with mpl.rc_context(STYLE):
         canvas = Figure(figsize=FEMUR if fit.femur else TIBIA, layout="constrained")
-        FigureCanvasAgg(canvas)
         if fit.femur:
             grid = canvas.add_gridspec(len(panels), 2, width_ratios=(1.1, 1.0))
             whole, rows = canvas.add_subplot(grid[:, 0]), [grid[row, 1] for row in range(len(panels))]
@@ -63,7 +61,7 @@ def picture(fit: Fit, name: str) -> bytes:
 
 
 def draw_slice(axis: Any, fit: Fit, title: str) -> None:
-    """The slice as it was cut, the profile and the bone; of a femur's circles the sectors that they are fitted to."""
+    """Draw the slice, the profile and the bone, and for a femur the sectors to which its circles are fitted."""
     if fit.thickness is not None:
         for number, piece in enumerate(MM * fit.thickness.bone):
             axis.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
@@ -79,13 +77,13 @@ def draw_slice(axis: Any, fit: Fit, title: str) -> None:
 
 
 def label(fit: Fit, each: FittedCircle) -> str:
-    """A circle's window, short."""
+    """Window of a circle for the legend."""
     low, high = each.window
     return f"{low:.0f}° to {high:.0f}°" if fit.femur else f"x {low:.0f} to {high:.0f} mm"
 
 
 def arc_of(each: FittedCircle) -> Floats:
-    """The circle over its part, shape (n, 2) [m]."""
+    """Points of a circle's arc over the part to which it is fitted, shape (200, 2) [m]."""
     aside = each.part - each.centre
     middle = aside.mean(axis=0)
     base = np.arctan2(middle[1], middle[0])
@@ -95,21 +93,21 @@ def arc_of(each: FittedCircle) -> Floats:
 
 
 def along(fit: Fit) -> tuple[Floats, str]:
-    """What the right panels are drawn over, at the places of the shape."""
+    """Horizontal coordinate of the plots along the profile, at the places of the shape, with its label."""
     if fit.femur:
         return np.degrees(fit.shape.normal), "outward normal: 0 down, posterior positive [°]"
     return MM * fit.shape.points[:, 0], "x, anterior [mm]"
 
 
 def place_of(fit: Fit, points: Floats) -> Floats:
-    """Where points, shape (n, 2) [m], lie in the panels: at the nearest place of the shape."""
+    """Horizontal coordinates of points, shape (n, 2) [m], in these plots: those of the nearest place of the shape."""
     from scipy.spatial import cKDTree
 
     return np.asarray(along(fit)[0][cKDTree(fit.shape.points).query(points)[1]])
 
 
 def draw_curvature(axis: Any, fit: Fit) -> None:
-    """Curvature along the profile, and that of the circles."""
+    """Draw the curvature along the profile, and that of the circles."""
     axis.plot(along(fit)[0], fit.shape.curvature / MM, color=PROFILE, linewidth=1.5)
     for each, colour, width in zip(fit.circles, CIRCLES, WIDTHS, strict=False):
         axis.plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
@@ -119,7 +117,7 @@ def draw_curvature(axis: Any, fit: Fit) -> None:
 
 
 def draw_circles(axis: Any, fit: Fit) -> None:
-    """How far the profile lies off each circle within its window: as arcs they would hide each other."""
+    """Draw the distance of the profile from each circle within its window; as arcs they would hide each other."""
     for each, colour in zip(fit.circles, CIRCLES, strict=False):
         outwards = 1.0 if fit.femur or each.radius < 0.0 else -1.0  # out of a concave tibia is towards the centre
         off = outwards * (np.hypot(*(each.part - each.centre).T) - abs(each.radius))
@@ -130,7 +128,7 @@ def draw_circles(axis: Any, fit: Fit) -> None:
 
 
 def draw_deviations(axis: Any, fit: Fit) -> None:
-    """How far the slice lies off the profile."""
+    """Draw the distance of the slice from the profile."""
     axis.plot(place_of(fit, fit.smoothed.raw), MM * fit.smoothed.deviations, ".", color="0.3", markersize=3.5)
     axis.axhline(0.0, color=PROFILE, linewidth=1.2)
     most = f"{MM * fit.smoothed.rms:.3f} mm RMS, {MM * fit.smoothed.largest:.2f} mm at most"
@@ -138,7 +136,7 @@ def draw_deviations(axis: Any, fit: Fit) -> None:
 
 
 def draw_cartilage(axis: Any, fit: Fit) -> None:
-    """How thick the cartilage is."""
+    """Draw the thickness of the cartilage."""
     if fit.thickness is None:
         return
     axis.plot(along(fit)[0], MM * fit.thickness.along, color=BONE, linewidth=1.5)

@@ -1,4 +1,4 @@
-"""A file's surface: meshes by Trimesh or VTK, clouds of points as text, label maps by nibabel."""
+"""Read surfaces: meshes by Trimesh or VTK, clouds of points as text, label maps (NIfTI) by nibabel."""
 
 from __future__ import annotations
 
@@ -15,23 +15,30 @@ import numpy as np
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.tools.profiles.label_map import LABEL_MAPS, read_label_map
 from knee_contact_ros.tools.profiles.surface import Surface, parse_axes, placed
 
+LABEL_MAPS = (".nii", ".nii.gz")
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
+INSIDE = 0.5
+MOST_SHOWN = 12
+"""Largest number of labels that a message lists"""
 EXTRA = "mesh"
 BODY_AXES, SCANNER_AXES = "x,y,z", "y,z,x"
-"""Of a mesh in the axes of a body, and of a right knee in a scanner's axes (x right, y anterior, z superior)"""
+"""Axes of a mesh in a body's frame, and of a right knee in a scanner's axes (x right, y anterior, z superior)"""
 
 
 def read_surface(path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None) -> Surface:
-    """Read a mesh, a cloud of points or one label of a label map.
+    """Read a mesh, a cloud of points or a label of a label map.
 
-    `unit` is m unless given (label maps: mm); `axes` are those of `parse_axes`, x,y,z unless given (label maps: y,z,x,
-    a right knee in the scanner's axes).
+    Args:
+        path: the file; its suffix tells its kind.
+        unit: unit of the file, by default m, for label maps mm.
+        axes: the file's axes as `parse_axes` takes them, by default x,y,z, for label maps y,z,x.
+        label: which label of a label map; None if it has only one.
 
     Raises:
-        UsageError: no such file, none of these kinds, not readable, without a surface, or of no knee's size.
+        UsageError: there is no such file, its kind is unknown, it cannot be read, it has no surface, or its size is
+            not that of a knee.
     """
     if not path.is_file():
         raise UsageError(f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file")
@@ -52,7 +59,7 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
 
 
 def read_mesh(path: Path, kind: str) -> tuple[Floats, Integers]:
-    """Points and triangles of a mesh; points of equal place are one."""
+    """Read points [the file's unit] and triangles of a mesh; coincident points are merged."""
     with quiet():
         try:
             points, triangles = MESHES[kind](path)
@@ -66,7 +73,7 @@ def read_mesh(path: Path, kind: str) -> tuple[Floats, Integers]:
 
 
 def by_trimesh(path: Path) -> tuple[Any, Any]:
-    """STL, PLY and OBJ: VTK's reader of PLY ends the process on a file that is cut off."""
+    """Read STL, PLY and OBJ with Trimesh, as VTK's reader of PLY ends the process on a truncated file."""
     import trimesh
 
     read: Any = trimesh.load(path, process=False, skip_materials=True)
@@ -78,7 +85,7 @@ def by_trimesh(path: Path) -> tuple[Any, Any]:
 
 
 def by_vtk(path: Path) -> tuple[Any, Any]:
-    """VTP, which no other library reads."""
+    """Read VTP with VTK, as no other library reads it."""
     import pyvista
 
     read: Any = pyvista.read(path)
@@ -88,7 +95,7 @@ def by_vtk(path: Path) -> tuple[Any, Any]:
 
 
 def read_cloud(path: Path) -> tuple[Floats, Integers]:
-    """Points of a text file with columns x y z, or x y of one slice, apart by blanks or commas.
+    """Read points of a text file with columns x y z, or x y of a single slice, separated by blanks or commas.
 
     The first line may name the columns; what follows # is a comment.
     """
@@ -110,8 +117,48 @@ def read_cloud(path: Path) -> tuple[Floats, Integers]:
     return points, np.empty((0, 3), np.int64)
 
 
+def read_label_map(path: Path, label: int | None) -> tuple[Floats, Integers]:
+    """Read the points [the file's unit, scanner axes] and triangles around the voxels of a label.
+
+    Raises:
+        UsageError: the file cannot be read, is not three-dimensional, or has no such label.
+    """
+    import nibabel
+    import pyvista
+
+    try:
+        image: Any = nibabel.load(path)
+        values = np.asarray(image.dataobj)
+    except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
+        raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
+    values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
+    if values.ndim != 3:
+        raise UsageError(f"{path} has {values.ndim} dimensions; a label map has 3")
+    mask = chosen(path, values, label)
+    padded = np.pad(mask, 1).astype(np.float32)  # a label at the edge of the image is closed there
+    grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
+    grid.point_data["inside"] = padded.ravel(order="F")
+    mesh = grid.contour([INSIDE], scalars="inside").triangulate()
+    voxels = np.asarray(mesh.points, np.float64)
+    affine = np.asarray(image.affine, np.float64)
+    return voxels @ affine[:3, :3].T + affine[:3, 3], np.asarray(mesh.regular_faces, np.int64)
+
+
+def chosen(path: Path, values: Any, label: int | None) -> Any:
+    """Mark the voxels of a label, of the only one if `label` is None; an array of truth values."""
+    labels = [float(value) for value in np.unique(values) if value != 0]
+    shown = ", ".join(f"{value:g}" for value in labels[:MOST_SHOWN]) + (", ..." if len(labels) > MOST_SHOWN else "")
+    if label is None and len(labels) != 1:
+        raise UsageError(f"{path} needs --label N: it has the labels {shown or '(none but 0)'}")
+    wanted = labels[0] if label is None else float(label)
+    mask = values == wanted
+    if wanted == 0.0 or not mask.any():
+        raise UsageError(f"--label {wanted:g}: {path} has the labels {shown or '(none but 0)'}")
+    return mask
+
+
 def is_numbers(row: list[str]) -> bool:
-    """Whether all words are numbers."""
+    """Whether all words of a row are numbers."""
     try:
         [float(word) for word in row]
     except ValueError:
@@ -120,12 +167,12 @@ def is_numbers(row: list[str]) -> bool:
 
 
 MESHES = {".stl": by_trimesh, ".ply": by_trimesh, ".obj": by_trimesh, ".vtp": by_vtk}
-"""By what meshes are read"""
+"""Reader of meshes by the suffix of their files"""
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """VTK says what is wrong with a file in many lines on the terminal; we say it in one."""
+    """Silence VTK and loggers, which describe what is wrong with a file in many lines on the terminal."""
     import pyvista
 
     before, level = pyvista.vtk_verbosity(None), logging.root.manager.disable
@@ -141,7 +188,7 @@ def quiet() -> Iterator[None]:
 
 
 def need_libraries() -> None:
-    """Refuse to begin without the extra.
+    """Check that the libraries of the extra are installed.
 
     Raises:
         UsageError: a library is missing.

@@ -1,7 +1,7 @@
-"""A surface cut along sagittal planes, and the articular side of what is cut.
+"""Cut a surface along sagittal planes, and select the articular side of the cuts.
 
-Beside the slice itself, parallel ones within a slab are cut: mesh noise differs from one to the next, the bone does
-not.
+Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
+does not.
 """
 
 from __future__ import annotations
@@ -17,51 +17,46 @@ from knee_contact_ros.tools.profiles.charts import Chart
 from knee_contact_ros.tools.profiles.surface import Surface
 
 DISTANCE = 0.5e-3
-"""[m] from one plane to the next"""
+"""Distance of adjacent planes [m], or a little more"""
 COVER = 0.5e-3
-"""[m] What lies so far behind another part of the surface is not its articular side; noise is less"""
+"""Distance [m] behind another part of the surface beyond which a part is not articular; noise is less"""
 LEAST_POINTS = 12
 BLOCK = 256
-"""Points that are compared with all pieces at once"""
+"""Number of points that are compared with all pieces at once"""
 LEAST_LENGTH = 0.5e-3
-"""[m] of a piece that is worth a word"""
+"""Length [m] above which pieces that are left out are reported"""
 
 
 class Pieces(NamedTuple):
-    """A cut through a mesh."""
+    """Straight pieces in which a plane cuts a mesh."""
 
     begins: Floats
-    """Shape (n, 2) [m]"""
+    """First ends, shape (n, 2) [m]"""
     ends: Floats
-    """Shape (n, 2) [m]: straight from begin to end lies on the surface"""
+    """Second ends, shape (n, 2) [m]"""
     numbers: Any
-    """Shape (n,): the connected piece that each belongs to"""
+    """Number of the connected line to which each piece belongs, shape (n,)"""
 
 
 class Slices(NamedTuple):
-    """The articular side around a slice."""
+    """Points of the articular side in a slice and in the slab around it."""
 
     points: Floats
-    """Shape (n, 2) [m]"""
+    """Points, shape (n, 2) [m]"""
     offsets: Floats
-    """Shape (n,): distance from the slice in slabs, -1 to 1; 0 in the slice itself"""
+    """Distances from the slice over the slab's half thickness, shape (n,), -1 to 1; 0 in the slice itself"""
     remarks: tuple[str, ...]
-    """What was left out"""
-
-    @property
-    def inside(self) -> Any:
-        """Which points are the slice's own; of a cloud those of the slab."""
-        own = self.offsets == 0.0
-        return own if np.count_nonzero(own) >= LEAST_POINTS else np.ones(len(own), bool)
+    """What was left out, as sentences"""
 
     @property
     def raw(self) -> Floats:
-        """The points of the slice itself, shape (n, 2) [m]."""
-        return np.asarray(self.points[self.inside])
+        """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them all points of the slab."""
+        own = self.offsets == 0.0
+        return self.points[own] if np.count_nonzero(own) >= LEAST_POINTS else self.points
 
 
 def cut(surface: Surface, z: float) -> Pieces:
-    """The straight pieces [m] in which a mesh meets the plane at `z` [m]."""
+    """Cut a mesh with the plane at `z` [m]."""
     import pyvista
 
     triangles: Any = surface.triangles
@@ -77,10 +72,10 @@ def cut(surface: Surface, z: float) -> Pieces:
 
 
 def slices(surface: Surface, z: float, slab: float, chart_of: type[Chart]) -> Slices:
-    """The articular side within `slab` [m] of the plane at `z` [m].
+    """Select the articular side of a surface within `slab` [m] of the plane at `z` [m].
 
     Raises:
-        UsageError: nothing there.
+        UsageError: the plane misses the surface or hardly touches it.
     """
     if not len(surface.triangles):
         return of_cloud(surface, z, slab)
@@ -109,7 +104,7 @@ def slices(surface: Surface, z: float, slab: float, chart_of: type[Chart]) -> Sl
 
 
 def of_cloud(surface: Surface, z: float, slab: float) -> Slices:
-    """Points of a cloud within the slab; all of them where it has no third column."""
+    """Select the points of a cloud within `slab` [m] of `z` [m], or all of a cloud without a third column."""
     flat = not surface.points[:, 2].any()
     distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
     inside = np.abs(distance) <= slab
@@ -124,7 +119,7 @@ def of_cloud(surface: Surface, z: float, slab: float) -> Slices:
 
 
 def articular(pieces: Pieces, chart: Chart) -> tuple[Floats, tuple[str, ...]]:
-    """The points of the piece of which most can be seen from outside, as far as they can; and what was left out."""
+    """Select the visible points of the line of which most is visible from outside; return remarks on the rest too."""
     if not len(pieces.begins):
         return np.empty((0, 2)), ()
     middles = 0.5 * (pieces.begins + pieces.ends)
@@ -150,11 +145,11 @@ def articular(pieces: Pieces, chart: Chart) -> tuple[Floats, tuple[str, ...]]:
 
 
 def outside(points: Floats, pieces: Pieces, chart: Chart) -> Any:
-    """Whether nothing lies further out than points of shape (n, 2) by more than `COVER`."""
+    """Whether no piece lies further out than each of points of shape (n, 2) [m] by more than `COVER`, shape (n,)."""
     begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
     out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
     low, high = np.minimum(begin, end), np.maximum(begin, end)
-    usual = high - low < chart.half_turn  # one that goes once round the back covers nothing
+    usual = high - low < chart.half_turn  # a piece round the back covers nothing
     rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
 
     def seen(part: Floats) -> Any:

@@ -1,9 +1,9 @@
-"""The smoothest profile that stays within a stated tolerance of a slice.
+"""Find the smoothest profile that stays within a stated tolerance of a slice.
 
-v of `charts` is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx 1996, Stat Sci 11:89-121), a
-femur's is kept positive. What any such profile leaves, even with hardly a penalty, is the slice's roughness (noise and
-dents); the penalty is the largest with which the deviation is no more than roughness and tolerance together, as
-independent errors add up. So the noise of a mesh changes how far the profile is from the slice, but not how smooth it
+The quantity v of `charts` is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx 1996, Stat Sci
+11:89-121); a femur's is kept positive. The deviation that is left with hardly a penalty is the slice's roughness (noise
+and dents). The penalty is the largest with which the deviation is no more than roughness and tolerance together, added
+as independent errors are. So the noise of a mesh changes how far the profile is from the slice, but not how smooth it
 is.
 """
 
@@ -15,64 +15,63 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
-from knee_contact_ros.tools.profiles.charts import Chart
+from knee_contact_ros.tools.profiles.charts import Chart, chord_length
 from knee_contact_ros.tools.profiles.slices import Slices
 
 KNOTS = 2.5e-3
-"""[m] between the knots of v"""
+"""Distance between the knots of v [m]"""
 TILT_KNOTS = 10e-3
-"""[m] between the knots of what changes across the slab"""
+"""Distance between the knots of the tilt across the slab [m]"""
 BENDS = 3
-"""Degree in the place of the bend across the slab"""
+"""Polynomial degree of the bend across the slab, as a function of the place"""
 GRID = 2001
 ROUGHEST, SMOOTHEST = -5.0, 4.0
 """Decadic logarithms of the penalty; with less than the first, a profile follows the noise of a mesh"""
 HALVINGS = 12
 SPACING = 0.75e-3
-"""[m] between the points of a profile"""
+"""Distance between the points of a profile [m]"""
 
 
 class Smoothed(NamedTuple):
-    """A profile and how far it is from the slice."""
+    """Profile, and its distance from the slice."""
 
     points: Floats
-    """Shape (n, 2) [m], from posterior to anterior at equal arc length"""
+    """Points of the profile, shape (n, 2) [m], from posterior to anterior at equal steps of arc length"""
     raw: Floats
     """Points of the slice, shape (m, 2) [m], from posterior to anterior"""
     deviations: Floats
-    """Of the slice's points, shape (m,) [m]: > 0 where they lie outside of the profile"""
+    """Distances of the slice's points from the profile, shape (m,) [m], > 0 outside of it"""
     roughness: float
-    """RMS [m] that is left however little is smoothed"""
+    """RMS distance [m] that is left with the least smoothing"""
     deviation: float
-    """RMS [m] of all points of the slab"""
+    """RMS distance [m] of all points of the slab from the profile"""
 
     @property
     def rms(self) -> float:
-        """RMS [m] of the slice's deviations."""
+        """RMS of the slice's deviations [m]."""
         return float(np.sqrt(np.mean(self.deviations**2)))
 
     @property
     def largest(self) -> float:
-        """The largest of the slice's deviations [m]."""
+        """Largest magnitude of the slice's deviations [m]."""
         return float(np.abs(self.deviations).max())
 
 
 class _Problem(NamedTuple):
-    """Linear least squares with a penalty: rows scaled so that residuals are in m."""
+    """Linear least-squares problem with a penalty and lower bounds; its rows are scaled so that residuals are in m."""
 
     data: Floats
     target: Floats
     penalty: Floats
     lower: Floats
     basis: Floats
-    """g on the grid of every unknown but those of the tilt"""
+    """Columns g on the grid for every unknown but those of tilt and bend across the slab"""
     grid: Floats
-    inside: Any
-    """Which of the rows belong to the slice itself"""
+    """Places"""
 
 
 def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
-    """Smooth a slice within an RMS `tolerance` [m] beyond its roughness."""
+    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares."""
     problem = pose(slab, chart)
     roughness = residual(problem, solve(problem, ROUGHEST))
     allowed = math.hypot(roughness, tolerance)
@@ -92,14 +91,16 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
 
 
 def pose(slab: Slices, chart: Chart) -> _Problem:
-    """The problem that a slice poses."""
+    """Set up the least-squares problem of a slice."""
+    from scipy.interpolate import make_interp_spline
+
     place = chart.place(slab.points)
     low, high = float(place.min()), float(place.max())
     grid = np.linspace(low, high, GRID)
     v = b_splines(grid, low, high, KNOTS / chart.scale)
     basis = np.column_stack([chart.free(grid), chart.from_v(grid, v)])
     metres = chart.metres(slab.points)[:, None]
-    columns = [at(place, grid, basis)]
+    columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
     if slab.offsets.any():
         tilt = b_splines(place, low, high, TILT_KNOTS / chart.scale)
         turn = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
@@ -110,11 +111,11 @@ def pose(slab: Slices, chart: Chart) -> _Problem:
     penalty[:, 2 : 2 + v.shape[1]] = bends * chart.scale
     lower = np.full(data.shape[1], -np.inf)
     lower[2 : 2 + v.shape[1]] = chart.least
-    return _Problem(data, chart.value(slab.points) * metres[:, 0], penalty, lower, basis, grid, slab.inside)
+    return _Problem(data, chart.value(slab.points) * metres[:, 0], penalty, lower, basis, grid)
 
 
 def b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
-    """Cubic B-splines on equal knots, shape (places, n)."""
+    """Values of cubic B-splines on equally spaced knots from `low` to `high`, shape (places, n)."""
     from scipy.interpolate import BSpline
 
     pieces = max(3, math.ceil((high - low) / spacing))
@@ -123,16 +124,8 @@ def b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats
     return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
 
 
-def at(places: Floats, grid: Floats, columns: Floats) -> Floats:
-    """Columns on an equal grid, linear in between."""
-    position = (places - grid[0]) / (grid[1] - grid[0])
-    i = np.clip(position.astype(np.int64), 0, len(grid) - 2)
-    share = (position - i)[:, None]
-    return np.asarray((1.0 - share) * columns[i] + share * columns[i + 1])
-
-
 def solve(problem: _Problem, logarithm: float) -> Floats:
-    """The unknowns for a penalty of 10^logarithm per point."""
+    """Solve the problem for a penalty of 10^logarithm per point; return the unknowns."""
     from scipy.optimize import lsq_linear
 
     weight = math.sqrt(10.0**logarithm * len(problem.target))
@@ -144,17 +137,17 @@ def solve(problem: _Problem, logarithm: float) -> Floats:
     free = np.linalg.lstsq(triangle, target, rcond=None)[0]
     if (free >= problem.lower).all():
         return np.asarray(free)
-    found: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
-    return np.asarray(found.x)
+    bounded: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
+    return np.asarray(bounded.x)
 
 
 def residual(problem: _Problem, unknowns: Floats) -> float:
-    """RMS distance [m] of the slab's points from the profile, apart from how the slab bends."""
+    """RMS distance [m] of the slab's points from the profile, not counting tilt and bend across the slab."""
     return float(np.sqrt(np.mean((problem.data @ unknowns - problem.target) ** 2)))
 
 
 def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
-    """Shortest distances [m] of points from a curve, > 0 outside of it."""
+    """Shortest distances [m] of points from a curve, shape (n,), > 0 outside of it."""
     from scipy.spatial import cKDTree
 
     nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
@@ -166,7 +159,7 @@ def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
 
 
 def evenly(curve: Floats) -> Floats:
-    """Points at equal arc length, `SPACING` [m] or a little less."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
+    """Points of a curve at equal steps of arc length, `SPACING` [m] or a little less; shape (n, 2) [m]."""
+    way = chord_length(curve)
     places = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
     return np.column_stack([np.interp(places, way, axis) for axis in curve.T])

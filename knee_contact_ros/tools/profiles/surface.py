@@ -1,4 +1,4 @@
-"""A surface as it came from a file, in m and in the axes of the femur or tibia frame."""
+"""Surface from a file, in m and in the axes of the femur or tibia frame."""
 
 from __future__ import annotations
 
@@ -13,42 +13,44 @@ from knee_contact_ros.system.errors import UsageError
 
 UNITS = {"m": 1.0, "mm": 1e-3}
 SMALLEST, LARGEST = 0.008, 0.7
-"""Longest edge [m] of the box around a piece of cartilage or a bone of the knee, generously"""
+"""Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
 LETTERS = "xyz"
 
 
 class Axes(NamedTuple):
-    """Which axis of a file points anterior, superior and lateral."""
+    """Axes of a file that point anterior, superior and lateral."""
 
     places: tuple[int, ...]
+    """Index of the file's axis for each"""
     signs: tuple[float, ...]
+    """Sign of the file's axis for each, 1 or -1"""
 
     def turned(self, points: Floats) -> Floats:
-        """Points of shape (n, 3) in the order anterior, superior, lateral."""
+        """Points of the file, shape (n, 3), in the order anterior, superior, lateral."""
         return np.ascontiguousarray(points[:, self.places] * np.array(self.signs))
 
 
 class Surface(NamedTuple):
-    """A mesh, or a cloud of points if it has no triangles."""
+    """Mesh, or a cloud of points if there are no triangles."""
 
     path: Path
     points: Floats
-    """Shape (n, 3) [m]: x anterior, y superior, z lateral"""
+    """Points, shape (n, 3) [m]: x anterior, y superior, z lateral"""
     triangles: Integers
-    """Shape (m, 3): places in `points`; m = 0 for a cloud"""
+    """Indices in `points` of each triangle's corners, shape (m, 3); m = 0 for a cloud"""
 
     @property
     def lateral_range(self) -> str:
-        """From where to where it reaches along z, in mm."""
+        """Text of the surface's extent along z [mm]."""
         low, high = 1e3 * self.points[:, 2].min(), 1e3 * self.points[:, 2].max()
         return f"z = {low:.1f} to {high:.1f} mm"
 
 
 def parse_axes(text: str) -> Axes:
-    """The file's axes that point anterior, superior and lateral, as in `x,y,z` or `-y,z,x`.
+    """Parse the file's axes that point anterior, superior and lateral, as in `x,y,z` or `-y,z,x`.
 
     Raises:
-        UsageError: not three different axes.
+        UsageError: these are not three different axes.
     """
     names = [name.strip().lower() for name in text.split(",")]
     letters = [name.lstrip("+-") for name in names]
@@ -64,10 +66,10 @@ def parse_axes(text: str) -> Axes:
 
 
 def placed(path: Path, points: Floats, triangles: Integers, unit: str, axes: Axes) -> Surface:
-    """A surface in m and in our axes.
+    """Make a surface from points and triangles in the unit and axes of a file.
 
     Raises:
-        UsageError: a number is not finite, or it is no knee's size: then the unit is wrong.
+        UsageError: a number is not finite, or the size is not that of a knee, as with a wrong unit.
     """
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
@@ -80,7 +82,7 @@ def placed(path: Path, points: Floats, triangles: Integers, unit: str, axes: Axe
 
 
 def likely(largest: float) -> str:
-    """What the unit of a file with such a longest edge may be."""
+    """Hint at the unit that a file with a longest edge of so many units may be in; empty if there is none."""
     for name, factor in UNITS.items():
         if SMALLEST <= largest * factor <= LARGEST:
             return f": likely it is in {name}, --unit {name}"

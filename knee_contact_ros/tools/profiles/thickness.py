@@ -1,10 +1,11 @@
-"""How thick the cartilage of a slice is: the distance within the slice from its surface to the bone's."""
+"""Thickness of cartilage in a slice: the distance within the slice from its surface to the bone's surface."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.system.errors import UsageError
@@ -14,33 +15,28 @@ from knee_contact_ros.tools.profiles.slices import Pieces, cut
 from knee_contact_ros.tools.profiles.surface import Surface
 
 FEMORAL_ZONE = (-15.0, 70.0)
-"""Normals [deg] that touch in gait"""
+"""Directions of a femur's normal [deg] that are in contact in gait"""
 TIBIAL_ZONE = (0.25, 0.75)
-"""Shares of the width, likewise"""
+"""Shares of a tibia's width that are in contact in gait"""
 MOST_INSIDE = 0.1
-"""Share of the places whose bone may lie outside of the cartilage, for meshes cross at the rims"""
+"""Largest share of places whose bone may lie outside of the cartilage, as meshes cross at the rims"""
 THICKEST = 0.012
-"""[m] Human cartilage of the knee has some 2 mm, of the patella up to 7"""
+"""Largest plausible thickness [m]: human cartilage of the knee has some 2 mm, of the patella up to 7 mm"""
 
 
 class Thickness(NamedTuple):
     """Thickness of the cartilage under a profile."""
 
     along: Floats
-    """At the places of the shape, shape (n,) [m]"""
-    zone: Floats
-    """Which of these places are the contact zone, shape (n,)"""
+    """Thickness at the places of the shape, shape (n,) [m]"""
+    mean: float
+    """Mean thickness in the contact zone [m]"""
     bone: Floats
-    """Bone's pieces that were looked at, shape (m, 2, 2) [m]"""
-
-    @property
-    def mean(self) -> float:
-        """In the contact zone [m]."""
-        return float(self.along[self.zone.astype(bool)].mean())
+    """Straight pieces of the bone's cut, first and second end of each, shape (m, 2, 2) [m]"""
 
 
 def thickness(shape: Shape, chart: Chart, bone: Surface, z: float, femur: bool) -> Thickness:
-    """Thickness at the places of a shape, from the bone cut at `z` [m].
+    """Measure the thickness at the places of a shape, from the bone cut at `z` [m].
 
     Raises:
         UsageError: the slice misses the bone, or the bone is not behind the cartilage.
@@ -56,16 +52,17 @@ def thickness(shape: Shape, chart: Chart, bone: Surface, z: float, femur: bool) 
         raise UsageError(
             "--bone: the profile does not reach the zone that touches in gait, so no thickness can be told"
         )
-    if outside_share(shape.points[zone], chart, pieces) > MOST_INSIDE or along[zone].mean() > THICKEST:
+    mean = float(along[zone].mean())
+    if outside_share(shape.points[zone], chart, pieces) > MOST_INSIDE or mean > THICKEST:
         raise UsageError(
-            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * along[zone].mean():.1f} mm on average): "
+            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * mean:.1f} mm on average): "
             "MESH must be the cartilage's surface, --bone the bone's, both in the same axes and --unit"
         )
-    return Thickness(along, zone.astype(np.float64), np.stack([pieces.begins, pieces.ends], axis=1))
+    return Thickness(along, mean, np.stack([pieces.begins, pieces.ends], axis=1))
 
 
-def in_zone(shape: Shape, femur: bool) -> Floats:
-    """Which places touch in gait."""
+def in_zone(shape: Shape, femur: bool) -> NDArray[np.bool_]:
+    """Which places of a shape are in contact in gait, shape (n,)."""
     if femur:
         degrees = np.degrees(shape.normal)
         return np.asarray((degrees >= FEMORAL_ZONE[0]) & (degrees <= FEMORAL_ZONE[1]))
@@ -75,7 +72,7 @@ def in_zone(shape: Shape, femur: bool) -> Floats:
 
 
 def squared_distances(points: Floats, pieces: Pieces) -> Floats:
-    """Squared distance [m²] of each point from the nearest straight piece."""
+    """Squared distance [m²] of each point from the nearest straight piece, shape (n,)."""
     along = pieces.ends - pieces.begins
     aside = points[:, None, :] - pieces.begins
     squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
@@ -84,7 +81,7 @@ def squared_distances(points: Floats, pieces: Pieces) -> Floats:
 
 
 def outside_share(points: Floats, chart: Chart, pieces: Pieces) -> float:
-    """Share of the points that have bone further out than themselves."""
+    """Share of the points for which the nearest bone lies further out than the point."""
     middles = 0.5 * (pieces.begins + pieces.ends)
     places, outwards = chart.place(middles), chart.outwards(middles)
     nearest = np.abs(chart.place(points)[:, None] - places).argmin(axis=1)

@@ -1,4 +1,4 @@
-"""What is said of a fit, on the terminal and in its files."""
+"""Texts on a fit: the report on the terminal, the profile's CSV file and the parameter file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MM = 1e3
 
 
 def report(fit: Fit, name: str, origin: Floats) -> list[str]:
-    """Lines of a name and what there is to say of it."""
+    """Lines of the report on the terminal; `name` is the mesh's, `origin` the profile's origin [m], shape (2,)."""
     smoothed = fit.smoothed
     rows = [
         ("profile", f"{side(fit)} of {name}, slice at z = {MM * fit.z:g} mm, {len(smoothed.points)} points"),
@@ -32,12 +32,12 @@ def report(fit: Fit, name: str, origin: Floats) -> list[str]:
 
 
 def side(fit: Fit) -> str:
-    """Which bone."""
+    """Name of the bone."""
     return "femur" if fit.femur else "tibia"
 
 
 def tolerance(fit: Fit) -> str:
-    """What was allowed, and why."""
+    """Describe the tolerance, the roughness and the resulting deviation."""
     smoothed = fit.smoothed
     allowed = math.hypot(smoothed.roughness, fit.tolerance)
     where = f"slab of ±{MM * fit.slab:g} mm" if fit.slab else "slice"
@@ -48,7 +48,7 @@ def tolerance(fit: Fit) -> str:
 
 
 def curvature(fit: Fit) -> str:
-    """Radii and where it is convex or concave."""
+    """Describe the radii of curvature, and where the profile is convex or concave."""
     low, high = float(fit.shape.curvature.min()), float(fit.shape.curvature.max())
     if not fit.femur:
         places = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in concave(fit.shape)]
@@ -64,13 +64,13 @@ def curvature(fit: Fit) -> str:
 
 
 def window(fit: Fit, ends: tuple[float, float]) -> str:
-    """The window of a circle."""
+    """Describe the window of a fitted circle."""
     low, high = ends
     return f"normals of {low:.0f}° to {high:.0f}°" if fit.femur else f"x = {low:.1f} to {high:.1f} mm"
 
 
 def cartilage(fit: Fit) -> list[str]:
-    """Thickness, and what it is good for."""
+    """Describe the thickness of the cartilage and its use; no lines if it was not measured."""
     if fit.thickness is None:
         return []
     along = MM * fit.thickness.along
@@ -85,7 +85,7 @@ def cartilage(fit: Fit) -> list[str]:
 
 
 def csv(fit: Fit, name: str, points: Floats) -> str:
-    """The profile as `femur.profile` and `tibia.profile` take it; `points` of shape (n, 2) [m] from its origin."""
+    """Write a profile as CSV text for `femur.profile` or `tibia.profile`; `points`, shape (n, 2) [m], are its own."""
     header = [
         f"{side(fit).capitalize()} profile, sagittal slice at z = {MM * fit.z:g} mm, from posterior to anterior.",
         f"Made by knee-contact fit-profile from {name}.",
@@ -98,7 +98,8 @@ def csv(fit: Fit, name: str, points: Floats) -> str:
 
 
 def fragment(fit: Fit, csv_path: Path) -> str:
-    """A parameter file that puts the profile into a model, and changes nothing else."""
+    """Write a parameter file, as YAML text, that puts the profile into a model and changes nothing else."""
+    quoted = str(csv_path.resolve()).replace("'", "''")
     lines = [
         f"# The {side(fit)} of {csv_path.name}: give this file after healthy.yaml; osteoarthritis.yaml may come "
         "before or after it.",
@@ -106,11 +107,6 @@ def fragment(fit: Fit, csv_path: Path) -> str:
         "  ros__parameters:",
         f"    {side(fit)}:",
         "      geometry: profile",
-        f"      profile: {quoted(str(csv_path.resolve()))}",
+        f"      profile: '{quoted}'",
     ]
     return "\n".join([*lines, ""])
-
-
-def quoted(text: str) -> str:
-    """A text in YAML's single quotes."""
-    return "'" + text.replace("'", "''") + "'"

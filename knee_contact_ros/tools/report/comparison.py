@@ -1,4 +1,4 @@
-"""What a comparison changes, which is the contact law and nothing else, and how that is told."""
+"""What a comparison changes, which is the contact law and nothing else, and the texts that describe it."""
 
 from __future__ import annotations
 
@@ -23,37 +23,38 @@ from knee_contact_ros.system.resources import parameter_file, refuse_twice
 SECTION = "contact."
 LAW = "law"
 NONE, NOT_TOLD = "–", "not told"
-"""Where a law has no such constant; where a recording does not tell its parameters"""
+"""Texts for a constant that a law does not have, and for a value that is unknown as a recording has no parameters"""
 NAMED = 2
-"""Constants that the name of a curve tells; all are told below the figure"""
+"""Number of constants in the name of a curve; all of them are listed below the figure"""
 
 
 class Difference(NamedTuple):
-    """A number of the contact law that differs."""
+    """Parameter of the contact law that differs between a run and its comparison."""
 
     name: str
-    """Of the parameter, without its section"""
+    """Name of the parameter, without its section"""
     before: Any
-    """None: the law has no such constant"""
+    """Value in the run; None: its law has no such constant"""
     after: Any
+    """Value in the comparison; None: its law has no such constant"""
 
     def __str__(self) -> str:
-        """As below a figure: `damping: 5000 → 0 N s/m`."""
+        """Text of the difference, as it stands below a figure: `damping: 5000 → 0 N s/m`."""
         texts = (NONE if value is None else short(value) for value in (self.before, self.after))
         return f"{self.name}: {' → '.join(texts)}{unit(SECTION + self.name)}"
 
 
 class Overlay(NamedTuple):
-    """What is taken of the files of a comparison, and what is not, by dotted names."""
+    """Parameter values in the files of a comparison, by dotted names."""
 
     taken: dict[str, Any]
-    """Of the contact law"""
+    """Parameters of the contact law, which the comparison uses"""
     left: dict[str, Any]
-    """Of the person, the surfaces and the solver: each run keeps its own"""
+    """Parameters of the person, the surfaces and the solver, which it does not use: each run keeps its own"""
 
 
 def overlay(files: Sequence[Path]) -> Overlay:
-    """What the files of a comparison set; the later one wins.
+    """Read the parameter files of a comparison; of values that several set, the last one is taken.
 
     Raises:
         UsageError: a file cannot be used, is given twice, or sets nothing of the contact law.
@@ -75,12 +76,12 @@ def overlay(files: Sequence[Path]) -> Overlay:
 
 
 def compared(parameters: Parameters, over: Overlay) -> Parameters:
-    """A run's parameters with another contact law."""
+    """Combine a run's parameters with the contact law of a comparison."""
     return load_parameters([parameters, over.taken])
 
 
 def kept(parameters: Parameters, over: Overlay) -> list[str]:
-    """What a run keeps although the files of its comparison say something else: `body_weight 931.6 (not 737.068)`."""
+    """List the values that a run keeps although the comparison's files have others: `body_weight 931.6 (not 737)`."""
     own = all_values(parameters)
     return [
         f"{name} {short(own[name])} (not {short(value)})" for name, value in over.left.items() if own[name] != value
@@ -88,7 +89,7 @@ def kept(parameters: Parameters, over: Overlay) -> list[str]:
 
 
 def differences(before: Parameters | None, after: Parameters) -> list[Difference]:
-    """What two contact laws differ in, of what each uses; the law itself first. The one before may not be known."""
+    """Differences of two contact laws in the law itself and the constants that each uses; `before` may be unknown."""
     other = used(after.contact)
     one = used(before.contact) if before else dict.fromkeys(other, NOT_TOLD)
     return [
@@ -99,15 +100,15 @@ def differences(before: Parameters | None, after: Parameters) -> list[Difference
 
 
 def used(contact: ContactParameters) -> dict[str, Any]:
-    """What a contact law takes of its parameters; a stiffness from the material is the one that comes out."""
+    """Parameters that a contact law uses, by name, with the stiffness that results where the material determines it."""
     computed: Mapping[str, Any] = material_stiffness(contact) if contact.stiffness_from == "material" else {}
     constants = {name: computed.get(name, getattr(contact, name)) for name in constants_of(contact.law)}
     return {LAW: contact.law, **constants, "allow_tension": contact.allow_tension}
 
 
-def named(found: Sequence[Difference], *, after: bool) -> str:
-    """A curve's name by what differs: its law, or the constants of a law that both have; empty if nothing does."""
-    values = {each.name: each.after if after else each.before for each in found}
+def named(differing: Sequence[Difference], *, after: bool) -> str:
+    """Name of a curve by what differs: its law, or the constants of a law that both have; empty if nothing differs."""
+    values = {each.name: each.after if after else each.before for each in differing}
     if LAW in values:
         return str(values[LAW])
     first = [f"{name} {short(value)}{unit(SECTION + name)}" for name, value in list(values.items())[:NAMED]]
@@ -115,41 +116,30 @@ def named(found: Sequence[Difference], *, after: bool) -> str:
 
 
 def short(value: Any) -> str:
-    """A value as texts show it."""
+    """Text of a parameter's value, with six significant digits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def unit(name: str) -> str:
-    """The unit of a parameter behind a space, as its description tells; empty if it has none."""
+    """Unit of a parameter behind a space, taken from its description; empty if it has none."""
     meaning = known_parameters()[name].description
     return f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
 
 
 def between(several: Sequence[Parameters]) -> list[str]:
-    """What the parameters of several runs differ in, name by name: `body_weight: 737.068, 931.6`.
+    """Differences of the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6`.
 
     A lateral compartment is a run of its own, with its parameters under the names of the medial one's.
     """
-    values = [
-        {name: value for name, value in flat_parameters(each).items() if not name.startswith(SECTION)}
-        | _constants(each)
-        for each in several
-    ]
-    if not several:
-        return []
     left_out = (SECTION, LATERAL, *NOT_OF_THE_RESULT)  # a lateral run has its parameters under the medial one's names
-    names = [name for name in values[0] if not name.startswith(left_out)]
-    names += list(dict.fromkeys(name for each in several for name in _constants(each)))
-    told = ((name, [each.get(name) for each in values]) for name in names)
+    others = [{k: v for k, v in flat_parameters(each).items() if not k.startswith(left_out)} for each in several]
+    laws = [{SECTION + name: value for name, value in used(each.contact).items()} for each in several]
+    names = [*dict.fromkeys(name for values in (*others[:1], *laws) for name in values)]
+    rows = {name: [(other | law).get(name) for other, law in zip(others, laws, strict=True)] for name in names}
     return [
-        f"{name}: {', '.join(NONE if value in (None, '') else short(value) for value in each)}{unit(name)}"
-        for name, each in told
-        if any(value != each[0] for value in each)
+        f"{name}: {', '.join(NONE if value in (None, '') else short(value) for value in row)}{unit(name)}"
+        for name, row in rows.items()
+        if any(value != row[0] for value in row)
     ]
-
-
-def _constants(parameters: Parameters) -> dict[str, Any]:
-    """What the contact law uses, by dotted names."""
-    return {SECTION + name: value for name, value in used(parameters.contact).items()}

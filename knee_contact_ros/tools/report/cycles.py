@@ -1,4 +1,4 @@
-"""Gait cycles: from heel strike to heel strike, brought to percent, with what they amount to."""
+"""Gait cycles from heel strike to heel strike: curves over percent of the cycle, and characteristic values."""
 
 from __future__ import annotations
 
@@ -15,67 +15,67 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 PERCENT = np.arange(101.0)
-"""Where curves are given"""
+"""Percent of the gait cycle at which curves are given, shape (101,)"""
 ANSWERED = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
             "sliding_velocity")  # fmt: skip
-"""Fields of the answers that become curves"""
+"""Fields of the answers that become curves over the gait cycle"""
 CURVES = ANSWERED + SPREAD
 HELD = ("error_estimate", "force_error_estimate", "femoral_height", "contact_state")
-"""Those that are not interpolated"""
+"""Fields of the answers that are kept but not interpolated"""
 COLUMNS = CURVES + HELD
-"""All that is kept of the answers for cycles and moments"""
+"""All fields of the answers that are kept for cycles and moments, in the order of the columns"""
 STATE, SLIDING = COLUMNS.index("contact_state"), COLUMNS.index("sliding_velocity")
 FORCE, DEPTH = COLUMNS.index("contact_force"), COLUMNS.index("penetration_depth")
 RISE_TIME = 0.02
-"""[s] over which the loading rate is taken"""
+"""Duration [s] over which the loading rate is taken"""
 FEW = 12
-"""Single cycles that are drawn"""
+"""Largest number of single cycles that are drawn"""
 
 
 class Cycle(NamedTuple):
-    """What a cycle amounts to."""
+    """Characteristic values of a gait cycle."""
 
     span: Span
     impulse: float
-    """[N s] of the contact force over the cycle"""
+    """Impulse of the contact force over the cycle [N s]"""
     stance_impulse: float
-    """[N s] from heel strike to toe-off"""
+    """Impulse of the contact force from heel strike to toe-off [N s]"""
     loading_rate: float
-    """[N/s] largest rise of the contact force over `RISE_TIME` in the first half of stance"""
+    """Largest rise of the contact force over `RISE_TIME` in the first half of stance [N/s]"""
     largest_force: float
-    """[N] of contact"""
+    """Largest contact force [N]"""
     largest_force_at: float
-    """[%]"""
+    """Percent of the cycle at which the contact force is largest"""
     largest_depth: float
-    """[m]"""
+    """Largest penetration depth [m]"""
     largest_depth_at: float
-    """[%]"""
+    """Percent of the cycle at which the depth is largest"""
     bone_time: float
-    """[s] with contact in the second layer"""
+    """Duration of contact in the second layer [s]"""
     apart_time: float
-    """[s] without contact"""
+    """Duration without contact [s]"""
     sliding_distance: float
-    """[m] that the femur slides on the tibia, to and fro; not a number if the recording does not tell"""
+    """Distance [m] that the femur slides on the tibia, to and fro; NaN if the recording has no sliding velocity"""
     largest_sliding_velocity: float
-    """[m/s] of either sign, in contact; likewise"""
+    """Largest magnitude of the sliding velocity in contact [m/s]; NaN if the recording has none"""
     largest_half_width: float
-    """[m] of the contact patch; this and the following are not a number where the model is not known"""
+    """Largest half-width of the contact patch [m]; NaN where the model is not known, as are the following"""
     largest_mean_pressure: float
-    """[Pa]"""
+    """Largest mean pressure of the contact patch [Pa]"""
     largest_peak_pressure: float
-    """[Pa]"""
+    """Largest peak pressure of the contact patch [Pa]"""
     largest_strain: float
-    """Nominal, of the cartilage"""
+    """Largest nominal strain of the cartilage"""
 
 
 def curves(stamps: Stamps, values: Floats, span: Span) -> Floats:
-    """A cycle at every percent, shape (101, `CURVES`)."""
+    """Interpolate a cycle at every percent, shape (101, `CURVES`), from samples of shape (n, `COLUMNS`)."""
     at = span.start + np.round((span.end - span.start) * PERCENT / 100.0).astype(np.int64)
     return at_stamps(stamps, values, at, len(HELD))[:, : len(CURVES)]
 
 
 def measured(stamps: Stamps, values: Floats, span: Span) -> Cycle:
-    """What a cycle amounts to, by all its samples."""
+    """Compute the characteristic values of a cycle from all its samples, shape (n, `COLUMNS`)."""
     time, cycle = cut(stamps, values, span.start, span.end, len(HELD))
     stance_time, stance = cut(stamps, values, span.start, span.toe_off, len(HELD))
     force, depth = cycle[:, FORCE], cycle[:, DEPTH]
@@ -106,17 +106,17 @@ def _loading_rate(time: Floats, force: Floats) -> float:
 
 
 class Mean:
-    """Mean and spread of curves that come one by one, in numbers that do not grow."""
+    """Running mean and standard deviation of curves, in memory that does not grow with their number."""
 
     def __init__(self) -> None:
         self.count = 0
         self.mean = np.zeros((len(PERCENT), len(CURVES)))
         self._squares = np.zeros_like(self.mean)
         self.first: list[Floats] = []
-        """The first `FEW`"""
+        """The first `FEW` curves, shape (101, `CURVES`) each"""
 
     def add(self, curve: Floats) -> None:
-        """Take a cycle, shape (101, `CURVES`); Welford's update."""
+        """Add the curves of a cycle, shape (101, `CURVES`), by Welford's update."""
         self.count += 1
         difference = curve - self.mean
         self.mean = self.mean + difference / self.count
@@ -126,5 +126,5 @@ class Mean:
 
     @property
     def deviation(self) -> Floats | None:
-        """Standard deviation over the cycles (of the sample, n - 1), shape (101, `CURVES`); None of a single one."""
+        """Sample standard deviation over the cycles (n - 1), shape (101, `CURVES`); None for a single cycle."""
         return None if self.count < 2 else np.sqrt(self._squares / (self.count - 1))

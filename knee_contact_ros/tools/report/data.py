@@ -1,4 +1,4 @@
-"""The data behind the report, as CSV."""
+"""Tables of the data behind the report, in CSV format."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CURVE_COLUMNS = {
     "peak_pressure_MPa": ("peak_pressure", MEGA),
     "cartilage_strain_percent": ("strain", PERCENT_OF),
 }
-"""Name of a quantity, the column it comes from and its factor; None: per body weight"""
+"""Name of a quantity in cycles.csv → field of the answers and factor from SI units; None: in body weights"""
 EVENT_COLUMNS = ("run", "event", "stamp_s", "time_s", "load_N", "load_BW", "contact_force_N", "contact_force_BW",
                  "penetration_depth_mm", "text")  # fmt: skip
 PEAK_COLUMNS = ("run", "peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", "load_N", "load_BW",
@@ -45,7 +45,7 @@ Row = Sequence[str | float | int | None]
 
 
 def tables(runs: Sequence[Run]) -> dict[str, str]:
-    """File name to content."""
+    """Contents of the report's CSV files, by file name."""
     statistics = [f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd")]
     return {
         "cycles.csv": as_csv(("run", "gait_cycle_percent", "cycles", *statistics), curve_rows(runs)),
@@ -56,7 +56,7 @@ def tables(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Row]) -> str:
-    """A table; numbers with nine digits, nothing where there is none."""
+    """Write a table as CSV text: floats with nine significant digits, None as an empty cell."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
@@ -65,7 +65,7 @@ def as_csv(columns: Sequence[str], rows: Iterable[Row]) -> str:
 
 
 def curve_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """Mean and standard deviation at every percent, of the runs that have cycles; a single cycle has no deviation."""
+    """Rows of cycles.csv: mean and standard deviation at every percent; a single cycle has no standard deviation."""
     for run in runs:
         mean, deviation = run.gathered.mean, run.gathered.mean.deviation
         if not mean.count:
@@ -86,7 +86,7 @@ def curve_rows(runs: Sequence[Run]) -> Iterator[Row]:
 
 
 def event_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """Every gait event."""
+    """Rows of events.csv: every gait event of every run."""
     for run in runs:
         weight = run.parameters.body_weight
         for moment in run.gathered.moments:
@@ -98,7 +98,7 @@ def event_rows(runs: Sequence[Run]) -> Iterator[Row]:
 
 
 def peak_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """Every peak of stance; the number of its cycle counts from 1."""
+    """Rows of peaks.csv: every peak of stance of every run; cycles are counted from 1."""
     for run in runs:
         weight = run.parameters.body_weight
         for peak in stance_peaks(run.gathered):
@@ -112,7 +112,7 @@ def peak_rows(runs: Sequence[Run]) -> Iterator[Row]:
 
 
 def stride_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """Every whole gait cycle; its number counts from 1."""
+    """Rows of strides.csv: every whole gait cycle of every run, counted from 1."""
     for run in runs:
         for number, cycle in enumerate(run.gathered.cycles, start=1):
             yield (
@@ -126,7 +126,7 @@ def stride_rows(runs: Sequence[Run]) -> Iterator[Row]:
 
 
 def _seconds(stamp: int) -> str:
-    """A stamp [ns] in seconds, with all its digits."""
+    """Text of a stamp [ns] in seconds, with all its digits."""
     return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
 
 

@@ -1,94 +1,55 @@
-"""The figures over the gait cycle, as PNG."""
+"""What the figures of the report share: size, colours, captions and legends; pictures are in PNG format."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from knee_contact_ros.core.readouts import OWN_PRESSURE
-from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.tools.report.comparison import between
-from knee_contact_ros.tools.report.cycles import CURVES, PERCENT, Floats
-from knee_contact_ros.tools.report.published import CARTILAGE_THICKNESS, DEPTH, MEDIAL, TOTAL, Range, is_total
 from knee_contact_ros.tools.report.runs import Run
 
 COLOURS = (("#0072B2", "#56B4E9"), ("#D55E00", "#E69F00"), ("#009E73", "#66C2A5"), ("#7B3294", "#CC79A7"))
-"""Of a comparison, or of a run without one, and of a run below its comparison; from Okabe and Ito's, which colour-blind
-readers can tell apart"""
-SIZE = (5.2, 3.1)
-"""[in], without the legend: small, so that its letters can be read on a telephone"""
+"""Pairs of line colours: the dark one for a run, or for a comparison; the light one for a run over which a comparison
+is drawn. After Okabe and Ito, whose colours colour-blind readers can tell apart"""
 LINE, WIDE = 0.19, 34
-"""Height [in] of a legend's line; letters in it that two columns have room for"""
+"""Height of a line of the legend [in]; largest number of letters of an entry where the legend has two columns"""
 DPI = 200
 MM = 1e3
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
          "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
          "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
 TWO_LAYERS = "two_layer"
-ALIKE = 0.005
-"""Of what a figure's curves span, as much as curves may differ that are drawn once: a third of a line's thickness"""
-THINNEST, STEP = 1.8, 1.6
-"""Widths of ways over flexion: the same femur has the same way, so that each is seen below the next one"""
-TOGETHER = 1.5
-"""[%] of the cycle within which toe-offs are marked once"""
-LEAST_WAY = 0.01
-"""[mm] that a contact point moves at least, for its way to be drawn"""
 
 
 class Figure(NamedTuple):
-    """A picture with what belongs to it."""
+    """Picture of the report with its title and caption."""
 
     name: str
-    """Of its file, without the suffix"""
+    """Name of the picture's file, without the suffix"""
     title: str
     caption: str
-    """One or two sentences"""
+    """One or two sentences below the picture"""
     png: bytes
+    """The picture in PNG format"""
 
 
-class Quantity(NamedTuple):
-    """What a figure over the cycle shows."""
-
-    name: str
-    title: str
-    axis: str
-    of: Callable[[Floats, Run], Floats]
-    """From mean curves, shape (101, `CURVES`), in SI to what is drawn; likewise from deviations"""
-
-
-def column(name: str, factor: float) -> Callable[[Floats, Run], Floats]:
-    """A column of the curves in another unit."""
-    return lambda curves, _run: factor * curves[:, CURVES.index(name)]
-
-
-def in_weights(name: str) -> Callable[[Floats, Run], Floats]:
-    """A column of forces in body weights."""
-    return lambda curves, run: curves[:, CURVES.index(name)] / run.parameters.body_weight
-
-
-FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", column("flexion_angle", float(np.degrees(1.0))))
-FORCE = Quantity("contact_force", "Contact force", "contact force [BW]", in_weights("contact_force"))
-DEPTHS = Quantity("depth", "Penetration depth", "penetration depth [mm]", column("penetration_depth", MM))
-POINT = Quantity("contact_point", "Contact point along the plateau", "contact point, anterior [mm]",
-                 column("contact_point_x", MM))  # fmt: skip
-
-PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", column("peak_pressure", 1e-6))
-PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", column("half_width", MM))
+def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
+    """Group runs: each run that is no comparison, followed by the comparisons with it."""
+    return [
+        [run, *(other for other in runs if other.beside == place)]
+        for place, run in enumerate(runs)
+        if run.beside is None
+    ]
 
 
 def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
-    """A figure as PNG; `paint` gets matplotlib's figure."""
+    """Draw a figure of a size [in] as PNG; `paint` draws onto matplotlib's figure."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
     with mpl.rc_context(STYLE):
         canvas = Canvas(figsize=size, layout="constrained")
-        FigureCanvasAgg(canvas)
         paint(canvas)
         file = io.BytesIO()
         canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
@@ -96,247 +57,40 @@ def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
 
 
 def colour(runs: Sequence[Run], run: Run) -> str:
-    """Each run's own; lighter for one with a comparison, which is drawn over it."""
+    """Line colour of a run; lighter for a run with a comparison, which is drawn over it."""
     place = runs.index(run) if run.beside is None else run.beside
     bases = [index for index, each in enumerate(runs) if each.beside is None]
     compared = any(each.beside == place for each in runs)
     return COLOURS[bases.index(place) % len(COLOURS)][compared and run.beside is None]
 
 
-def told(runs: Sequence[Run]) -> str:
-    """What the runs of a figure differ in, for below it: of comparisons, and of recordings with other parameters."""
+def differences_in(runs: Sequence[Run]) -> str:
+    """Say in which parameters the runs of a figure differ: comparisons from their runs, and recordings among them."""
     texts = {run.name: "; ".join(map(str, run.differences)) for run in runs if run.beside is not None}
     if len(set(texts.values())) == 1:
         texts = {"What differs": next(iter(texts.values()))}
-    found = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
+    lines = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
     differ = between([run.parameters for run in runs if run.beside is None and run.known])
     if differ:
-        found.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
-    return " ".join(found)
-
-
-def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
-    """All figures over percent of the gait cycle, of the runs that have cycles."""
-    several = any(run.gathered.mean.count > 1 for run in cyclic)
-    lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " if several else ""
-    depth = (
-        f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
-        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here is what the contact law makes of the force, "
-        "no measured deformation. "
-    )
-    bone = "Dotted: where the second layer, bone, begins." if any(map(has_bone, cyclic)) else ""
-    captions = {FORCE: force_caption(cyclic), DEPTHS: depth + bone, FLEXION: ""}
-    if all(run.gathered.reads_off for run in cyclic):
-        captions[PRESSURE] = spread_caption(cyclic)
-        captions[PATCH] = "Of a round patch, from the depth and the radii of the law. "
-    if moves(cyclic):
-        captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive. "
-    found = []
-    for each, caption in captions.items():
-        shown = (
-            [run for run in cyclic if run.beside is None] if each is FLEXION else cyclic
-        )  # a comparison has the same
-        text = sentences(lines, caption, apart(shown, each), told(cyclic))
-        png = draw(SIZE, partial(panel, runs=runs, cyclic=shown, what=each))
-        found.append(Figure(each.name, f"{each.title} over the gait cycle", text, png))
-    if moves(cyclic):
-        path = draw(SIZE, partial(path_panel, runs=runs, cyclic=cyclic))
-        caption = "Its way over the gait cycle: dot at heel strike, triangle at toe-off."
-        found.append(
-            Figure("contact_point_flexion", "Contact point over flexion", sentences(caption, told(runs)), path)
-        )
-    return found
-
-
-def pressure_of(run: Run) -> str:
-    """How the pressure follows from the law, for a caption or a cell."""
-    patch = run.model.patch if run.model else None
-    if patch is None:
-        return "not known"
-    spread = f"{patch.spread.name}, R {MM * patch.radius:.1f} mm, cartilage {MM * patch.thickness:.2g} mm"
-    own = run.parameters.contact.law in OWN_PRESSURE
-    return spread if own else f"none of the law's own; its force at rest is spread as {spread}"
-
-
-def spread_caption(cyclic: Sequence[Run]) -> str:
-    """Where the pressure comes from."""
-    told = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
-    return f"In the middle of the patch. {'; '.join(told)}. "
+        lines.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
+    return " ".join(lines)
 
 
 def sentences(*parts: str) -> str:
-    """Parts of a caption in one."""
+    """Join the parts of a caption that are not empty."""
     return " ".join(part.strip() for part in parts if part.strip())
 
 
-def alike(cyclic: Sequence[Run], *quantities: Quantity) -> list[list[Run]]:
-    """The runs in groups whose curves are the same within `tolerance`, each group's first one being drawn."""
-    most = [tolerance(cyclic, what) for what in quantities]
-    groups: list[list[Run]] = []
-    for run in cyclic:
-        for group in groups:
-            if all(difference(group[0], run, what)[0] <= limit for what, limit in zip(quantities, most, strict=True)):
-                group.append(run)
-                break
-        else:
-            groups.append([run])
-    return groups
-
-
-def tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
-    """How far curves that are drawn once may be apart, in the unit of what is drawn."""
-    values = [what.of(run.gathered.mean.mean, run) for run in cyclic]
-    return ALIKE * float(np.nanmax(values) - np.nanmin(values))
-
-
-def difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
-    """The largest difference of two mean curves, and the percent where it is."""
-    found = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
-    return float(found.max()), int(found.argmax())
-
-
-def apart(cyclic: Sequence[Run], what: Quantity) -> str:
-    """How far comparisons are from their runs, and what is drawn once."""
-    unit = what.axis[what.axis.index("[") + 1 : what.axis.index("]")]
-    same = [group for group in alike(cyclic, what) if len(group) > 1]
-    drawn_once = (
-        f"Curves with “=” are the same within {tolerance(cyclic, what):.2g} {unit}, and drawn once." if same else ""
-    )
-    other = [(run, next(each for each in cyclic if each.name == run.name and each.beside is None)) for run in cyclic
-             if run.beside is not None and not any(run in group for group in same)]  # fmt: skip
-    found = ((run.name, *difference(base, run, what)) for run, base in other)
-    largest = ", ".join(f"{name} {size:.2g} {unit} (at {at} %)" for name, size, at in found)
-    return sentences(drawn_once, f"Largest difference of dashed to full: {largest}." if largest else "")
-
-
-def moves(cyclic: Sequence[Run]) -> bool:
-    """Whether the contact point moves in any of the runs."""
-    points = [POINT.of(run.gathered.mean.mean, run) for run in cyclic]
-    return any(float(np.ptp(each)) > LEAST_WAY for each in points)
-
-
-def force_caption(cyclic: Sequence[Run]) -> str:
-    """What the ranges behind the forces are."""
-    ranges = ranges_of(cyclic)
-    if not ranges:
-        return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
-    about = "total" if ranges == TOTAL else "medial"
-    lateral = any(is_lateral(run.topic) for run in cyclic)
-    return (
-        f"The load of these runs is the {about} one{', in the lateral compartment the rest' if lateral else ''}. Grey, "
-        f"published{f' of the {about} one' if lateral else ''}: "
-        f"{'; '.join(dict.fromkeys(each.text for each in ranges))}. They are peaks, drawn where peaks are expected; "
-        "the sources give no curve."
-    )
-
-
-def ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
-    """Published forces to compare with; none where total and compartment forces are mixed, none of a lateral one."""
-    kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
-    if len(kinds) != 1:
-        return ()
-    return TOTAL if kinds.pop() else MEDIAL
-
-
-def panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
-    """One quantity of all runs."""
-    axis = canvas.subplots()
-    if what is FORCE:
-        draw_ranges(axis, ranges_of(cyclic))
-    if what is DEPTHS:
-        axis.axhspan(DEPTH.lowest, DEPTH.highest, color="0.93", zorder=0, label=DEPTH.text)
-        for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if has_bone(run)}):
-            axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
-            axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
-    for group in alike(cyclic, what):
-        name = " = ".join(run.name for run in group) if what is FLEXION else joined(group)
-        line(axis, group[0], colour(runs, group[0]), what, name)
-    toe_offs(axis, runs, cyclic)
-    axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
-    if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
-        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if lowest(cyclic, what) < 0.0 else 0.0)
-    legend(canvas, axis)
-
-
-def line(axis: Any, run: Run, hue: str, what: Quantity, name: str) -> None:
-    """Mean, spread and single cycles of a run, under a name."""
-    mean = run.gathered.mean
-    values = what.of(mean.mean, run)
-    style, width = looks(run, hue)
-    deviation = mean.deviation
-    if deviation is not None:
-        spread = what.of(deviation, run)
-        axis.fill_between(PERCENT, values - spread, values + spread, color=hue, alpha=0.15, linewidth=0)
-        for single in mean.first if mean.count <= len(mean.first) else ():
-            axis.plot(PERCENT, what.of(single, run), style, color=hue, linewidth=0.5, alpha=0.5)
-    axis.plot(PERCENT, values, style, color=hue, linewidth=width, label=plain(name))
-
-
-def joined(group: Sequence[Run]) -> str:
-    """One name for runs whose curves are the same."""
-    if len({run.name for run in group}) == 1 and len(group) > 1:  # what a comparison does not change
-        tails = [run.label.removeprefix(run.name).lstrip(", ") for run in group]
-        return ", ".join(filter(None, (group[0].name, " = ".join(filter(None, tails)))))
-    return " = ".join(run.label for run in group)
-
-
 def looks(run: Run, hue: str) -> tuple[str, float]:
-    """Style and width of a run's line: what lies above is thinner than what is seen below it."""
+    """Style and width of a run's line; lines drawn later are thinner, so that those below can be seen."""
     if run.beside is not None:
         return "--", 1.3
     number = next((place for place, (dark, _) in enumerate(COLOURS) if hue == dark), None)
     return "-", 3.2 if number is None else max(3.2 - 0.8 * number, 1.2)
 
 
-def toe_offs(axis: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
-    """Where stance ends on average: once, if all are close together."""
-    bases = [run for run in cyclic if run.beside is None]
-    stances = [float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])) for run in bases]
-    if max(stances) - min(stances) <= TOGETHER:
-        marks = [(float(np.mean(stances)), "0.45")]
-    else:
-        marks = [(stance, colour(runs, run)) for stance, run in zip(stances, bases, strict=True)]
-    for place, hue in marks:
-        axis.axvline(place, color=hue, linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
-    axis.annotate("toe-off", (float(np.mean([place for place, _ in marks])), 1.0), (0, 2), ha="center", va="bottom",
-                  xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8, color="0.35")  # fmt: skip
-
-
-def lowest(cyclic: Sequence[Run], what: Quantity) -> float:
-    """The lowest value of all mean curves, below 0 where a law with tension pulls."""
-    return min(float(what.of(run.gathered.mean.mean, run).min()) for run in cyclic)
-
-
-def path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
-    """Contact point over flexion angle."""
-    axis = canvas.subplots()
-    groups = alike(cyclic, POINT, FLEXION)
-    for number, group in enumerate(groups):
-        run = group[0]
-        mean, hue = run.gathered.mean.mean, colour(runs, run)
-        angle, point = FLEXION.of(mean, run), POINT.of(mean, run)
-        toe_off = round(float(np.mean([cycle.span.stance for cycle in run.gathered.cycles])))
-        width = THINNEST + STEP * (len(groups) - 1 - number)
-        axis.plot(angle, point, color=hue, linewidth=width, label=plain(joined(group)))
-        axis.plot(angle[0], point[0], "o", color=hue, markersize=6, markeredgecolor="black", zorder=3)
-        axis.plot(angle[toe_off], point[toe_off], "^", color=hue, markersize=7, markeredgecolor="black", zorder=3)
-    axis.set(xlabel=FLEXION.axis, ylabel=POINT.axis)
-    legend(canvas, axis)
-
-
-def draw_ranges(axis: Any, ranges: Sequence[Range]) -> None:
-    """Published peaks behind the curves."""
-    for each, shade in zip(ranges, ("0.88", "0.76", "0.76"), strict=False):
-        begin, end = each.window
-        if each.lowest == each.highest:
-            axis.plot((begin, end), (each.lowest,) * 2, color="0.5", linewidth=3.0, zorder=0, label=each.text)
-        else:
-            box = {"facecolor": shade, "edgecolor": "none", "zorder": 0, "alpha": 0.7}
-            axis.fill_between((begin, end), each.lowest, each.highest, label=each.text, **box)
-
-
 def legend(canvas: Any, axis: Any) -> None:
-    """Below the axes, each text once."""
+    """Add a legend below the axes, with each text once, and make the figure higher by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
     once = dict(zip(reversed(labels), reversed(handles), strict=True))
     order = list(dict.fromkeys(labels))
@@ -347,11 +101,11 @@ def legend(canvas: Any, axis: Any) -> None:
 
 
 def plain(label: str) -> str:
-    """A label as matplotlib shows it: dollars are formulas to it, and a leading underscore hides."""
-    shown = label.replace("$", r"\$")
-    return f" {shown}" if shown.startswith("_") else shown
+    """Escape a label for matplotlib, where dollars begin formulas and a leading underscore hides the entry."""
+    escaped = label.replace("$", r"\$")
+    return f" {escaped}" if escaped.startswith("_") else escaped
 
 
 def has_bone(run: Run) -> bool:
-    """Whether its contact law has a second layer."""
+    """Whether the contact law of a run has a second layer, the bone."""
     return run.parameters.contact.law.startswith(TWO_LAYERS)

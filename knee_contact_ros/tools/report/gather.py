@@ -1,4 +1,4 @@
-"""Gathers what a report says of a run from its answers, block by block, in memory that does not grow with them."""
+"""Gather what the report needs of a run from its answers, block by block, in memory that does not grow with them."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from knee_contact_ros.core.types import FLAT, Rows
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
-from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, Span, spans
+from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, spans
 from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
 
 
 class Moment(NamedTuple):
-    """A gait event and the contact at it."""
+    """Gait event, or another moment, with the contact at it."""
 
     event: GaitEvent
     elapsed: float
-    """[s] since the run's first tick; as stamps go, but for those that went back"""
+    """Time [s] since the run's first tick, by the stamps; where these went back, as if the run had gone on at once"""
     load: float
-    """[N]"""
+    """Load [N], > 0 in compression"""
     contact_force: float
-    """[N]"""
+    """Contact force [N]"""
     penetration_depth: float
-    """[m]"""
+    """Penetration depth [m], >= 0 in overlap"""
     force_error: float
-    """[N] estimated error of the contact force; not a number if the recording does not tell"""
+    """Estimated error of the contact force [N]; NaN if the recording has none"""
     depth_error: float
-    """[m] that of the depth"""
+    """Estimated error of the penetration depth [m]"""
     flexion_angle: float
-    """[rad]"""
+    """Flexion angle [rad], positive in flexion"""
     femoral_height: float
-    """[m]"""
+    """Height of the femur over the tibia [m]"""
 
 
-TOLD = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "flexion_angle",
+MOMENT = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "flexion_angle",
         "femoral_height")  # fmt: skip
-"""Columns of a moment"""
+"""Names of the columns of a moment's numbers, in the order of its fields"""
 LARGEST = {"load": "largest load", "contact_force": "largest contact force"}
-"""What is largest at a moment, by its column"""
+"""Name of the moment at which a column is largest, by the column"""
 
 
 class Gathered:
-    """All that a report says of a run."""
+    """Totals, course over time, moments and gait cycles of a run, gathered from its answers."""
 
     def __init__(
         self,
@@ -57,38 +57,43 @@ class Gathered:
         model: KneeModel | None = None,
         height_prescribed: bool = False,
     ) -> None:
-        """`body_weight` is in N; `doubts` are those about the run's parameters; `model` computed all of the run.
+        """Begin without answers.
 
-        Where the femoral height is prescribed no load drives, and the contact force tells where most is borne.
+        Args:
+            body_weight: body weight [N].
+            doubts: doubts about the run's parameters.
+            model: model that computed all of the run; None: it is not known, and neither are patch and pressure.
+            height_prescribed: whether the femoral height is prescribed: no load drives then, and the largest contact
+                force is looked for instead of the largest load.
         """
         self.of_largest = "contact_force" if height_prescribed else "load"
         self.body_weight, self._model = body_weight, model if model and model.patch else None
         self.totals, self.course, self.mean = Totals(doubts or Doubts()), Course(len(COLUMNS)), Mean()
         self.moments: list[Moment] = []
         self.largest: Moment | None = None
-        """Where `of_largest` is largest, which its event names; None: nothing came"""
+        """Moment at which the column `of_largest` is largest; None: there are no answers"""
         self.cycles: list[Cycle] = []
         self.strikes = 0
-        """Heel strikes that another one followed: as many cycles, if all had been plausible"""
+        """Number of heel strikes that another one followed, which is that of cycles if all of them were plausible"""
         self._finder = GaitEvents(body_weight)
         self._stamps, self._values = np.empty(0, dtype=np.int64), np.empty((0, len(COLUMNS)))
         self._since = 0
-        """[ns] that elapsed time lags behind the stamps"""
+        """Difference [ns] of stamps and elapsed time"""
         self._pending: list[GaitEvent] = []
 
     @property
     def reads_off(self) -> bool:
-        """Whether patch and pressure are known."""
+        """Whether patch and pressure of the contact are known."""
         return self._model is not None
 
     def add(self, answers: Rows) -> None:
-        """Take answers, at least one."""
+        """Add answers, n >= 1, in the order of their ticks."""
         cuts = np.flatnonzero((np.diff(answers["stamp"]) <= 0) | (np.diff(answers["stamp"]) > GAP)) + 1
         for part in np.split(np.arange(len(answers)), cuts):
             self._add(answers[part])
 
     def finish(self) -> Gathered:
-        """No more will come."""
+        """Complete events and cycles after the last answer; return the object itself."""
         self._take(self._finder.finish(), ended=True)
         self.moments.sort(key=lambda moment: moment.elapsed)
         return self
@@ -110,7 +115,7 @@ class Gathered:
         self._take(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]), ended=False)
 
     def _columns(self, part: Rows) -> Floats:
-        """`COLUMNS` of answers, shape (n, columns)."""
+        """Values of `COLUMNS` in answers, shape (n, columns), with readouts of the model where it is known."""
         read = self._model.readouts(part) if self._model else dict.fromkeys(SPREAD, np.full(len(part), np.nan))
         return np.column_stack([read[name] if name in SPREAD else part.view(FLAT)[name] for name in COLUMNS])
 
@@ -134,26 +139,23 @@ class Gathered:
             self._stamps, self._values = self._stamps[kept:], self._values[kept:]
 
     def _contact_at(self, stamp: int) -> list[float]:
-        """The contact of the tick at a stamp, or the last one before."""
+        """Numbers of a moment at the tick with a stamp [ns], or else at the last tick before it."""
         return contact_in(self._values[max(int(np.searchsorted(self._stamps, stamp, "right")) - 1, 0)])
 
     def _cycles(self, *, ended: bool) -> None:
-        """Take the cycles whose events are all certain."""
+        """Add the cycles whose events are all certain."""
         strikes = sorted(event.stamp for event in self._pending if event.kind == HEEL_STRIKE)
         toe_offs = sorted(event.stamp for event in self._pending if event.kind == TOE_OFF)
         certain = [stamp for stamp in strikes if ended or stamp <= self._stamps[-1] - CERTAIN]
         for span in spans(certain, toe_offs):
             if self._stamps[0] <= span.start:
-                self._add_cycle(span)
+                self.mean.add(curves(self._stamps, self._values, span))
+                self.cycles.append(measured(self._stamps, self._values, span))
         self.strikes += max(len(certain) - 1, 0)
         oldest = max(certain[-1] if certain else 0, int(self._stamps[-1]) - KEPT) if len(self._stamps) else 0
         self._pending = [event for event in self._pending if event.stamp >= oldest]
 
-    def _add_cycle(self, span: Span) -> None:
-        self.mean.add(curves(self._stamps, self._values, span))
-        self.cycles.append(measured(self._stamps, self._values, span))
-
 
 def contact_in(row: Floats) -> list[float]:
-    """What a moment tells of the contact, of a row of `COLUMNS`."""
-    return [float(row[COLUMNS.index(name)]) for name in TOLD]
+    """Numbers of a moment, in the order of `MOMENT`, from a row of `COLUMNS`."""
+    return [float(row[COLUMNS.index(name)]) for name in MOMENT]

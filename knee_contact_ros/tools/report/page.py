@@ -1,4 +1,4 @@
-"""The report's page: one HTML file that needs nothing else."""
+"""The report's page: a single HTML file that needs no other file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from knee_contact_ros import __version__
 from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.tools.report import words
 from knee_contact_ros.tools.report.comparison import between
-from knee_contact_ros.tools.report.figures import Figure, moves
+from knee_contact_ros.tools.report.figures import Figure
+from knee_contact_ros.tools.report.over_cycle import moves
 from knee_contact_ros.tools.report.published import SOURCES, which_load
 from knee_contact_ros.tools.report.runs import Run, prescribed
 from knee_contact_ros.tools.report.uncertain import contribution_table, interval_table
@@ -25,7 +26,7 @@ def page(
     time_figures: Sequence[Figure],
     uncertain_figures: Sequence[Figure],
 ) -> str:
-    """The page as text."""
+    """Render the page as HTML text from the runs and their figures."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -61,7 +62,7 @@ def page(
                 "intervals": interval_table(run, run.uncertain),
                 "contributions": contribution_table(run, run.uncertain),
             }
-            for figure, run in zip(uncertain_figures, (each for each in runs if each.uncertain), strict=True)
+            for figure, run in zip(uncertain_figures, (run for run in runs if run.uncertain), strict=True)
             if run.uncertain
         ],
         without_cycles=[run.label for run in runs if not run.gathered.cycles],
@@ -72,19 +73,19 @@ def page(
 
 
 def what_differs(runs: Sequence[Run]) -> list[str]:
-    """A line for every parameter that differs, of comparisons and of the recordings themselves."""
-    found = {run.name: [f"contact.{each}" for each in run.differences] for run in runs if run.beside is not None}
-    if len(set(map(tuple, found.values()))) == 1:
-        lines = next(iter(found.values()))
+    """List the parameters that differ, a line for each: of comparisons, and of the recordings among themselves."""
+    changes = {run.name: [f"contact.{each}" for each in run.differences] for run in runs if run.beside is not None}
+    if len(set(map(tuple, changes.values()))) == 1:
+        lines = next(iter(changes.values()))
     else:
-        lines = [f"{name}: {line}" for name, each in found.items() for line in each]
-    if found and not lines:
+        lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
+    if changes and not lines:
         lines = ["the comparison changes nothing"]
     return lines + between([run.parameters for run in runs if run.beside is None and run.known])
 
 
 def lead(runs: Sequence[Run]) -> str:
-    """The page in a sentence. Both compartments of a knee are of the same ticks and cycles."""
+    """Summarise the page in a sentence; both compartments of a knee have the same ticks and cycles, counted once."""
     knees = [run for run in runs if run.beside is None and not is_lateral(run.topic)]
     cycles = sum(len(run.gathered.cycles) for run in knees)
     ticks = sum(run.gathered.totals.ticks for run in knees)
@@ -98,7 +99,7 @@ def lead(runs: Sequence[Run]) -> str:
 
 
 def section(run: Run) -> dict[str, Any]:
-    """What the page says of a single run."""
+    """Content of the page's sections on a single run, by the names in the template."""
     return {
         "label": run.label,
         "origin": run.origin,

@@ -1,4 +1,4 @@
-"""The peaks of stance: where in which cycle they lie, and which of the two they are."""
+"""Peaks of stance: the gait cycle in which each lies, and whether it is the first or the second of its stance."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ FIRST, SECOND = "first", "second"
 
 
 class StancePeak(NamedTuple):
-    """A peak of the load and the contact at it."""
+    """Peak of the load in stance, with the contact at it."""
 
     moment: Moment
     cycle: int | None
-    """Index of its gait cycle; None: it lies in no whole one"""
+    """Index of the gait cycle in which the peak lies; None: it lies in no whole cycle"""
     percent: float | None
-    """[%] of the gait cycle"""
+    """Percent of the gait cycle at which the peak lies; None: it lies in no whole cycle"""
     which: str
-    """`FIRST` or `SECOND`: the largest in the first or second half of its stance; else empty"""
+    """`FIRST` or `SECOND` for the largest peak in the first or second half of its stance; else empty"""
 
 
 def stance_peaks(gathered: Gathered) -> list[StancePeak]:
-    """All peaks, in their order."""
+    """Find the peaks of stance of a run, in the order of time."""
     starts = np.array([cycle.span.start for cycle in gathered.cycles], dtype=np.int64)
-    found: list[StancePeak] = []
+    peaks: list[StancePeak] = []
     largest: dict[tuple[int, str], int] = {}
     for moment in gathered.moments:
         if moment.event.kind != LOAD_PEAK:
             continue
         place = cycle_of(gathered.cycles, starts, moment)
         percent = None if place is None else gathered.cycles[place].span.percent(moment.event.stamp)
-        found.append(StancePeak(moment, place, percent, ""))
+        peaks.append(StancePeak(moment, place, percent, ""))
         half = "" if place is None else _half(moment, gathered.cycles[place])
         if place is not None and half:
-            before = largest.setdefault((place, half), len(found) - 1)
-            if moment.load > found[before].moment.load:
-                largest[place, half] = len(found) - 1
+            before = largest.setdefault((place, half), len(peaks) - 1)
+            if moment.load > peaks[before].moment.load:
+                largest[place, half] = len(peaks) - 1
     for (_, half), index in largest.items():
-        found[index] = found[index]._replace(which=half)
-    return found
+        peaks[index] = peaks[index]._replace(which=half)
+    return peaks
 
 
 def cycle_of(cycles: list[Cycle], starts: np.ndarray[tuple[int], np.dtype[np.int64]], moment: Moment) -> int | None:
-    """Index of the cycle that a moment lies in; `starts` are the cycles' heel strikes. Stamps may have gone back."""
+    """Index of the cycle in which a moment lies, or None; `starts` [ns] are the cycles' heel strikes, in any order."""
     stamp = moment.event.stamp
     near = np.flatnonzero(starts <= stamp)
     if not len(near):

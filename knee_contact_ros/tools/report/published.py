@@ -1,4 +1,4 @@
-"""Published ranges that figures show behind the curves, and what was measured or computed there; for all figures.
+"""Published ranges of forces and depths, which figures show behind the curves, with their sources.
 
 Every number was read in the source named with it.
 """
@@ -11,36 +11,36 @@ from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 
 CARTILAGE_THICKNESS = 3.0
-"""[mm] of resting cartilage that the range of depths assumes, as the model's paper does"""
+"""Thickness of resting cartilage [mm] that the range of depths assumes, as the model's paper does"""
 FIRST_PEAK, SECOND_PEAK = (8.0, 24.0), (38.0, 54.0)
-"""Percent of the gait cycle in which the peaks of stance are expected; the sources give no times"""
+"""Percent of the gait cycle in which the peaks of stance are expected; the sources have no times"""
 
 
 class Source(NamedTuple):
-    """Where a range comes from."""
+    """Publication from which a range comes."""
 
     short: str
     text: str
     identifier: str
-    """DOI or the like; empty: none is known"""
+    """DOI or another identifier; empty: none is known"""
 
 
 class Range(NamedTuple):
-    """A range of a quantity's peak."""
+    """Published range of the peak of a force or depth."""
 
     what: str
-    """What was measured or computed, and in whom, as a legend tells it"""
+    """Text for a legend: what was measured or computed, and in whom"""
     lowest: float
-    """[BW] of a force, [mm] of a depth; equal to `highest` where the source gives one number"""
+    """Lower end [BW] for a force, [mm] for a depth; equal to `highest` where the source has a single number"""
     highest: float
     window: tuple[float, float]
-    """Percent of the gait cycle in which it is drawn"""
+    """Percent of the gait cycle between which the range is drawn"""
     sources: tuple[int, ...]
-    """Numbers in `SOURCES`, counted from 0"""
+    """Indices in `SOURCES`"""
 
     @property
     def text(self) -> str:
-        """In a legend of the report, with the numbers of its sources."""
+        """Text for a legend of the report, with the numbers of the sources, counted from 1."""
         return f"{self.what} [{', '.join(str(number + 1) for number in self.sources)}]"
 
 
@@ -85,7 +85,7 @@ SOURCES = (
 
 STANCE = (FIRST_PEAK[0], SECOND_PEAK[1])
 MEAN_PEAK, PEAKS = 2.61, (2.5, 2.8)
-"""[BW] of the total force: the mean of five people, and that of five studies"""
+"""Peak of the total force [BW]: the mean of five people, and the range of five studies"""
 MEDIAL_SHARES = (0.6, 0.8)
 TOTAL = (
     Range("total, in vivo, knee implants: 2.5–2.8 BW", *PEAKS, STANCE, (1,)),
@@ -103,7 +103,7 @@ MEDIAL = (
     Range("computed, healthy people: 1.8–2, 2–2.3 BW", 2.0, 2.3, SECOND_PEAK, (3,)),
 )
 COMPUTED = MEDIAL[1:]
-"""Of the first and the second peak, which the model's paper compares its own with"""
+"""Computed ranges of the first and the second peak, with which the model's paper compares its own results"""
 DEPTH = Range(
     f"in vivo, MRI and fluoroscopy: 7–23 % of {CARTILAGE_THICKNESS:g} mm", 0.07 * CARTILAGE_THICKNESS,
     0.23 * CARTILAGE_THICKNESS, (0.0, 100.0), (4,),
@@ -111,13 +111,13 @@ DEPTH = Range(
 
 
 def is_total(parameters: Parameters) -> bool:
-    """Whether the load is that of the whole joint, and not of one compartment."""
+    """Whether the load is that of the whole joint, and not of a single compartment."""
     whole = parameters.load.rule == "fixed_share" and parameters.load.share == 1.0
     return whole or parameters.load.compartment == "total"
 
 
 def which_load(parameters: Parameters) -> str:
-    """What the load is, in words."""
+    """Describe the load of a run by its parameters, for the page and its tables."""
     if is_total(parameters):
         return "total: the whole axial joint reaction"
     rest = "; lateral: the rest" if has_both(parameters) else ""

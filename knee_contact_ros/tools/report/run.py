@@ -1,4 +1,4 @@
-"""The command's work: gather, draw, write, move into place."""
+"""The work of `knee-contact report`: gather the runs, draw the figures, write all files and move them into place."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from knee_contact_ros.tools.report.uncertain import (
 
 NEEDED = ("matplotlib", "jinja2")
 OLDEST = (3, 7)
-"""matplotlib that has legends outside of figures; Ubuntu 24.04 has 3.6"""
+"""Oldest version of matplotlib that places legends outside of axes; Ubuntu 24.04 has 3.6"""
 EXTRA = "report"
 PAGE = "report.html"
 TABLES = ("cycles.csv", "events.csv", "peaks.csv", "strides.csv")
@@ -37,14 +37,14 @@ FIGURES = (
     "over_time_[0-9]*",
     "uncertainty_[0-9]*",
 )
-"""Names of the pictures, without their suffix"""
+"""Patterns of the names of the pictures, without their suffix"""
 UNCERTAINTY = "uncertainty.csv"
 EARLIER = (*(f"{name}.png" for name in FIGURES), UNCERTAINTY)
-"""What is taken away of an earlier report"""
+"""Patterns of the files of an earlier report that are removed"""
 
 
-def run_report(asked: ReportOptions, output: Path) -> list[Path]:
-    """Write the report into the folder `output`; give the names of its files, the page first.
+def run_report(options: ReportOptions, output: Path) -> list[Path]:
+    """Write the report into the folder `output`; return the paths of its files, the page first.
 
     Raises:
         UsageError: a file, parameter or the folder cannot be used, or a library is missing.
@@ -57,8 +57,8 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
 
     if mpl.__version_info__[:2] < OLDEST:
         raise UsageError(f"matplotlib {mpl.__version__} is too old; {how_to_get(EXTRA)}")
-    if asked.labels and len(asked.labels) != len(asked.files):
-        raise UsageError(f"--label: {len(asked.labels)} given for {len(asked.files)} FILEs; give one each, or none")
+    if options.labels and len(options.labels) != len(options.files):
+        raise UsageError(f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none")
     with work_folder(output) as work:
         with progress("Reading") as bar:
 
@@ -66,7 +66,7 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
                 bar.describe(what)
                 return bar
 
-            runs = with_uncertainty(collect(asked, work, say), asked, say)
+            runs = with_uncertainty(collect(options, work, say), options, say)
             bar.describe("Drawing")
             names = write(runs, work)
         for pattern in EARLIER:
@@ -84,10 +84,10 @@ def run_report(asked: ReportOptions, output: Path) -> list[Path]:
 
 
 def write(runs: Sequence[Run], folder: Path) -> list[str]:
-    """Write all files of the report; give their names, the page first."""
+    """Write all files of the report into a folder; return their names, the page first."""
     from knee_contact_ros.tools.report.data import as_csv, tables
-    from knee_contact_ros.tools.report.figures import over_cycle
     from knee_contact_ros.tools.report.knees import knees
+    from knee_contact_ros.tools.report.over_cycle import over_cycle
     from knee_contact_ros.tools.report.over_time import over_time
     from knee_contact_ros.tools.report.page import page
 
@@ -95,13 +95,14 @@ def write(runs: Sequence[Run], folder: Path) -> list[str]:
     cycle_figures, time_figures = over_cycle(runs, cyclic) if cyclic else [], over_time(runs)
     knee_figures, uncertain = knees(runs), uncertainty_figures(runs)
     (folder / PAGE).write_text(page(runs, knee_figures, cycle_figures, time_figures, uncertain), encoding="utf-8")
-    names, written = [PAGE], tables(runs)
+    files = tables(runs)
     if uncertain:
-        written[UNCERTAINTY] = as_csv(COLUMNS, uncertainty_rows(runs))
-    for name, content in written.items():
+        files[UNCERTAINTY] = as_csv(COLUMNS, uncertainty_rows(runs))
+    for name, content in files.items():
         (folder / name).write_text(content, encoding="utf-8")
-        names.append(name)
-    for figure in (*knee_figures, *cycle_figures, *time_figures, *uncertain):
-        (folder / f"{figure.name}.png").write_bytes(figure.png)
-        names.append(f"{figure.name}.png")
-    return names
+    pictures = {
+        f"{figure.name}.png": figure.png for figure in (*knee_figures, *cycle_figures, *time_figures, *uncertain)
+    }
+    for name, png in pictures.items():
+        (folder / name).write_bytes(png)
+    return [PAGE, *files, *pictures]

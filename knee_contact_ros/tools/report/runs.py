@@ -1,4 +1,4 @@
-"""What a report is about: recordings with answers, and bags that are solved for it."""
+"""Runs of a report: recordings with answers, bags that are solved for it, and comparisons with other contact laws."""
 
 from __future__ import annotations
 
@@ -36,85 +36,90 @@ from knee_contact_ros.tools.report.gather import Gathered
 
 Advance = Callable[[int, int], None]
 Source = Path | dict[str, Any]
-"""Where parameters come from: a file, or values by name"""
+"""Source of parameters: a file, or values by name"""
 SAME = "again"
-"""A comparison that changes nothing"""
+"""Label of a comparison that changes nothing"""
 
 
 class ReportOptions(NamedTuple):
-    """What the command was asked for."""
+    """Options of the command `report`."""
 
     files: Sequence[Path]
+    """Recordings and bags"""
     labels: Sequence[str]
+    """Names of the files, one each; empty: they are named by their file names"""
     parameters: Sequence[Source]
-    """For bags without answers, and for recordings without parameters; the later one wins"""
+    """Parameters for bags without answers and for recordings without parameters; the last one that has a value wins"""
     parameters_given: bool
-    """Whether they were given, and are not just the default"""
+    """Whether the user gave these parameters, and they are not just the default"""
     compare: Sequence[Path]
-    """Parameter files whose contact law every file is computed again with; none: it is not"""
+    """Parameter files with whose contact law every file is computed again; empty: there is no comparison"""
     names: Names = OWN_NAMES
+    """Names of topics in bags"""
     uncertainty: Path | None = None
-    """File of standard deviations of inputs and parameters"""
+    """File of standard deviations of inputs and parameters; None: no uncertainty is computed"""
 
 
 class Run(NamedTuple):
-    """A series of answers, and how it came about."""
+    """Series of answers of a compartment, and how it was computed."""
 
     name: str
-    """Of the recording"""
+    """Name of the recording"""
     label: str
-    """Of the run: the recording's name, and what its contact law differs by from the one it is beside"""
+    """Label of the run: the recording's name, and how its contact law differs from that of the run beside it"""
     source: Path
+    """Recording or bag"""
     topic: str
+    """Topic of the answers"""
     parameters: Parameters
     origin: str
-    """A sentence: who computed it, with which parameters"""
+    """Sentence that says who computed the answers, with which parameters"""
     refused: Counter[str]
-    """Refused samples by reason"""
+    """Number of refused samples by reason"""
     damage: Sequence[str]
-    """What is wrong with the source, as sentences"""
+    """Damage of the source, as sentences"""
     beside: int | None
-    """Index of the run with whose inputs it was computed again; None: it is no comparison"""
+    """Index of the run with whose inputs this comparison was computed; None: this run is no comparison"""
     gathered: Gathered
     model: KneeModel | None = None
-    """To draw the knee with; None: its parameters are not known, or files that they name are not at hand"""
+    """Model to draw the knee with; None: its parameters are not known, or files that they name are missing"""
     known: bool = True
-    """Whether its parameters are its own, and not assumed"""
+    """Whether the parameters are the recording's own, and not assumed"""
     differences: Sequence[Difference] = ()
-    """Of a comparison: what its contact law differs by from that of the run it is beside"""
+    """Differences of a comparison's contact law from that of its run"""
     kept: Sequence[str] = ()
-    """Of a comparison: what it keeps of its run although its files say something else"""
+    """Parameters that a comparison keeps of its run although its files have other values, as texts"""
     uncertain: Propagated | None = None
-    """What is not known exactly makes of its depth and force, if that was asked for"""
+    """Uncertainty of depth and force, if the options ask for it"""
 
 
-def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
-    """The runs, each followed by its comparison; solves what has to be solved into files in `work`, and removes them.
+def collect(options: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
+    """Gather the runs, each followed by its comparison; bags are solved into files in the folder `work`.
 
-    `say` gets a sentence on what is done next, and gives a function of (done, total).
+    `say` takes a sentence on what is done next, and returns a function that takes the progress (done, total).
 
     Raises:
         UsageError: a file or its parameters cannot be used.
     """
     own: list[Run] = []
-    over = overlay(asked.compare) if asked.compare else None
-    recorded = {path: answer_topics(path) for path in asked.files}
-    if asked.parameters_given and all(topics and stored(path, asked) for path, topics in recorded.items()):
+    over = overlay(options.compare) if options.compare else None
+    recorded = {path: answer_topics(path) for path in options.files}
+    if options.parameters_given and all(topics and stored(path, options) for path, topics in recorded.items()):
         raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
-    for number, path in enumerate(asked.files):
-        label = asked.labels[number] if asked.labels else path.stem
+    for number, path in enumerate(options.files):
+        label = options.labels[number] if options.labels else path.stem
         several = len(recorded[path]) > 1
-        found = [
-            _recorded(path, topic, f"{label} {_which(topic, recorded[path])}" if several else label, asked, say)
+        runs = [
+            _recorded(path, topic, f"{label} {_which(topic, recorded[path])}" if several else label, options, say)
             for topic in recorded[path]
         ]
-        own += found or _solved(path, label, asked, work, say)
-    own = _told_apart(own)  # before they are compared: two of a name differ by their laws' names at most
+        own += runs or _solved(path, label, options, work, say)
+    own = _numbered(own)  # before they are compared: two of a name differ by their laws' names at most
     if over is None:
         return own
-    runs: list[Run] = []
+    runs = []
     for run in own:
-        other = _compared(run, len(runs), over, asked, work, say)
+        other = _compared(run, len(runs), over, options, work, say)
         names = [named(other.differences, after=after) for after in (False, True)]
         runs.append(run._replace(label=", ".join(filter(None, (run.label, names[0])))))
         runs.append(other._replace(label=f"{run.label}, {names[1] or SAME}"))
@@ -122,9 +127,9 @@ def collect(asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> 
 
 
 def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
-    """What matters for the answers: name, value, default and meaning.
+    """Parameters that matter for the answers, with name, value, default and meaning.
 
-    Of the contact law all constants that it uses; of the rest what differs from the defaults, and what the load is.
+    These are all constants that the contact law uses, those that determine the load, and what differs from a default.
     """
     known, values = known_parameters(), flat_parameters(parameters)
     constants = {f"contact.{name}" for name in constants_of(parameters.contact.law)}
@@ -141,23 +146,23 @@ def own_values(parameters: Parameters) -> list[tuple[str, Any, Any, str]]:
 
 
 def _which(topic: str, topics: Sequence[str]) -> str:
-    """What tells the answers on a topic from those on others of a recording: the topic, or the compartment's name."""
+    """Distinguish the answers on a topic from those on others of a recording: by the topic, or by the compartment."""
     if len({knee_name(other) for other in topics}) > 1:
         return topic.strip("/")
     return LATERAL if is_lateral(topic) else MEDIAL
 
 
-def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Callable[[str], Advance]) -> Run:
-    """A recording's answers on a topic, as they are."""
-    provenance = stored(path, asked)
+def _recorded(path: Path, topic: str, label: str, options: ReportOptions, say: Callable[[str], Advance]) -> Run:
+    """Gather the answers on a topic of a recording, as they are."""
+    provenance = stored(path, options)
     if provenance:
         parameters = provenance.parameters
         origin = f"Recorded with {provenance.package} and the parameters stored in it."
         if provenance.changes:
             origin += f" They changed, or the model was reset, {len(provenance.changes)} times meanwhile."
     else:
-        parameters = load_parameters(list(asked.parameters))
-        origin = f"Recorded without its parameters; {_spelled(asked.parameters)} is taken for body weight and law."
+        parameters = load_parameters(list(options.parameters))
+        origin = f"Recorded without its parameters; {_spelled(options.parameters)} is taken for body weight and law."
     parameters, model = _model(topic, parameters, provenance)
     doubts = doubts_about(parameters, model) if model else Doubts()
     known = model if provenance and not provenance.changes else None
@@ -167,54 +172,58 @@ def _recorded(path: Path, topic: str, label: str, asked: ReportOptions, say: Cal
     return Run(label, label, path, topic, parameters, origin, _refused(path), provenance.damage, None, gathered, model)
 
 
-def _solved(path: Path, label: str, asked: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
-    """A bag with inputs only; a run for each compartment."""
-    parameters = load_parameters(list(asked.parameters))
-    origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(asked.parameters)}."
-    runs = _computed(path, parameters, asked.names, work, say)
+def _solved(path: Path, label: str, options: ReportOptions, work: Path, say: Callable[[str], Advance]) -> list[Run]:
+    """Solve a bag that has inputs only; return a run for each compartment."""
+    parameters = load_parameters(list(options.parameters))
+    origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(options.parameters)}."
+    runs = _computed(path, parameters, options.names, work, say)
     labels = [f"{label} {name}" for name in (MEDIAL, LATERAL)] if len(runs) > 1 else [label]
     return [run._replace(name=name, label=name, origin=origin) for run, name in zip(runs, labels, strict=True)]
 
 
 def _compared(
-    run: Run, beside: int, over: Overlay, asked: ReportOptions, work: Path, say: Callable[[str], Advance]
+    run: Run, beside: int, over: Overlay, options: ReportOptions, work: Path, say: Callable[[str], Advance]
 ) -> Run:
-    """A run's inputs computed with another contact law; person, surfaces and solver stay."""
-    recorded = stored(run.source, asked)
+    """Compute a run's inputs with another contact law; person, surfaces and solver stay the same."""
+    recorded = stored(run.source, options)
     if recorded:  # it may hold the files that parameters name
-        how: Parameters | Provenance = with_values(recorded._replace(changes=()), over.taken)
+        source: Parameters | Provenance = with_values(recorded._replace(changes=()), over.taken)
     else:
-        how = compared(load_parameters(list(asked.parameters)), over)
+        source = compared(load_parameters(list(options.parameters)), over)
     origin = (
         f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.name}” with its parameters, "
-        f"but for the contact law of {_spelled(asked.compare)}."
+        f"but for the contact law of {_spelled(options.compare)}."
     )
     knee = knee_name(run.topic)
-    names = names_in_bag((), knee) if knee != KNEE else asked.names
-    found = _computed(run.source, how, names, work, say)
-    again = next(one for one in found if is_lateral(one.topic) == is_lateral(run.topic))
+    names = names_in_bag((), knee) if knee != KNEE else options.names
+    both = _computed(run.source, source, names, work, say)
+    again = next(one for one in both if is_lateral(one.topic) == is_lateral(run.topic))
     return again._replace(
         name=run.name, topic=run.topic, origin=origin, beside=beside, kept=kept(run.parameters, over),
         differences=differences(run.parameters if run.known else None, again.parameters),
     )  # fmt: skip
 
 
-def stored(path: Path, asked: ReportOptions) -> Provenance | None:
-    """How a recording came about; not asked of a later part, whose first has the parameters, if some are given."""
+def stored(path: Path, options: ReportOptions) -> Provenance | None:
+    """Provenance of a recording; None for a later part, which has no parameters, if the user gave some."""
     try:
         return read_provenance(path)
     except UsageError:
-        if asked.parameters_given:
+        if options.parameters_given:
             return None
         raise
 
 
 def _spelled(sources: Sequence[Source]) -> str:
-    return ", ".join(source.name if isinstance(source, Path) else spelled(source) for source in sources)
+    """Names of parameter files, and values as on the command line."""
+    return ", ".join(
+        source.name if isinstance(source, Path) else ", ".join(f"{name}:={value}" for name, value in source.items())
+        for source in sources
+    )
 
 
 def _refused(path: Path) -> Counter[str]:
-    """As the recording tells, if it does."""
+    """Number of refused samples by reason, as the recording has them; empty if it has none."""
     try:
         return read_refused(path)
     except (OSError, ValueError):
@@ -222,17 +231,18 @@ def _refused(path: Path) -> Counter[str]:
 
 
 def _computed(
-    path: Path, how: Parameters | Provenance, names: Names, work: Path, say: Callable[[str], Advance]
+    path: Path, source: Parameters | Provenance, names: Names, work: Path, say: Callable[[str], Advance]
 ) -> list[Run]:
-    """A bag computed; a run for each compartment, the medial one first."""
-    recording, parameters = work / "solved.mcap", how.parameters if isinstance(how, Provenance) else how
-    summary = solve(path, how, recording, say(f"Solving {path.name}"), overwrite=True, names=names)
+    """Solve a bag by way of a file in `work`; return a run for each compartment, the medial one first."""
+    provenance = source if isinstance(source, Provenance) else None
+    recording, parameters = work / "solved.mcap", source.parameters if isinstance(source, Provenance) else source
+    summary = solve(path, source, recording, say(f"Solving {path.name}"), overwrite=True, names=names)
     runs = []
-    for topic, told in ((f"/{KNEE_CONTACT}", summary), (f"/{KNEE_CONTACT_LATERAL}", summary.lateral)):
-        if told:
+    for topic, compartment in ((f"/{KNEE_CONTACT}", summary), (f"/{KNEE_CONTACT_LATERAL}", summary.lateral)):
+        if compartment:
             doubts = Doubts()
-            doubts.go_on_with(told.doubts)
-            own, model = _model(topic, parameters, how if isinstance(how, Provenance) else None)
+            doubts.go_on_with(compartment.doubts)
+            own, model = _model(topic, parameters, provenance)
             gathered = _gathered(recording, topic, own, doubts, model, say(f"Reading what {path.name} gave"))
             damage = tuple(summary.damage)
             runs.append(Run("", "", path, topic, own, "", summary.refused, damage, None, gathered, model))
@@ -241,7 +251,7 @@ def _computed(
 
 
 def _model(topic: str, parameters: Parameters, provenance: Provenance | None) -> tuple[Parameters, KneeModel | None]:
-    """Parameters and model of the compartment that answers on a topic; the model if the files named are at hand."""
+    """Parameters and model of the compartment that answers on a topic; no model if files that they name are missing."""
     try:
         texts = provenance.texts() if provenance else curve_texts(parameters, {})
         own, own_texts = answering(topic, parameters, texts)
@@ -251,7 +261,7 @@ def _model(topic: str, parameters: Parameters, provenance: Provenance | None) ->
 
 
 def prescribed(parameters: Parameters) -> bool:
-    """Whether the femoral height drives, and no load."""
+    """Whether the femoral height is prescribed, and no load drives."""
     return parameters.drive == "displacement"
 
 
@@ -264,20 +274,13 @@ def _gathered(
     return gathered.finish()
 
 
-def _told_apart(runs: list[Run]) -> list[Run]:
-    """Labels that several runs have get a number."""
+def _numbered(runs: list[Run]) -> list[Run]:
+    """Add a number to labels that several runs have; at this point a run's name is its label."""
     counts = Counter(run.label for run in runs)
     seen: Counter[str] = Counter()
-    told = []
+    numbered = []
     for run in runs:
-        label = run.label
-        if counts[label] > 1:
-            seen[label] += 1
-            label = f"{label} ({seen[label]})"
-        told.append(run._replace(label=label, name=label if run.name == run.label else run.name))
-    return told
-
-
-def spelled(values: dict[str, Any]) -> str:
-    """Values as on the command line."""
-    return ", ".join(f"{name}:={value}" for name, value in values.items())
+        seen[run.label] += 1
+        label = f"{run.label} ({seen[run.label]})" if counts[run.label] > 1 else run.label
+        numbered.append(run._replace(label=label, name=label))
+    return numbered

@@ -1,4 +1,4 @@
-"""What a whole run amounts to, and its course over time, in numbers that do not grow with it."""
+"""Totals of a whole run and its course over time, in memory that does not grow with the run's length."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from knee_contact_ros.parameters.plausibility import Doubts
 Floats = NDArray[np.float64]
 
 BUCKETS = 2000
-"""Of time, at most: more than a picture has pixels"""
+"""Number of time buckets at most: more than a picture has pixels"""
 FIRST_WIDTH = 5_000_000
-"""[ns] of a bucket at first"""
+"""Initial width of a bucket [ns]"""
 ERROR_BINS = np.logspace(-18, 6, 24 * 100 + 1)
-"""Edges of the bins that the median error comes from, [m] or [N]: each 2.3 % wide"""
+"""Edges of the histogram bins from which the median error is taken, [m] or [N]; each bin is 2.3 % wide"""
 
 
 class Errors:
-    """Estimated errors; one that is not a number bounds nothing."""
+    """Largest and median of estimated errors; an estimate that is NaN bounds nothing."""
 
     def __init__(self) -> None:
         self.largest = 0.0
-        self.told = False
-        """Whether one is a number: in recordings from before the estimate was added none is"""
+        self.known = False
+        """Whether any estimate is a number; in recordings from before the estimate was added none is"""
         self._counts = np.zeros(len(ERROR_BINS) + 1, dtype=np.int64)
 
     def add(self, errors: Floats) -> None:
-        """Take errors, at least one."""
+        """Add estimated errors [m] or [N], shape (n,), n >= 1."""
         self.largest = max(self.largest, bound(errors))
-        self.told |= not np.isnan(errors).all()
+        self.known |= not np.isnan(errors).all()
         self._counts += np.bincount(np.searchsorted(ERROR_BINS, errors), minlength=len(self._counts))
 
     @property
     def median(self) -> float:
-        """To 2.3 %: the upper edge of the bin that holds it; infinite beyond the last one."""
+        """Median error, exact to 2.3 %: the upper edge of the bin that holds it; infinite beyond the last bin."""
         place = int(np.searchsorted(np.cumsum(self._counts), 0.5 * self._counts.sum()))
         if not place:
             return 0.0
@@ -48,31 +48,31 @@ class Errors:
 
 
 class Totals:
-    """Counts and extremes of answers."""
+    """Counts, extremes and durations over all answers of a run."""
 
     def __init__(self, doubts: Doubts) -> None:
-        """`doubts` are those about the run's parameters; what makes no sense in the answers is added."""
+        """Begin with the doubts about the run's parameters; implausible answers are added to them."""
         self.doubts = doubts
         self.ticks = 0
         self.first_stamp = self.last_stamp = 0
         """[ns]"""
         self.flagged: Counter[str] = Counter()
-        """Ticks per status bit"""
+        """Number of ticks by the name of each status bit that they have"""
         self.levels: Counter[str] = Counter()
-        """Ticks by the level that computed them"""
+        """Number of ticks by the model level that computed them"""
         self.evaluations = 0
         self.depth_errors, self.force_errors = Errors(), Errors()
-        """[m] of the depth, [N] of the contact force"""
+        """Estimated errors of the depth [m] and of the contact force [N]"""
         self.largest_force = self.largest_load = self.largest_depth = -math.inf
         """[N], [N], [m]"""
         self.bone_time = self.apart_time = self.time = 0.0
-        """[s] with contact in the second layer; without contact; of all, without the gaps"""
+        """Durations [s] of contact in the second layer, of no contact, and of the whole run without its gaps"""
         self.longest_apart = 0.0
-        """[s] without contact at one go"""
+        """Longest uninterrupted duration without contact [s]"""
         self._apart_for = 0.0
 
     def add(self, answers: Rows, steps: Floats) -> None:
-        """Take answers, at least one; `steps` [s], shape (n,), is the time since the one before; after a gap 0."""
+        """Add answers, n >= 1; `steps` [s], shape (n,), are the times since the answer before, 0 behind a gap."""
         self.first_stamp = self.first_stamp if self.ticks else int(answers["stamp"][0])
         self.last_stamp = int(answers["stamp"][-1])
         self.ticks += len(answers)
@@ -105,18 +105,18 @@ class Totals:
 
 
 class Course:
-    """Columns over time as smallest and largest values in buckets, which become wider as the run goes on."""
+    """Smallest and largest values of columns in time buckets, which double in width whenever they are all used."""
 
     def __init__(self, columns: int) -> None:
         self.width = FIRST_WIDTH
-        """[ns]"""
+        """Width of a bucket [ns]"""
         self.begin = np.full(BUCKETS, np.inf)
-        """[ns] of the first value in a bucket"""
+        """Time [ns] of the first value in each bucket, shape (buckets,)"""
         self.lowest = np.full((BUCKETS, columns), np.inf)
         self.highest = np.full((BUCKETS, columns), -np.inf)
 
     def add(self, elapsed: NDArray[np.int64], values: Floats) -> None:
-        """Take values, shape (n, columns), at times [ns] since the run's beginning."""
+        """Add values, shape (n, columns), at increasing times `elapsed` [ns] since the run's beginning, shape (n,)."""
         while int(elapsed[-1]) // self.width >= BUCKETS:
             self._widen()
         buckets, starts = np.unique(elapsed // self.width, return_index=True)
@@ -126,17 +126,15 @@ class Course:
 
     def _widen(self) -> None:
         self.width *= 2
-        self.begin = np.concatenate(
-            (np.minimum(self.begin[::2], self.begin[1::2]), np.full_like(self.begin[::2], np.inf))
-        )
-        self.lowest = np.concatenate(
-            (np.minimum(self.lowest[::2], self.lowest[1::2]), np.full_like(self.lowest[::2], np.inf))
-        )
-        self.highest = np.concatenate(
-            (np.maximum(self.highest[::2], self.highest[1::2]), np.full_like(self.highest[::2], -np.inf))
-        )
+        for buckets, merge, empty in (
+            (self.begin, np.minimum, np.inf),
+            (self.lowest, np.minimum, np.inf),
+            (self.highest, np.maximum, -np.inf),
+        ):
+            buckets[: BUCKETS // 2] = merge(buckets[::2], buckets[1::2])
+            buckets[BUCKETS // 2 :] = empty
 
     def lines(self) -> tuple[Floats, Floats, Floats]:
-        """Time [s], shape (n,), and the smallest and largest values, shape (n, columns), where there are any."""
+        """Times [s], shape (n,), smallest and largest values, shape (n, columns) each, of the buckets with values."""
         used = np.flatnonzero(np.isfinite(self.lowest[:, 0]))
         return self.begin[used] / NANOSECONDS, self.lowest[used], self.highest[used]

@@ -1,4 +1,4 @@
-"""What the standard deviations of inputs and parameters make of depth and force, beside the numerical error."""
+"""Uncertainty of depth and force from standard deviations of inputs and parameters, beside the numerical error."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from knee_contact_ros.tools.report.words import NONE, Table
 SIZE = (5.2, 6.4)
 MICRO = 1e6
 AROUND = 1.0
-"""[s] that is drawn on either side of the largest load, or force"""
+"""Time [s] that is drawn on either side of the largest load or contact force"""
 LEAST = 1e-3
-"""[µm] below which nothing is drawn"""
+"""Smallest deviation of the depth that is drawn [µm]"""
 SHOWN = 12
-"""Peaks that are listed"""
+"""Largest number of peaks that are listed"""
 # "at_largest_load": where the femoral height drives, at the largest contact force
 COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N", "depth_rms_um",
            "force_rms_N")  # fmt: skip
@@ -41,15 +41,15 @@ TOGETHER, NUMERICAL = "all of them together", "numerical error (bound)"
 HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
 
 
-def with_uncertainty(runs: Sequence[Run], asked: ReportOptions, say: Callable[[str], Advance]) -> Sequence[Run]:
-    """The runs, each with what deviations make of it, if they are asked for; comparisons as they are.
+def with_uncertainty(runs: Sequence[Run], options: ReportOptions, say: Callable[[str], Advance]) -> Sequence[Run]:
+    """Add the uncertainty to each run, if the options ask for it; comparisons get none.
 
     Raises:
         UsageError: file, names or deviations cannot be used, or a recording's parameters changed while it was made.
     """
-    if asked.uncertainty is None:
+    if options.uncertainty is None:
         return runs
-    read, found = read_deviations(asked.uncertainty), []
+    read, completed = read_deviations(options.uncertainty), []
     known: dict[tuple[Path, str], list[Propagated]] = {}
     for run in runs:
         if is_lateral(run.topic) and not has_both(run.parameters):
@@ -60,36 +60,41 @@ def with_uncertainty(runs: Sequence[Run], asked: ReportOptions, say: Callable[[s
     for run in runs:
         knee = knee_name(run.topic)
         if run.beside is None and (run.source, knee) not in known:
-            how = stored(run.source, asked) or load_parameters(list(asked.parameters))
-            deviations = deviations_of(read, how.parameters if isinstance(how, Provenance) else how)
-            names = names_in_bag((), knee) if knee != KNEE else asked.names
+            known_by = stored(run.source, options) or load_parameters(list(options.parameters))
+            deviations = deviations_of(read, known_by.parameters if isinstance(known_by, Provenance) else known_by)
+            names = names_in_bag((), knee) if knee != KNEE else options.names
             solving = say(f"Solving {run.source.name}")
-            given = given_in(run.source, how, solving, names, replays=2 * len(deviations))
+            given = given_in(run.source, known_by, solving, names, replays=2 * len(deviations))
             ours = propagated(given, deviations, say(f"Uncertainty of {run.source.name}"))
             known[run.source, knee] = [by_stamp(one) for one in ours]
         mine = None if run.beside is not None else known[run.source, knee][is_lateral(run.topic)]
-        found.append(run._replace(uncertain=mine))
-    return found
+        completed.append(run._replace(uncertain=mine))
+    return completed
 
 
 def by_stamp(of: Propagated) -> Propagated:
-    """The same in the order of the stamps, as recordings hold their ticks and as a report counts its time."""
+    """Sort by stamps, which is the order of the ticks in recordings and in the rest of the report."""
     order = np.argsort(of.rows["stamp"], kind="stable")
     return Propagated(of.rows[order], {one: (depth[order], force[order]) for one, (depth, force) in of.parts.items()})
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
-    """What each input does alone, and all together, beside the numerical error."""
+    """List the effect of each input's standard deviation, of all together, and the numerical error."""
     head = ("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]")
     rows = [
-        (name, told, *(f"{number:.3g}" for number in numbers[:3])) for name, told, *numbers in contributions(run, of)
+        (name, deviation, *(f"{number:.3g}" for number in numbers[:3]))
+        for name, deviation, *numbers in contributions(run, of)
     ]
     where = LARGEST[run.gathered.of_largest]
     return Table(head, rows, f"At the {where}, with sign: what one standard deviation more does. RMS: over all ticks.")
 
 
 def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
-    """Name, deviation, and what it does: at the largest load, or force, with its sign, and over all ticks."""
+    """Effects of each input's standard deviation, of all together, and the numerical error.
+
+    Each item has a name, the standard deviation as text, the effects on depth [µm] and force [N] at the largest load
+    (or contact force) with their signs, and the RMS of these effects over all ticks, in the same units.
+    """
     at = int(of.rows[run.gathered.of_largest].argmax())
     for deviation, (depth, force) in of.parts.items():
         yield deviation.name, deviation.text, MICRO * depth[at], force[at], MICRO * _rms(depth), _rms(force)
@@ -99,7 +104,7 @@ def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
 
 
 def interval_table(run: Run, of: Propagated) -> Table:
-    """Force and depth at the first peaks of stance, or at the largest load, with their intervals."""
+    """List force and depth with their intervals at the first peaks of stance, or else at the largest load or force."""
     reach, weight = factor(LEVEL), run.parameters.body_weight
     peaks = [(peak.which or NONE, peak.moment) for peak in stance_peaks(run.gathered)[:SHOWN]]
     if not peaks and run.gathered.largest:
@@ -122,16 +127,16 @@ def interval_table(run: Run, of: Propagated) -> Table:
 
 
 def uncertainty_rows(runs: Sequence[Run]) -> Iterator[Row]:
-    """For the CSV: every input of every run."""
+    """Rows of uncertainty.csv: the effects of every input of every run that has its uncertainty."""
     for run in runs:
         if run.uncertain:
-            for name, told, *numbers in contributions(run, run.uncertain):
-                yield (run.label, name, told, *(float(number) for number in numbers))
+            for name, deviation, *numbers in contributions(run, run.uncertain):
+                yield (run.label, name, deviation, *(float(number) for number in numbers))
 
 
 def uncertainty_figures(runs: Sequence[Run]) -> list[Figure]:
-    """A figure for every run that has its uncertainty."""
-    found = []
+    """Draw a figure for every run that has its uncertainty."""
+    figures = []
     known = [(run, run.uncertain) for run in runs if run.uncertain]
     for number, (run, of) in enumerate(known, start=1):
         png = draw(SIZE, partial(_panels, of=of, of_largest=run.gathered.of_largest))
@@ -139,11 +144,12 @@ def uncertainty_figures(runs: Sequence[Run]) -> list[Figure]:
             f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
             "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
         )
-        found.append(Figure(f"uncertainty_{number}", f"Uncertainty: {run.label}", caption, png))
-    return found
+        figures.append(Figure(f"uncertainty_{number}", f"Uncertainty: {run.label}", caption, png))
+    return figures
 
 
 def _panels(canvas: Any, of: Propagated, of_largest: str) -> None:
+    """Draw depth, force and the effects of the inputs around the tick where the column `of_largest` is largest."""
     stamps = of.rows["stamp"]
     since = (stamps - stamps[0]) / NANOSECONDS
     at = since[int(of.rows[of_largest].argmax())]

@@ -1,10 +1,10 @@
-"""By how much an angle sensor is off and late against a reference, and how surely that is known.
+"""Estimate the offset, the lag and the gain of an angle sensor against a reference, with confidence intervals.
 
-The sensor is taken as offset + gain x reference(t - lag). The lag is where both correlate best (least squares with a
-free gain, so that a wrong gain does not pull at it), to a fraction of a sample by a cubic spline through the reference;
-the offset is the mean difference then, as parameters correct an offset and no gain. Intervals are a jackknife over
-stretches of about a second: each is left out once, and what the answers differ by tells their error, whatever the
-sensor's errors look like within a stride (Miller 1974, The jackknife - a review, Biometrika 61:1).
+The model of the sensor is offset + gain x reference(t - lag). The lag is where both correlate best (least squares with
+a free gain, so that a wrong gain does not bias it), to a fraction of a sample by a cubic spline through the reference;
+the offset is the mean difference then, as parameters correct an offset and no gain. Intervals are from a jackknife over
+stretches of about a second: each is left out once, and the spread of the results gives their error, whatever the
+sensor's errors within a stride are like (Miller 1974, The jackknife - a review, Biometrika 61:1).
 """
 
 from __future__ import annotations
@@ -24,56 +24,57 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.sensors.channels import Series
 
 STRETCH = 1.0
-"""[s] left out at a time: about a stride"""
+"""Duration of a stretch that the jackknife leaves out [s]: about a stride"""
 FEWEST, MOST = 4, 60
-"""Stretches"""
+"""Smallest and largest number of stretches"""
 ENOUGH = 40
-"""Rows in common, at least"""
+"""Smallest number of rows in common"""
 MOST_ROWS = 50_000
-"""Of more, every so manieth is used: they tell nothing new"""
+"""Largest number of rows that are used; of more rows every second, third and so on is used"""
 ALIKE = 0.8
 """Correlation below which two angles are not of one knee"""
 MOST_GAIN = 5.0
-"""Times that one angle may move as far as the other: soft tissue makes 0.8, degrees for radians 57"""
+"""Largest gain, and inverse of the smallest: soft tissue makes 0.8, degrees taken for radians 57"""
 SURE = 0.95
 
 
 class Estimate(NamedTuple):
-    """A value with its interval."""
+    """Value with its confidence interval."""
 
     value: float
     half: float
-    """Half the width of the 95 % interval"""
+    """Half width of the 95 % interval"""
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """From where to where."""
+        """Lower and upper end of the interval."""
         return self.value - self.half, self.value + self.half
 
 
 class Alignment(NamedTuple):
-    """What an angle sensor is off by."""
+    """Offset, lag and gain of an angle sensor against a reference."""
 
     offset: Estimate
-    """[rad] to be added to the sensor"""
+    """Offset to be added to the sensor's angle [rad]"""
     lag: Estimate
-    """[s] by which the sensor is late"""
+    """Time by which the sensor is late [s]"""
     gain: Estimate
-    """How many times as far as the reference it moves"""
+    """Ratio of the sensor's motion to that of the reference"""
     rows: int
-    """In common"""
+    """Number of rows in common"""
     stretches: int
+    """Number of stretches of the jackknife"""
     before: tuple[float, float]
-    """Correlation, and RMS difference [rad], as they were"""
+    """Correlation and RMS difference [rad] of the angles as they are"""
     after: tuple[float, float]
-    """Likewise with offset and lag removed"""
+    """Correlation and RMS difference [rad] with offset and lag removed"""
 
 
 class Pair:
-    """Rows of a sensor and a curve of the reference."""
+    """Rows of a sensor, and a cubic spline through those of the reference."""
 
     def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
-        """Both from one clock; rows beside gaps of the reference longer than `max_gap` [s] are left out of `rows`."""
+        """Both have the same clock; `rows` leaves out rows in gaps of the reference longer than `max_gap` [s]."""
         first = reference.stamps[0]
         self.times: Floats = (sensor.stamps - first) / NANOSECONDS
         self.values = sensor.values
@@ -81,15 +82,14 @@ class Pair:
         self._curve = CubicSpline(self._known, reference.values)
         wide = np.diff(self._known) > max_gap
         self._holes = list(zip(self._known[:-1][wide], self._known[1:][wide], strict=True))
-        steps = [float(np.median(np.diff(times))) for times in (self.times, self._known)]
-        self.step = max(steps)
-        """[s] from row to row of the slower one"""
+        self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
+        """Time from row to row of the slower one [s]"""
 
     def rows(self, least: float, most: float) -> NDArray[np.intp]:
-        """Rows that have a reference at every lag [s] from `least` to `most`.
+        """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
 
         Raises:
-            UsageError: there are too few.
+            UsageError: there are fewer than `ENOUGH`.
         """
         there = (self.times - most >= self._known[0]) & (self.times - least <= self._known[-1])
         for begin, end in self._holes:
@@ -103,63 +103,61 @@ class Pair:
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
     def reference(self, rows: NDArray[np.intp], lag: float) -> Floats:
-        """The reference [rad] that rows belong to if the sensor is late by `lag` [s]."""
-        found: Floats = self._curve(self.times[rows] - lag)
-        return found
+        """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
+        return np.asarray(self._curve(self.times[rows] - lag))
 
     def correlation(self, rows: NDArray[np.intp], lag: float) -> float:
-        """Of sensor and reference."""
+        """Correlation of sensor and reference at rows of the sensor, if that is late by `lag` [s]."""
         return correlation(self.values[rows], self.reference(rows, lag))
 
     def best(self, rows: NDArray[np.intp], least: float, most: float) -> float:
-        """The lag [s] between two at which they correlate best; one best lag is between them."""
-        found = minimize_scalar(
+        """Lag [s] between `least` and `most` at which they correlate best; there must be a single optimum."""
+        best = minimize_scalar(
             lambda lag: -self.correlation(rows, lag), bounds=(least, most), method="bounded", options={"xatol": 1e-6}
         )
-        return float(found.x)
+        return float(best.x)
 
 
 def correlation(one: Floats, other: Floats) -> float:
-    """Pearson's; 0 where one of them does not move."""
+    """Pearson's correlation coefficient; 0 if one of them is constant."""
     a, b = one - one.mean(), other - other.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
 def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
-    """What the sensor is off by; lags up to `longest` [s] are tried, to both sides.
+    """Align a sensor with a reference; lags from -`longest` to `longest` [s] are tried.
 
     Raises:
-        UsageError: too little in common, the two are not alike at any lag, or one moves many times as far.
+        UsageError: too few rows are in common, the two do not correlate at any lag, or the gain is implausible.
     """
     pair = Pair(sensor, reference, max_gap)
     rows = pair.rows(-longest, longest)
     lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
-    found = [pair.correlation(rows, float(lag)) for lag in lags]
-    at = int(np.argmax(found))
-    _check(sensor, reference, found, lags, at)
+    correlations = [pair.correlation(rows, float(lag)) for lag in lags]
+    at = int(np.argmax(correlations))
+    _check(sensor, reference, correlations, lags, at)
     near = (float(lags[at - 1]), float(lags[at + 1]))
     margin = 4.0 * pair.step
     rows = pair.rows(near[0] - margin, near[1] + margin)  # more of them than with the longest lags
     lag = pair.best(rows, *near)
-    made = _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
-    if not 1.0 / MOST_GAIN <= made.gain.value <= MOST_GAIN:
-        raise UsageError(
-            f"{sensor.where} moves {made.gain.value:.3g} times as far as {reference.where}: are both units right?"
-        )
-    return made
+    alignment = _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
+    gain = alignment.gain.value
+    if not 1.0 / MOST_GAIN <= gain <= MOST_GAIN:
+        raise UsageError(f"{sensor.where} moves {gain:.3g} times as far as {reference.where}: are both units right?")
+    return alignment
 
 
-def _check(sensor: Series, reference: Series, found: list[float], lags: Floats, at: int) -> None:
-    """Refuse a fit that is none."""
-    if max(found) < ALIKE:
-        against = -min(found)
+def _check(sensor: Series, reference: Series, correlations: list[float], lags: Floats, at: int) -> None:
+    """Refuse angles that correlate at no lag, or best at the first or last one; `at` is the index of the best lag."""
+    best, against = max(correlations), -min(correlations)
+    if best < ALIKE:
         why = (
             f"but against each other with {against:.2f}: is a sign turned?"
             if against >= ALIKE
             else "are both of one knee, in one time?"
         )
-        raise UsageError(f"{sensor.where} and {reference.where} go together with r = {max(found):.2f} at best; {why}")
+        raise UsageError(f"{sensor.where} and {reference.where} go together with r = {best:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
         raise UsageError(
             f"{sensor.where} and {reference.where} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag"
@@ -167,7 +165,7 @@ def _check(sensor: Series, reference: Series, found: list[float], lags: Floats, 
 
 
 def _estimated(pair: Pair, rows: NDArray[np.intp], lag: float, within: tuple[float, float]) -> Alignment:
-    """The estimates and their intervals."""
+    """Estimate offset, lag and gain with their intervals; the lag of a jackknife's part is looked for `within` [s]."""
     span = pair.times[rows[-1]] - pair.times[rows[0]]
     number = int(np.clip(round(span / STRETCH), FEWEST, MOST))
     of_row = np.minimum((np.arange(len(rows)) * number) // len(rows), number - 1)
@@ -189,7 +187,7 @@ def _estimated(pair: Pair, rows: NDArray[np.intp], lag: float, within: tuple[flo
 
 
 def _values(pair: Pair, rows: NDArray[np.intp], lag: float) -> tuple[float, float, float]:
-    """Offset [rad], lag [s] and gain."""
+    """Offset [rad], lag [s] and gain of rows of the sensor, for a lag."""
     sensor, moved = pair.values[rows], pair.reference(rows, lag)
     around = moved - moved.mean()
     return float(np.mean(moved - sensor)), lag, float(around @ sensor) / float(around @ around)

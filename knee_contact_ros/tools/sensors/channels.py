@@ -1,4 +1,4 @@
-"""A map's channels, read from the files that have their columns, in SI."""
+"""Read the channels of a map from the files that have their columns, in SI units."""
 
 from __future__ import annotations
 
@@ -22,37 +22,38 @@ KINDS = {"angle": ANGLE, "reference": ANGLE, "load": FORCE, "moment": MOMENT}
 
 
 class Series(NamedTuple):
-    """A channel over time."""
+    """Channel over time."""
 
     name: str
-    """In the map"""
+    """Name of the channel in the map"""
     path: Path
+    """File from which it was read"""
     stamps: Stamps
-    """[ns], growing; shape (n,)"""
+    """Stamps [ns], increasing, shape (n,)"""
     values: Floats
-    """SI: flexion [rad], compression [N], moment [N m]; shape (n,)"""
+    """Flexion angle [rad], compression [N] or moment [N m], shape (n,)"""
     columns: str
-    """What they come from, in words"""
+    """Text that names the columns and their weights"""
     notes: tuple[str, ...]
-    """What was left out"""
+    """What was left out, as sentences"""
 
     @property
     def seconds(self) -> Floats:
-        """Time [s] from the first stamp on."""
+        """Times since the first stamp [s], shape (n,)."""
         seconds: Floats = (self.stamps - self.stamps[0]) / NANOSECONDS
         return seconds
 
     @property
     def where(self) -> str:
-        """File and columns, for messages."""
+        """Text with file and columns, for messages."""
         return f"{self.path}: {self.columns}"
 
 
 def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]) -> dict[str, Series]:
-    """The channels `wanted` that the map has, by name.
+    """Read those of the channels `wanted` that the map has; return them by name.
 
     Raises:
-        UsageError: a unit cannot be, a file cannot be read, or a column is missing, in several files, or not a number.
+        UsageError: a unit is wrong, a file cannot be read, or a column is missing, in several files, or not a number.
     """
     channels = {name: channel for name in wanted if (channel := getattr(sensors, name)) is not None}
     factors = {
@@ -72,7 +73,7 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
 
 
 def _home(channel: Channel, name: str, names: dict[Path, tuple[str, ...]]) -> Path:
-    """The one file that has a channel's columns."""
+    """Find the only file that has a channel's columns; `names` are the columns of each file."""
     pattern = channel.file or "*"
     candidates = [path for path in names if fnmatchcase(path.name, pattern)]
     if not candidates:
@@ -86,16 +87,15 @@ def _home(channel: Channel, name: str, names: dict[Path, tuple[str, ...]]) -> Pa
         raise UsageError(f"map: {name}: {both} both have {', '.join(channel.weights)}; say which with {name}.file")
     best = max(candidates, key=lambda path: len(set(channel.weights) & set(names[path])))
     missing = next(column for column in channel.weights if column not in names[best])
-    everywhere = [column for path in candidates for column in names[path]]
-    where = str(best) if len(candidates) == 1 else f"none of {', '.join(path.name for path in candidates)}"
-    told = f"{where} has no column" if len(candidates) == 1 else f"{where} has a column"
-    if any(missing in names[path] for path in candidates):
-        told = f"{best} has no column"  # but another file has it
-    raise UsageError(f"{told} {missing} (map: {name}); {meant(missing, list(dict.fromkeys(everywhere)))}")
+    everywhere = list(dict.fromkeys(column for path in candidates for column in names[path]))
+    fault = f"none of {', '.join(path.name for path in candidates)} has a column"
+    if len(candidates) == 1 or missing in everywhere:
+        fault = f"{best} has no column"
+    raise UsageError(f"{fault} {missing} (map: {name}); {meant(missing, everywhere)}")
 
 
 def _series(name: str, channel: Channel, table: Storage, to_si: float, leave_out: bool) -> Series:
-    """The sum of a channel's columns, in SI and in our sign."""
+    """Sum the columns of a channel, in SI units and in our sign; `leave_out` rows without a number."""
     if isinstance(channel, AngleChannel) and table.degrees is not None and (channel.unit in ("deg", "rad")):
         says = "deg" if table.degrees else "rad"
         if says != channel.unit:
@@ -128,7 +128,7 @@ def _series(name: str, channel: Channel, table: Storage, to_si: float, leave_out
 
 
 def _sign(channel: Channel) -> float:
-    """What makes flexion or compression positive."""
+    """Sign that makes flexion or compression positive, 1 or -1."""
     if isinstance(channel, AngleChannel):
         return channel.sign
     return -1.0 if isinstance(channel, LoadChannel) and channel.direction == TENSION else 1.0

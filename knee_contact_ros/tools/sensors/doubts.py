@@ -1,6 +1,6 @@
-"""What no knee does: signs of a wrong unit, sign or column in what was read, each in one sentence.
+"""Doubts about what was read, each a sentence: values that no knee has point to a wrong unit, sign or column.
 
-`impossible` is never imported; the rest only if the user insists.
+What is `impossible` is never imported; what has `doubts` only if the user insists.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from knee_contact_ros.tools.sensors.sensor_map import SensorMap
 from knee_contact_ros.tools.sensors.units import BODY_WEIGHT, FORCE, UNITS
 
 WIDEST = math.radians(180.0)
-"""[rad] from the straightest to the most bent: no knee moves so far"""
+"""Range of motion [rad] beyond that of any knee"""
 EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
-"""[rad] flexion of any knee"""
+"""Range of flexion angles of any knee [rad]"""
 JUMP = math.radians(30.0)
-"""[rad] from one row to the next: a lost contact, or an encoder that begins a new turn"""
+"""Step [rad] from one row to the next that points to a loose contact, or to a new turn of an encoder"""
 USUAL_WEIGHT = (LIGHTEST, 2500.0)
-"""[N] where the map does not tell"""
+"""Range of body weights [N] that is assumed where the map has none"""
 USUAL_PEAK = (1.5, 4.0)
-"""[BW] in which the right unit would put it"""
+"""Range of peak loads [BW] into which the right unit would bring a peak"""
 SLOWEST = 5.0
-"""[Hz] of rows"""
+"""Lowest plausible rate of rows [Hz]"""
 
 
 def impossible(angle: Series, load: Series | None) -> str:
-    """Why these can be no angle and no load at all; empty if they may be."""
+    """Say why these cannot be an angle and a load at all; empty if they can."""
     low, high = float(angle.values.min()), float(angle.values.max())
     if high - low > WIDEST or max(-low, high) > LARGEST_ANGLE:
         return (
@@ -52,11 +52,11 @@ def impossible(angle: Series, load: Series | None) -> str:
 
 
 def doubts(angle: Series, load: Series | None, sensors: SensorMap) -> list[str]:
-    """What is likely a mistake in the map."""
-    found = [_weight(sensors), _slow(angle), _still(angle), _outside(angle), _jumps(angle, sensors.max_gap)]
+    """List what is likely a mistake in the map."""
+    sentences = [_weight(sensors), _slow(angle), _still(angle), _outside(angle), _jumps(angle, sensors.max_gap)]
     if load is not None:
-        found += [_slow(load), _peak(load, sensors)]
-    return [sentence for sentence in found if sentence]
+        sentences += [_slow(load), _peak(load, sensors)]
+    return [sentence for sentence in sentences if sentence]
 
 
 def _weight(sensors: SensorMap) -> str:
@@ -94,7 +94,7 @@ def _outside(angle: Series) -> str:
 
 
 def _jumps(angle: Series, max_gap: float) -> str:
-    """Steps that no knee makes; behind a gap, which is told, a knee may be anywhere."""
+    """Doubt about steps that no knee makes; behind a gap, which is noted elsewhere, any angle is possible."""
     steps = np.where(np.diff(angle.seconds) <= max_gap, np.abs(np.diff(angle.values)), 0.0)
     worst = int(np.argmax(steps))
     if steps[worst] <= JUMP:
@@ -107,28 +107,27 @@ def _jumps(angle: Series, max_gap: float) -> str:
 
 
 def _peak(load: Series, sensors: SensorMap) -> str:
-    """A largest load that is not of the body's order."""
+    """Doubt about a peak load that is not of the order of the body weight."""
     peak, weight = float(load.values.max()), sensors.body_weight
-    least, most = (LEAST_PEAK * w for w in (weight, weight)) if weight else (LEAST_PEAK * w for w in USUAL_WEIGHT)
-    most *= MOST_PEAK / LEAST_PEAK
+    lightest, heaviest = (weight, weight) if weight else USUAL_WEIGHT
+    least, most = LEAST_PEAK * lightest, MOST_PEAK * heaviest
     if least <= peak <= most:
         return ""
-    told = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
+    measured = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
     usual = f"{least:.0f} to {most:.0f} N" if not weight else f"{LEAST_PEAK:g} to {MOST_PEAK:g}"
-    return (
-        f"{load.where} presses with {told} at most, and a knee that bears its body with {usual}{_meant(peak, sensors)}"
-    )
+    hint = _meant(peak, sensors)
+    return f"{load.where} presses with {measured} at most, and a knee that bears its body with {usual}{hint}"
 
 
 def _meant(peak: float, sensors: SensorMap) -> str:
-    """The unit that would put a peak where peaks are."""
+    """Hint at the unit in which a peak load [N] would be a usual one."""
     assert sensors.load is not None  # noqa: S101  (there is a peak)
     weight, given = sensors.body_weight, sensors.load.unit
-    told = f": is load.unit {given} right, and is it a load's column?"
+    question = f": is load.unit {given} right, and is it a load's column?"
     if weight is None or given == BODY_WEIGHT or given not in UNITS[FORCE]:
-        return told
+        return question
     for unit in ("lbf", "N", "kgf", "kN"):
         there = peak / UNITS[FORCE][given] * UNITS[FORCE][unit] / weight
         if unit != given and USUAL_PEAK[0] <= there <= USUAL_PEAK[1]:
             return f": is load.unit {given} right? In {unit} it would be {there:.2g} body weights"
-    return told
+    return question

@@ -1,4 +1,4 @@
-"""The work of `knee-contact import-csv`: files and a map → a gait bag, or one line that says what is wrong."""
+"""The work of `knee-contact import-csv`: make a gait bag from a laboratory's files and a map."""
 
 from __future__ import annotations
 
@@ -26,22 +26,24 @@ from knee_contact_ros.tools.sensors.sensor_map import SensorMap, read_map
 
 INSIST = "--anyway"
 BEYOND = NANOSECONDS
-"""[ns] before and behind the loads, of which angles are kept: as far as `pairing.angle_delay` reaches"""
+"""Time [ns] before and behind the loads within which angles are kept: as far as `pairing.angle_delay` reaches"""
 
 
 class Gait(NamedTuple):
-    """What goes into the bag."""
+    """Gait that is written into the bag."""
 
     angles: Angles
     reactions: Reactions
     notes: tuple[str, ...]
+    """What was converted or left out, as sentences"""
 
 
 def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite: bool, anyway: bool) -> None:
-    """Do what the command line asks for.
+    """Import files by a map into the bag `output`, and print a summary.
 
     Raises:
-        UsageError: file, map or output cannot be used, or what they hold is no knee's. Nothing is then written.
+        UsageError: a file, the map or the output cannot be used, or the values are not those of a knee: with `anyway`
+            only if that is impossible, and not just unlikely. Nothing is then written.
     """
     sensors = read_map(map_file)
     if sensors.load is None:
@@ -51,23 +53,23 @@ def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite
     fault = impossible(channels["angle"], channels["load"])
     if fault:
         raise UsageError(fault)
-    told = doubts(channels["angle"], channels["load"], sensors)
-    if told and not anyway:
-        raise UsageError(f"{told[0]} ({INSIST} imports it as it is)")
-    gait = made(channels, sensors)
-    origin = origin_record(files, sensors, channels, gait, told)
+    doubtful = doubts(channels["angle"], channels["load"], sensors)
+    if doubtful and not anyway:
+        raise UsageError(f"{doubtful[0]} ({INSIST} imports it as it is)")
+    gait = gait_of(channels, sensors)
+    origin = origin_record(files, sensors, channels, gait, doubtful)
     with work_folder(output.parent) as work:
         write_bag(sensors.side, gait.angles, gait.reactions, work / output.name, origin, sensors.angle.joint)
         replace(work / output.name, output)
     show(channels, gait, sensors, output)
-    warn(told)
+    warn(doubtful)
 
 
-def made(channels: dict[str, Series], sensors: SensorMap) -> Gait:
-    """Angles and reactions over the time that both have.
+def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
+    """Make angles and reactions over the time that angle and load have in common.
 
     Raises:
-        UsageError: there is none, or too little is left.
+        UsageError: there is no such time, or fewer than two samples are left.
     """
     angle, load = channels["angle"], channels["load"]
     notes = [note for series in channels.values() for note in series.notes]
@@ -85,9 +87,7 @@ def made(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     notes += gaps(angle, sensors.max_gap) + gaps(load, sensors.max_gap)
     if sensors.rate:
         angles, reactions = knee_gait.resample(angles, reactions, window, sensors.rate)
-        inside = bridged(angles.stamps, angle.stamps, sensors.max_gap) & bridged(
-            angles.stamps, load.stamps, sensors.max_gap
-        )
+        inside = np.all([bridged(angles.stamps, each.stamps, sensors.max_gap) for each in (angle, load)], axis=0)
         if np.count_nonzero(inside) < 2:
             raise UsageError(f"map: rate {sensors.rate:g}: fewer than two samples lie outside gaps (max_gap)")
         angles = Angles(angles.stamps[inside], angles.angle[inside], None)
@@ -104,7 +104,7 @@ def made(channels: dict[str, Series], sensors: SensorMap) -> Gait:
 
 
 def gaps(series: Series, longest: float) -> list[str]:
-    """A note on gaps [s] between rows that are longer than usual, if there are any."""
+    """Note on the gaps between rows that are longer than `longest` [s], if there are any."""
     steps = np.diff(series.stamps) / NANOSECONDS
     wide = steps > longest
     if not wide.any():
@@ -117,26 +117,26 @@ def gaps(series: Series, longest: float) -> list[str]:
 
 
 def bridged(stamps: Stamps, known: Stamps, longest: float) -> Bools:
-    """Which stamps lie between rows that are no more than `longest` [s] apart, or on one; truth values, shape (n,)."""
+    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; truth values, shape (n,)."""
     after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
     near: Bools = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(stamps, known)
     return near
 
 
 def origin_record(
-    files: Sequence[Path], sensors: SensorMap, channels: dict[str, Series], gait: Gait, told: Sequence[str]
+    files: Sequence[Path], sensors: SensorMap, channels: dict[str, Series], gait: Gait, doubtful: Sequence[str]
 ) -> dict[str, str]:
-    """What the metadata record says; nothing in it depends on where or when it is written."""
+    """Content of the bag's metadata record; nothing in it depends on where or when it is written."""
     record = {"package": f"knee_contact_ros {__version__}", "source": "CSV", "side": sensors.side}
     for number, path in enumerate(files, start=1):
         record |= {f"file {number}": path.name, f"file {number}_sha256": digest(path)}
     record |= {f"columns of {name}": series.columns for name, series in channels.items()}
     record |= {"map": json.dumps(sensors.model_dump(exclude_defaults=True)), "conversions": "\n".join(gait.notes)}
-    return record | ({"doubts": "\n".join(told)} if told else {}) | QUANTITIES
+    return record | ({"doubts": "\n".join(doubtful)} if doubtful else {}) | QUANTITIES
 
 
 def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path) -> None:
-    """Print what was read, its ranges, what was left out, and where the bag is."""
+    """Print the columns, the ranges of their values, what was left out, and where the bag is."""
     rows = Table(box=None, show_header=False, pad_edge=False)
     rows.add_column(no_wrap=True)
     rows.add_column(overflow="fold")
@@ -158,5 +158,5 @@ def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path)
 
 
 def span(stamps: Stamps) -> str:
-    """Rows, and from when to when."""
+    """Text with the number of rows and their first and last time."""
     return f"{len(stamps)} rows, {stamps[0] / NANOSECONDS:.3f} to {stamps[-1] / NANOSECONDS:.3f} s"

@@ -1,4 +1,4 @@
-"""The map of `import-csv` and `align`: which columns of a laboratory's files are what, in which units."""
+"""The map of `import-csv` and `align`: what the columns of a laboratory's files are, and their units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMPRESSION, TENSION = "compression", "tension"
 
 
 class TableFormat(Section):
-    """How the text files are written, where that cannot be seen."""
+    """Format of the text files, where it cannot be recognised."""
 
     header_line: int | None = Field(None, ge=1, description="line with the names; default: the first with content")
     first_line: int | None = Field(None, ge=2, description="line of the first row; default: the one after the names")
@@ -30,7 +30,7 @@ class TableFormat(Section):
 
 
 class TimeColumn(Section):
-    """When each row was taken."""
+    """Column with the time of each row."""
 
     column: str = Field("time", min_length=1)
     unit: str = "s"
@@ -38,7 +38,7 @@ class TimeColumn(Section):
 
 
 class Channel(Section):
-    """A column, or columns that add up, each times its weight; all in one file."""
+    """Column, or weighted sum of columns of a single file."""
 
     column: str | None = Field(None, min_length=1)
     columns: dict[str, float] | None = Field(None, min_length=1, description="names with weights")
@@ -56,19 +56,19 @@ class Channel(Section):
 
     @property
     def weights(self) -> dict[str, float]:
-        """Weights by column."""
+        """Weights by the names of the columns."""
         return self.columns if self.columns is not None else {str(self.column): 1.0}
 
 
 class AngleChannel(Channel):
-    """An angle of the knee."""
+    """Flexion angle of the knee."""
 
     sign: Annotated[float, OneOf(1.0, -1.0)] = Field(1.0, description="1 if it grows in flexion, or -1")
     joint: str = Field("knee", min_length=1, description="name in joint_states")
 
 
 class LoadChannel(Channel):
-    """What the femur presses onto the tibia with, along the tibia."""
+    """Axial load of the knee: the force that the femur exerts on the tibia, along the tibia."""
 
     direction: Annotated[str, OneOf(COMPRESSION, TENSION)] = Field(
         COMPRESSION, description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia"
@@ -76,7 +76,7 @@ class LoadChannel(Channel):
 
 
 class SensorMap(Section):
-    """All that a map may say."""
+    """Content of a map."""
 
     table: TableFormat = TableFormat()
     time: TimeColumn = TimeColumn()
@@ -96,10 +96,10 @@ class SensorMap(Section):
 
 
 def read_map(path: Path) -> SensorMap:
-    """Read a map.
+    """Read a map from a YAML file.
 
     Raises:
-        UsageError: it cannot be read, or says something that is not allowed.
+        UsageError: the file cannot be read, or has a name or value that is not allowed.
     """
     content = dict(read_mapping(path, "map", "names to values"))
     try:
@@ -109,17 +109,14 @@ def read_map(path: Path) -> SensorMap:
 
 
 def _meant(error: ValidationError) -> str:
-    """The name that an unknown one may be meant for."""
+    """Hint at the name that is close to an unknown one, or all the names; empty for other errors."""
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
     model: Any = SensorMap
     for part in first["loc"][:-1]:
         field = model.model_fields[part]
-        model = next(kind for kind in _kinds(field.annotation) if isinstance(kind, type) and issubclass(kind, Section))
+        kinds = getattr(field.annotation, "__args__", (field.annotation,))
+        model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Section))
     near = difflib.get_close_matches(str(first["loc"][-1]), model.model_fields, n=1, cutoff=0.5)
     return f"; did you mean {near[0]}?" if near else f"; known are {', '.join(model.model_fields)}"
-
-
-def _kinds(annotation: Any) -> tuple[Any, ...]:
-    return getattr(annotation, "__args__", (annotation,))

@@ -1,4 +1,4 @@
-"""Units that a file's columns may be in, and what makes SI of them."""
+"""Units of a file's columns, and their factors to SI units."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from knee_contact_ros.system.errors import UsageError
 POUND_FORCE, KILOPOND, INCH = 4.4482216152605, 9.80665, 0.0254
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
 BODY_WEIGHT = "BW"
-"""The force unit that needs the map's `body_weight`"""
+"""Unit of force that needs the map's `body_weight`"""
 UNITS: Mapping[str, Mapping[str, float]] = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     ANGLE: {"rad": 1.0, "deg": math.radians(1.0), "mrad": 1e-3, "rev": 2.0 * math.pi},
     FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": POUND_FORCE, "kgf": KILOPOND, BODY_WEIGHT: math.nan},
     MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": POUND_FORCE * INCH, "lbf*ft": 12.0 * POUND_FORCE * INCH},
 }
-"""Factors to s, rad, N and N m"""
+"""Factors of units to s, rad, N and N m, by quantity"""
 ALIASES = {
     "sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us",
     "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad",
@@ -27,10 +27,10 @@ ALIASES = {
 
 
 def factor(unit: str, kind: str, what: str, body_weight: float | None = None) -> float:
-    """What a number in a unit is multiplied by for SI; `kind` is the quantity wanted, `what` names it in errors.
+    """Factor of a unit to SI; `kind` is the quantity that it must be of, `what` names the value in messages.
 
     Raises:
-        UsageError: it is not known, is another quantity's, or is body weights where `body_weight` [N] is not known.
+        UsageError: the unit is not known or is of another quantity, or it is BW and there is no `body_weight` [N].
     """
     name = ALIASES.get(unit, unit)
     if name == BODY_WEIGHT and kind == FORCE:

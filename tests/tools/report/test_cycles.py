@@ -144,7 +144,7 @@ def test_blocks_make_no_difference(size: int) -> None:
     for name in ("ticks", "first_stamp", "last_stamp", "flagged", "levels", "evaluations", "largest_force"):
         assert getattr(again.totals, name) == getattr(once.totals, name)
     for errors in ("depth_errors", "force_errors"):
-        for name in ("largest", "median", "told"):
+        for name in ("largest", "median", "known"):
             assert getattr(getattr(again.totals, errors), name) == getattr(getattr(once.totals, errors), name)
     for name in ("bone_time", "apart_time", "time", "longest_apart"):  # rounding of sums in another order
         assert getattr(again.totals, name) == pytest.approx(getattr(once.totals, name), rel=1e-12)
@@ -158,9 +158,9 @@ def test_blocks_make_no_difference(size: int) -> None:
 def test_errors_that_are_no_number_bound_nothing() -> None:
     errors = Errors()
     errors.add(np.full(3, np.nan))
-    assert (errors.told, errors.largest, errors.median) == (False, math.inf, math.inf)
+    assert (errors.known, errors.largest, errors.median) == (False, math.inf, math.inf)
     errors.add(np.array([0.0, 1e-6, 3e-6, 2e-6]))
-    assert (errors.told, errors.largest) == (True, math.inf)
+    assert (errors.known, errors.largest) == (True, math.inf)
     assert errors.median == pytest.approx(3e-6, rel=0.03)  # the fourth of seven; bins of 2.3 %
 
 
