@@ -64,8 +64,8 @@ def noisy_femur(noise: float, points: int = 120, seed: int = 2) -> Profile:
 
 def curve(femur: Profile, points_per_segment: int = 400) -> np.ndarray:
     """Many points of a femoral profile and its last one, which its outline leaves out."""
-    last = femur.segments[-1]
-    end = [[np.polyval(axis[::-1], last.length) for axis in (last.x, last.y)]]
+    last = femur.curve.cubics[-1]
+    end = [[np.polyval(axis[::-1], last[0]) for axis in (last[2:6], last[6:])]]
     return np.concatenate([femur.outline(points_per_segment), end])
 
 
@@ -388,7 +388,7 @@ def test_odd_profiles_against_sampling(femur, tibia) -> None:
     different = np.unique(np.stack([x, y]), axis=1)
     brute = Sampled.profile(*different, reach=0.03, points=200001)
     for angle, height in itertools.product((-0.2, 0.0, 0.3), (0.032, 0.04)):
-        sampled = brute.depth(pair.femur, angle, 0.001, height, 40000 // len(pair.femur.segments))
+        sampled = brute.depth(pair.femur, angle, 0.001, height, 40000 // len(pair.femur.curve.cubics))
         depth = pair.closest(angle, 0.001, height).depth
         # On the zigzag's bumps (2e4/m) the nearest sample, 0.5 um aside, has a normal that is 1e-2 off: 5e-5 of 1 mm.
         assert sampled <= depth + 5e-8

@@ -180,17 +180,13 @@ class ArcDistance(NamedTuple):
 
     def sample(self, place: float) -> Sample:
         """See `Problem`; keeps the surface's normal."""
-        u = place
-        x0, x1, x2, x3 = self.arc.x
-        y0, y1, y2, y3 = self.arc.y
-        p_x, p_y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-        distance, n_x, n_y, curvature = self.tibia.foot(self.x + p_x, self.height + p_y)
-        x_slope, y_slope = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
-        x_bend, y_bend = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+        x, y = place_on(self.arc, place)
+        distance, n_x, n_y, curvature = self.tibia.foot(self.x + x, self.height + y)
+        (x_slope, y_slope), (x_bend, y_bend) = slope_on(self.arc, place), bend_on(self.arc, place)
         along, room = x_slope * n_y - y_slope * n_x, 1.0 - curvature * distance
         turning = curvature / room * along * along if room > 0.0 else 0.0
         slope, bend = x_slope * n_x + y_slope * n_y, x_bend * n_x + y_bend * n_y
-        return Sample(place=u, value=distance, slope=slope, bend=bend - turning, normal=(n_x, n_y))
+        return Sample(place=place, value=distance, slope=slope, bend=bend - turning, normal=(n_x, n_y))
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
         """See `Problem`."""

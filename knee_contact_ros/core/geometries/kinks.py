@@ -7,9 +7,8 @@ lowest points are parted by a place that bends the other way, it has leapt; bise
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.kernel_source import in_kernel
@@ -22,16 +21,6 @@ LEAP = 1e-6
 """Shorter leaps of the lowest point [m] are none"""
 FLAT = 1e-6
 """Curvature [1/m] that is none: a straight piece bends to either side by rounding"""
-
-
-class Segment(NamedTuple):
-    """Coefficients of one cubic segment, x(u) = x0 + u (x1 + u (x2 + u x3)), u from 0 to `length` [m]."""
-
-    length: float
-    x: tuple[float, float, float, float]
-    y: tuple[float, float, float, float]
-    start: float
-    """Of the segment on the whole curve, as a sum of chords [m]"""
 
 
 Lowest = Callable[[float], tuple[float, float, float, float]]
@@ -54,12 +43,12 @@ def next_kink(kinks: Floats, start: float, end: float) -> float:
     return math.nan
 
 
-def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]:
+def find_kinks(cubics: Floats, lowest: Lowest) -> tuple[float, ...]:
     """Angles in [0, 2π) [rad] at which the lowest point of a curve leaps."""
     edges = [math.tau * i / CELLS for i in range(CELLS + 1)]
     places = [lowest(angle)[3] for angle in edges]
     forwards = sum(math.copysign(1.0, b - a) for a, b in pairwise(places) if a != b) > 0.0
-    glides = _Glides(segments, forwards)
+    glides = _Glides(cubics.tolist(), forwards)
     found = []
     for (a, b), (from_place, to_place) in zip(pairwise(edges), pairwise(places), strict=True):
         found += _leaps(glides, lowest, (a, from_place), (b, to_place))
@@ -69,10 +58,13 @@ def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]
 class _Glides:
     """Tells whether the curve bends the same way from one place to another."""
 
-    def __init__(self, segments: Sequence[Segment], forwards: bool) -> None:
+    def __init__(self, cubics: list[list[float]], forwards: bool) -> None:
         self.forwards = forwards
-        self.length = segments[-1].start + segments[-1].length
-        self.bends = [(segment.start, segment.length, _bend(segment)) for segment in segments]
+        self.bends = [
+            (start, length, (2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)))
+            for length, start, _, x1, x2, x3, _, y1, y2, y3 in cubics
+        ]
+        """Start and length of every segment [m], and coefficients of p' x p'' along it: the highest terms cancel"""
 
     def possible(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
@@ -99,12 +91,6 @@ def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[flo
         return [middle] if math.hypot(bx - ax, by - ay) > LEAP else []
     between = (middle, lowest(middle)[3])
     return _leaps(glides, lowest, a, between) + _leaps(glides, lowest, between, b)
-
-
-def _bend(segment: Segment) -> tuple[float, float, float]:
-    """Coefficients of p' x p'' along a segment: a quadratic, for the cubic's highest terms cancel."""
-    (_, x1, x2, x3), (_, y1, y2, y3) = segment.x, segment.y
-    return 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)
 
 
 def _least(bend: tuple[float, float, float], begin: float, end: float, sign: float) -> float:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
-from knee_contact_ros.core.geometries.kinks import Segment, find_kinks, next_kink
+from knee_contact_ros.core.geometries.kinks import find_kinks, next_kink
 from knee_contact_ros.core.geometries.support_table import CELLS, support_table, tabulated
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
@@ -61,17 +61,11 @@ class Profile(_Profile):
         points = _usable(np.stack([np.asarray(x, float), np.asarray(y, float)]))
         cubics = _fitted(points)
         curve = Curve(cubics, *_candidates(cubics))
-        kinks = find_kinks(_segments(cubics), lambda angle: lowest_point(curve, angle))
+        kinks = find_kinks(cubics, lambda angle: lowest_point(curve, angle))
         directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
         table = support_table(cubics, curve.first, curve.candidates)
-        return super().__new__(
-            cls, curve, table, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics)
-        )
-
-    @property
-    def segments(self) -> tuple[Segment, ...]:
-        """The cubic segments in their order."""
-        return _segments(self.curve.cubics)
+        turn, reach = float(np.abs(np.diff(directions)).mean()), float(np.hypot(*_control_points(cubics)).max())
+        return super().__new__(cls, curve, table, np.array(kinks), turn, reach)
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
@@ -103,15 +97,14 @@ class Profile(_Profile):
         return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
-def _reach(cubics: Floats) -> float:
-    """Bound of the points' distance from the origin [m]: a cubic lies in the hull of its Bézier points."""
+def _control_points(cubics: Floats) -> Floats:
+    """Bézier points x and y [m] of every segment, which lies in their hull; shape (2, 4, segments)."""
     length, _, *coefficients = cubics.T
-    hull = [
-        np.stack([c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0,
-                  c0 + length * (c1 + length * (c2 + length * c3))])
+    return np.array([
+        [c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0,
+         c0 + length * (c1 + length * (c2 + length * c3))]
         for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
-    ]  # fmt: skip
-    return float(np.hypot(*hull).max())
+    ])  # fmt: skip
 
 
 @never_inlined
@@ -187,14 +180,6 @@ def _fitted(points: Floats) -> Floats:
     return np.ascontiguousarray(rows)
 
 
-def _segments(cubics: Floats) -> tuple[Segment, ...]:
-    """The rows of `Curve.cubics` one by one."""
-    return tuple(
-        Segment(length, (x0, x1, x2, x3), (y0, y1, y2, y3), start)
-        for length, start, x0, x1, x2, x3, y0, y1, y2, y3 in cubics.tolist()
-    )
-
-
 def _candidates(cubics: Floats) -> tuple[Integers, Integers]:
     """`Curve.first` and `Curve.candidates`: per cell of angle, the segments that may hold the lowest point in it.
 
@@ -227,11 +212,6 @@ def _depths(cubics: Floats, angles: Floats) -> Floats:
 
 def _bounding_circles(cubics: Floats) -> tuple[Floats, Floats]:
     """Centre (segments, 2) and radius (segments,) [m] of a circle around each segment's Bezier control points."""
-    controls = []
-    for segment in _segments(cubics):
-        u = segment.length
-        for c0, c1, c2, c3 in (segment.x, segment.y):
-            controls.append([c0, c0 + u * c1 / 3, c0 + u * (2 * c1 + u * c2) / 3, c0 + u * (c1 + u * (c2 + u * c3))])
-    points = np.array(controls).reshape(len(cubics), 2, 4)
+    points = np.ascontiguousarray(np.moveaxis(_control_points(cubics), 2, 0))
     centres = points.mean(axis=2)
     return centres, np.asarray(np.hypot(*np.moveaxis(points - centres[:, :, None], 1, 0)).max(axis=1))
