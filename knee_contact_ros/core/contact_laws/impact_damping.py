@@ -40,7 +40,7 @@ class ImpactDamped(NamedTuple):
         return True
 
 
-def impact_damped(*, stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
+def impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
     """A law F = K δⁿ (1 + D δ̇/v₀), compression > 0.
 
     Args:

@@ -73,15 +73,7 @@ class ParallelMechanism:
         self._poses = tuple(poses.values())
         anterior = np.array([_anterior(knee, angle, pose) for angle, pose in poses.items()])
         self.table = Table(self._angles, anterior - _anterior(knee, 0.0, extension))
-        """The translation as a `Mechanism`"""
-
-    def translation(self, angle: float) -> tuple[float, float]:
-        """Return x [m], anterior positive and 0 at full extension, and dx/dangle [m/rad] at a flexion angle [rad]."""
-        return self.table.translation(angle)
-
-    def largest_slope(self) -> float:
-        """See `Mechanism`."""
-        return self.table.largest_slope()
+        """The translation as a `Mechanism`; x is 0 at full extension"""
 
     def pose(self, angle: float) -> Pose:
         """Solve for the whole pose of the femur at a flexion angle [rad] inside the range, to the last digit.
