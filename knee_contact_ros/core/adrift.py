@@ -196,9 +196,9 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
     elif drive.load > 0.0:
         energy = begun = min(energy + drive.load * height, LARGEST_ENERGY)
     impact = max(adrift.impact, math.sqrt(2.0 / drive.mass) * root)
-    return Adrift(
-        stage=adrift.stage, energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed,
-        least=least, begun=begun, impact=impact,
+    return adrift._replace(
+        energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed, least=least,
+        begun=begun, impact=impact,
     ), evaluations + looks  # fmt: skip
 
 
@@ -287,10 +287,7 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
 def with_window(adrift: Adrift, energy: float) -> Adrift:
     """Bounds with another energy [J], from now on."""
     height = min(adrift.height, max(energy, 0.0) / adrift.load)
-    return Adrift(
-        stage=adrift.stage, energy=energy, height=height, load=adrift.load, rest=adrift.rest, stored=adrift.stored,
-        pressed=0.0, least=adrift.load, begun=energy, impact=adrift.impact,
-    )  # fmt: skip
+    return adrift._replace(energy=energy, height=height, pressed=0.0, least=adrift.load, begun=energy)
 
 
 @never_inlined

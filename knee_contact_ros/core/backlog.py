@@ -32,7 +32,7 @@ from knee_contact_ros.core.adrift import (
     pushed,
     range_of,
 )
-from knee_contact_ros.core.error_estimate import EXACT, CarriedError, holding, reach
+from knee_contact_ros.core.error_estimate import EXACT, holding, reach
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
@@ -88,9 +88,9 @@ def work_off(
         durations[0] = interval.duration - result.reached
         adrift, looks = start.adrift, 0
         if adrift.stage != NONE and result.reached > 0.0:
-            drive = drive_of(scene, first_part(interval, result.reached), start)
+            drive = drive_of(scene, interval._replace(duration=result.reached), start)
             adrift, looks = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
-        result = gone_on(result, result.run_state, looks)
+        result = result._replace(evaluations=result.evaluations + looks)
         return behind(scene, backlog, result, adrift, count > MOST or not moved), False
     result = watched(scene, interval, start, result)
     backlog["angle"], backlog["load"] = angles[0], loads[0]
@@ -102,7 +102,7 @@ def work_off(
     if scene.budget > 0 and result.evaluations >= scene.budget - RESERVE:
         return behind(scene, backlog, result, result.run_state.adrift, count - 1 > MOST), False
     run_state, evaluations = looked_after(scene, interval_of(scene, backlog, 0), result.run_state)
-    return gone_on(result, run_state, evaluations), True
+    return result._replace(run_state=run_state, evaluations=result.evaluations + evaluations), True
 
 
 @in_kernel
@@ -120,16 +120,6 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
 
 
 @in_kernel
-def first_part(interval: Interval, duration: float) -> Interval:
-    """An interval's first `duration` [s]."""
-    return Interval(
-        pair=interval.pair, mechanism=interval.mechanism, duration=duration, angle=interval.angle,
-        angle_rate=interval.angle_rate, start_load=interval.start_load, load_rate=interval.load_rate,
-        end_height=float("nan"),
-    )  # fmt: skip
-
-
-@in_kernel
 def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[RunState, int]:
     """The progress that an interval begins with: bounded where the exact solution is lost from here on, or may be soon.
 
@@ -141,7 +131,7 @@ def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[Run
     adrift, evaluations = start.adrift, 0
     if adrift.stage == NONE:
         adrift, evaluations = bounds_of(scene, interval, start)
-    return with_bounds(start, at_stage(adrift, stage)), evaluations
+    return start._replace(adrift=adrift._replace(stage=stage)), evaluations
 
 
 @in_kernel
@@ -167,7 +157,7 @@ def watched(scene: Scene, interval: Interval, start: RunState, result: TickResul
         evaluations += looks
     if adrift.stage == WATCHED:
         if depth > 0.0 and not counts(scene, run_state):
-            return gone_on(result, with_bounds(run_state, FOUND), evaluations - result.evaluations)
+            return result._replace(run_state=run_state._replace(adrift=FOUND), evaluations=evaluations)
         impact = fastest_impact(run_state)
         near, looks = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
         evaluations += looks
@@ -189,15 +179,15 @@ def within(
     if run_state.stiffness > 0.0:
         held = holding(run_state.stiffness, run_state.damping, scene.mass)
     if adrift.stage == LOST and limits.least > 0.0 and estimate < result.depth:
-        adrift, run_state = at_stage(adrift, WATCHED), with_error(run_state, error, adrift.impact)
+        adrift = adrift._replace(stage=WATCHED)
+        run_state = run_state._replace(error=error, impact_error=max(run_state.impact_error, adrift.impact))
     elif adrift.stage == WATCHED:
         if limits.least > 0.0 and reach(error, held) < reach(run_state.error, held):
-            run_state = with_error(run_state, error, 0.0)
+            run_state = run_state._replace(error=error)
         estimate, force_error = min(estimate, result.error_estimate), min(force_error, result.force_error_estimate)
-    return TickResult(
-        run_state=with_bounds(run_state, adrift), depth=result.depth, rate=result.rate, force=result.force,
-        error_estimate=estimate, force_error_estimate=force_error, evaluations=evaluations, reached=result.reached,
-        converged=True, height=result.height, fidelity=result.fidelity,
+    return result._replace(
+        run_state=run_state._replace(adrift=adrift), error_estimate=estimate, force_error_estimate=force_error,
+        evaluations=evaluations,
     )  # fmt: skip
 
 
@@ -254,7 +244,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     if adrift.stage == NONE:
         adrift, looks = bounds_of(scene, interval, run_state)
         evaluations += looks
-    drive = drive_of(scene, interval, with_bounds(run_state, adrift))
+    drive = drive_of(scene, interval, run_state._replace(adrift=adrift))
     _, _, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
     for i in range(1, int(backlog["count"])):
         following = interval_of(scene, backlog, i)
@@ -267,7 +257,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     if scene.budget > 0:  # What bounds before this have taken is not there for the answer, which needs far less.
         room = max(1, min(ANSWER, scene.budget - evaluations - (RESERVE - ANSWER)))
     static = static_contact(law, touch, load, run_state.state.height, near, 0.0, room)
-    adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
+    adrift, looks = pushed(law, adrift._replace(stage=LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
     evaluations += looks
@@ -279,7 +269,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
             damping=cosine * cosine * static.damping, excess=0.0, sinking=0.0, depth=static.depth, adrift=adrift,
         )  # fmt: skip
     else:
-        run_state = with_bounds(run_state, known)
+        run_state = run_state._replace(adrift=known)
     return TickResult(
         run_state=run_state, depth=static.depth, rate=0.0, force=static.force,
         error_estimate=max(limits.most - static.depth, static.depth - limits.least),
@@ -293,41 +283,10 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
 def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
     """A drive that goes on for a `duration` [s], up to a load [N] along the normal, after a kick [m/s]."""
     change = load - drive.load
-    return Drive(
-        mass=drive.mass, load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
+    return drive._replace(
+        load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
         least=min(drive.least, load), largest=max(drive.largest, load), kick=drive.kick + kick,
         duration=drive.duration + duration,
-    )  # fmt: skip
-
-
-@in_kernel
-def at_stage(adrift: Adrift, stage: float) -> Adrift:
-    """Bounds at another stage."""
-    return Adrift(
-        stage=stage, energy=adrift.energy, height=adrift.height, load=adrift.load, rest=adrift.rest,
-        stored=adrift.stored, pressed=adrift.pressed, least=adrift.least, begun=adrift.begun, impact=adrift.impact,
-    )  # fmt: skip
-
-
-@in_kernel
-def with_bounds(run_state: RunState, adrift: Adrift) -> RunState:
-    """A progress with other bounds of the exact solution."""
-    return RunState(
-        state=run_state.state, error=run_state.error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
-        impact_error=run_state.impact_error, fidelity=run_state.fidelity, stiffness=run_state.stiffness,
-        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
-        adrift=adrift,
-    )  # fmt: skip
-
-
-@in_kernel
-def with_error(run_state: RunState, error: CarriedError, impact: float) -> RunState:
-    """A progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
-    return RunState(
-        state=run_state.state, error=error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
-        impact_error=max(run_state.impact_error, impact), fidelity=run_state.fidelity, stiffness=run_state.stiffness,
-        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
-        adrift=run_state.adrift,
     )  # fmt: skip
 
 
@@ -335,14 +294,3 @@ def with_error(run_state: RunState, error: CarriedError, impact: float) -> RunSt
 def fastest_impact(run_state: RunState) -> float:
     """Largest rate [m/s] at which the contact may have begun; 0 while apart."""
     return 0.0 if math.isnan(run_state.impact_speed) else abs(run_state.impact_speed) + run_state.impact_error
-
-
-@in_kernel
-def gone_on(result: TickResult, run_state: RunState, evaluations: int) -> TickResult:
-    """An answer with another progress, and more evaluations."""
-    return TickResult(
-        run_state=run_state, depth=result.depth, rate=result.rate, force=result.force,
-        error_estimate=result.error_estimate, force_error_estimate=result.force_error_estimate,
-        evaluations=result.evaluations + evaluations, reached=result.reached, converged=result.converged,
-        height=result.height, fidelity=result.fidelity,
-    )  # fmt: skip

@@ -179,7 +179,7 @@ def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedEr
     """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time."""
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
-    return CarriedError(height=error.height, velocity=error.velocity, hh=h * h, hv=error.hv, vv=v * v)
+    return error._replace(hh=h * h, vv=v * v)
 
 
 @in_kernel
@@ -197,14 +197,14 @@ def with_bound_aside(error: CarriedError, height: float, velocity: float) -> Car
         follows = hv * hv / vv if vv > 0.0 else 0.0
         own = math.sqrt(max(hh - follows, 0.0)) + height / SPREAD
         hh = min(follows, hh) + own * own
-    return CarriedError(height=error.height, velocity=error.velocity, hh=hh, hv=hv, vv=vv)
+    return error._replace(hh=hh, vv=vv)
 
 
 @in_kernel
 def with_doubt(error: CarriedError, velocity: float) -> CarriedError:
     """The error where the velocity [m/s] may differ by so much more, in another direction each time."""
     v = velocity / SPREAD
-    return CarriedError(height=error.height, velocity=error.velocity, hh=error.hh, hv=error.hv, vv=error.vv + v * v)
+    return error._replace(vv=error.vv + v * v)
 
 
 @in_kernel

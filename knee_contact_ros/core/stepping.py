@@ -109,10 +109,10 @@ def controlled_step(
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
         if ratio <= 1.0:
             try_step = h * factor if h < remaining else max(stepper.try_step, h * factor)
-            return trying(stepper, try_step), step, h
+            return stepper._replace(try_step=try_step), step, h
         h *= max(0.1, factor)
         if not until + h > until:
-            return giving_up(stepper), step, h
+            return stepper._replace(given_up=True), step, h
 
 
 @never_inlined
@@ -124,7 +124,7 @@ def attempt(
     if mode.layer >= 0 and not mode.pressing:
         least = WATCHED + (MAX_PEAK if has_deeper(scene.modes, mode) else 0)
     if stepper.evaluations + least >= stepper.most or stepper.events >= MAX_EVENTS:
-        return giving_up(stepper), no_step(stepper.state)
+        return stepper._replace(given_up=True), no_step(stepper.state)
     motion = motion_in(scene, interval, stepper, mode, known)
     if not mode.pressing:
         step = free_flight_step(motion, stepper.s, stepper.state, h)
@@ -137,7 +137,7 @@ def attempt(
         order, reduced = orders(interval, h)
         most = stepper.most - stepper.evaluations - 3 * STAGES
         step = doubled_step(motion, order, reduced, stepper.s, stepper.state, h, NEWTON_SHARE * scene.tolerance, most)
-    return spending(stepper, step.evaluations, False), step
+    return stepper._replace(evaluations=stepper.evaluations + step.evaluations), step
 
 
 @in_kernel
@@ -154,12 +154,13 @@ def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: S
     """Estimated error of a step over what it may be: all steps that still count share the tolerance."""
     if not step.solved:
         return math.inf
+    load, mass = load_at(interval, stepper.s), scene.mass
     ratio = local_ratio(
-        scene, load_at(interval, stepper.s), step.state, step.error, step.begin.force, step.end.force, step.stiffness,
-        step.damping, step.leapt, h, stepper.impact_speed > 0.0,
+        scene, load, step.state, step.error, step.begin.force, step.end.force, step.stiffness, step.damping, step.leapt,
+        h, stepper.impact_speed > 0.0,
     )  # fmt: skip
-    lost = StateError(creep_lost_in(scene, interval, stepper, step, h), lost_in(scene, interval, stepper, step, h))
-    ratio += depth_error(lost, step.stiffness, step.damping, scene.mass) / (
+    lost = StateError(lost_creep(step, load, mass, h), lost_swing(step, load, interval.load_rate, mass, h))
+    ratio += depth_error(lost, step.stiffness, step.damping, mass) / (
         LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
     )
     return ratio if ratio < math.inf else math.inf
@@ -209,18 +210,6 @@ def wanted(scene: Scene, stiffness: float, damping: float) -> float:
     # A creeping contact turns a depth into a rate by k/c, one that swings by the root of k/m.
     slope = stiffness + damping * stiffness / (scene.mass * holding(stiffness, damping, scene.mass))
     return min(scene.tolerance, scene.force_tolerance / max(slope, TINY))
-
-
-@in_kernel
-def lost_in(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
-    """Speed [m/s] of the oscillation that a step has lost."""
-    return lost_swing(step, load_at(interval, stepper.s), interval.load_rate, scene.mass, h)
-
-
-@in_kernel
-def creep_lost_in(scene: Scene, interval: Interval, stepper: StepperState, step: Step, h: float) -> float:
-    """Way [m] of a transient that a step has not resolved."""
-    return lost_creep(step, load_at(interval, stepper.s), scene.mass, h)
 
 
 @in_kernel
@@ -277,31 +266,3 @@ def doubtful_push(scene: Scene, stepper: StepperState, mode: ContactMode, step: 
         impact_doubt(scene, stepper, mode, end.depth, end.rate, end.force),
     )
     return doubt / max(mass * answered, TINY)
-
-
-@in_kernel
-def spending(stepper: StepperState, evaluations: int, given_up: bool) -> StepperState:
-    """A tick with more evaluations spent."""
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step,
-        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations + evaluations, events=stepper.events, given_up=stepper.given_up or given_up,
-        most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
-
-
-@in_kernel
-def giving_up(stepper: StepperState) -> StepperState:
-    """A tick that is given up."""
-    return spending(stepper, 0, True)
-
-
-@in_kernel
-def trying(stepper: StepperState, try_step: float) -> StepperState:
-    """A tick with another duration [s] to try."""
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=stepper.error, try_step=try_step,
-        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
-    )  # fmt: skip

@@ -140,12 +140,7 @@ def start(scene: Scene, angle: float, load: float, height: float) -> TickResult:
 def following_surface(interval: Interval, run_state: RunState) -> RunState:
     """The progress behind the static start: the femur follows its turning surface."""
     _, rate, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
-    return RunState(
-        state=FemurState(run_state.state.height, rate / cosine), error=run_state.error, try_step=run_state.try_step,
-        impact_speed=run_state.impact_speed, impact_error=run_state.impact_error, fidelity=run_state.fidelity,
-        stiffness=run_state.stiffness, damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking,
-        depth=run_state.depth, adrift=run_state.adrift,
-    )  # fmt: skip
+    return run_state._replace(state=FemurState(run_state.state.height, rate / cosine))
 
 
 @in_kernel

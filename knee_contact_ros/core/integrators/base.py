@@ -143,15 +143,6 @@ def acceleration_of(motion: Motion, force: float) -> float:
 
 
 @in_kernel
-def knowing(motion: Motion, boundary: int) -> Motion:
-    """A motion that ends on a boundary."""
-    return Motion(
-        interval=motion.interval, modes=motion.modes, mode=motion.mode, impact_speed=motion.impact_speed,
-        mass=motion.mass, known=boundary,
-    )  # fmt: skip
-
-
-@in_kernel
 def leap(before: float, after: float, angle_rate: float, duration: float) -> float:
     """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within a `duration` [s]; 0 if none.
 
@@ -175,7 +166,4 @@ def staying(state: FemurState, contact: Stage) -> Step:
 def no_step(state: FemurState) -> Step:
     """In place of a step that is not to be taken any more."""
     nothing = Stage(depth=0.0, rate=0.0, force=0.0, stiffness=0.0, surface_rate=0.0)
-    return Step(
-        state=state, error=NO_ERROR, begin=nothing, end=nothing, crossing=INSIDE, stiffness=0.0, damping=0.0,
-        cosine=1.0, leapt=0.0, evaluations=0, solved=False,
-    )  # fmt: skip
+    return staying(state, nothing)._replace(solved=False)

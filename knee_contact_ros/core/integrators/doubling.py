@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from knee_contact_ros.core.contact_modes import NOWHERE
-from knee_contact_ros.core.integrators.base import Crossing, FemurState, Motion, StateError, Step, knowing
+from knee_contact_ros.core.integrators.base import Crossing, FemurState, Motion, StateError, Step
 from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
 from knee_contact_ros.core.kernel_source import never_inlined
 
@@ -28,7 +28,7 @@ def doubled_step(
     `most` evaluations, or one for every stage that is left then.
     """
     whole = esdirk4_step(motion, s, state, h, resolution, most)
-    first = esdirk4_step(knowing(motion, NOWHERE), s, state, 0.5 * h, resolution, most - whole.evaluations)
+    first = esdirk4_step(motion._replace(known=NOWHERE), s, state, 0.5 * h, resolution, most - whole.evaluations)
     left = most - whole.evaluations - first.evaluations
     second = esdirk4_step(motion, s + 0.5 * h, first.state, 0.5 * h, resolution, left)
     # A contact without mass is solved in this way only where it is stiff.

@@ -89,10 +89,7 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     drift = (left_out.end_rest - left_out.begin_rest) / h
     lag = left_out.damping / spring * drift
     behind = lagging(error.velocity, left_out, mass, h)
-    away = CarriedError(
-        height=error.height - behind - left_out.begin_rest + lag, velocity=error.velocity - drift, hh=error.hh,
-        hv=error.hv, vv=error.vv,
-    )  # fmt: skip
+    away = error._replace(height=error.height - behind - left_out.begin_rest + lag, velocity=error.velocity - drift)
     held = holding(spring, left_out.damping, mass)
     swing = abs(away.velocity) / held
     away = out_of_step(away, left_out, spring, mass, h)
@@ -101,10 +98,7 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
         moved = either(moved, propagated(away, left_out.end_stiffness, left_out.end_damping, mass, h))
     still_swings = math.sqrt(moved.height * moved.height + moved.velocity * moved.velocity / (held * held))
     doubted = SPREAD * math.sqrt(max(moved.hh + moved.vv / (held * held), 0.0))
-    moved = CarriedError(
-        height=moved.height + left_out.end_rest - lag, velocity=moved.velocity + drift, hh=moved.hh, hv=moved.hv,
-        vv=moved.vv,
-    )  # fmt: skip
+    moved = moved._replace(height=moved.height + left_out.end_rest - lag, velocity=moved.velocity + drift)
     unknown = max(ROUGH * still_swings - doubted, 0.0) + unknown_way(error, moved, left_out)
     if swing > left_out.depth:  # It comes apart meanwhile, and lands as it may.
         unknown += swing
@@ -141,9 +135,7 @@ def out_of_step(away: CarriedError, left_out: LeftOut, spring: float, mass: floa
         return away
     square = away.height * away.height + away.velocity * away.velocity / (frequency * frequency)
     added = ANY_PHASE * ANY_PHASE * square / (SPREAD * SPREAD)
-    return CarriedError(
-        height=0.0, velocity=0.0, hh=away.hh + added, hv=away.hv, vv=away.vv + added * frequency * frequency
-    )
+    return away._replace(height=0.0, velocity=0.0, hh=away.hh + added, vv=away.vv + added * frequency * frequency)
 
 
 @in_kernel
@@ -156,12 +148,8 @@ def pulled_back(error: CarriedError, left_out: LeftOut, spring: float) -> bool:
 @in_kernel
 def carried_off(left_out: LeftOut) -> LeftOut:
     """A tick in which the surface goes away faster than the load presses the femur after it, seen from the surface."""
-    return LeftOut(
-        stiffness=left_out.stiffness, damping=left_out.damping, end_stiffness=left_out.end_stiffness,
-        end_damping=left_out.end_damping, begin_rest=left_out.begin_rest, end_rest=left_out.end_rest, way=0.0, gain=0.0,
-        inertia=0.0, begin_load=left_out.begin_load + left_out.inertia, end_load=left_out.end_load + left_out.inertia,
-        depth=left_out.depth,
-    )  # fmt: skip
+    begin, end = left_out.begin_load + left_out.inertia, left_out.end_load + left_out.inertia
+    return left_out._replace(way=0.0, gain=0.0, inertia=0.0, begin_load=begin, end_load=end)
 
 
 @in_kernel
@@ -184,8 +172,7 @@ def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Carrie
         unknown_way, height = unknown_way + height, 0.0
         if velocity > 0.0:
             unknown_gain, velocity = unknown_gain + 0.5 * velocity, -0.5 * velocity
-    flown = CarriedError(height=height, velocity=velocity, hh=flown.hh, hv=flown.hv, vv=flown.vv)
-    return with_bound(flown, unknown_way, unknown_gain)
+    return with_bound(flown._replace(height=height, velocity=velocity), unknown_way, unknown_gain)
 
 
 @in_kernel

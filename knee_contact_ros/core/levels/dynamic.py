@@ -32,6 +32,8 @@ from knee_contact_ros.core.error_estimate import (
     curved,
     force_reach,
     holding,
+    lost_creep,
+    lost_swing,
     reach,
     saltation,
     spectral_radius,
@@ -56,13 +58,10 @@ from knee_contact_ros.core.stepping import (
     Landing,
     StepperState,
     controlled_step,
-    creep_lost_in,
     doubtful_push,
     impact_doubt,
     looks_for_doubt,
-    lost_in,
     motion_in,
-    spending,
 )
 
 RELEASED = 0.05
@@ -116,12 +115,9 @@ def begin_stretch(
     if math.isnan(impact_speed) and depth_ahead(depth, rate) >= 0.0:
         impact_speed, impact_error = rate, velocity_reach(stepper.error)
     entry = enter(scene.modes, depth, rate, load_at(interval, s), impact_speed)
-    evaluations = stepper.evaluations + (1 if entry.mode.layer >= 0 else 0)
-    stepper = StepperState(
-        s=s, state=state, error=stepper.error, try_step=stepper.try_step,
-        spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed, impact_error=impact_error,
-        evaluations=evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
+    stepper = stepper._replace(
+        s=s, state=state, spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed,
+        impact_error=impact_error, evaluations=stepper.evaluations + (1 if entry.mode.layer >= 0 else 0),
     )  # fmt: skip
     return stepper, entry.mode
 
@@ -156,6 +152,7 @@ def accepted(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, h: float, until: float
 ) -> StepperState:
     """Go to the end of a step."""
+    evaluations = stepper.evaluations
     if mode.pressing:
         square = step.cosine * step.cosine
         begin, end = square * step.begin.stiffness, square * step.end.stiffness
@@ -164,20 +161,18 @@ def accepted(
         error = with_step(error, step.error, unknown, holding(step.stiffness, step.damping, scene.mass))
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
         stepper = touching_anew(scene, stepper, step)
-        unsigned = LOST * lost_in(scene, interval, stepper, step, h) + doubtful_push(scene, stepper, mode, step, h)
-        crept = creep_lost_in(scene, interval, stepper, step, h)
+        load = load_at(interval, stepper.s)
+        swung = lost_swing(step, load, interval.load_rate, scene.mass, h)
+        unsigned = LOST * swung + doubtful_push(scene, stepper, mode, step, h)
+        crept = lost_creep(step, load, scene.mass, h)
         error = with_bound(error, crept, unsigned) if crept + unsigned > 0.0 else error
         swift = spectral_radius(step.stiffness, step.damping, scene.mass)
         if h > 0.0:
-            stepper = spending(stepper, 2 * looks_for_doubt(scene, stepper), False)
+            evaluations += 2 * looks_for_doubt(scene, stepper)
     else:
         error, swift = with_bound_aside(carry_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
-    return StepperState(
-        s=until if h == until - stepper.s else stepper.s + h, state=step.state, error=error, try_step=stepper.try_step,
-        spectral_radius=swift, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
-    )  # fmt: skip
+    s = until if h == until - stepper.s else stepper.s + h
+    return stepper._replace(s=s, state=step.state, error=error, spectral_radius=swift, evaluations=evaluations)
 
 
 @in_kernel
@@ -189,12 +184,7 @@ def touching_anew(scene: Scene, stepper: StepperState, step: Step) -> StepperSta
     if not begin.rate < 0.0 < end.rate or min(begin.depth, end.depth) > reach(stepper.error, math.inf):
         return stepper
     speed = abs(stepper.impact_speed) + max(-begin.rate, end.rate) + velocity_reach(stepper.error)
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step,
-        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed,
-        impact_error=max(stepper.impact_error, speed), evaluations=stepper.evaluations, events=stepper.events,
-        given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
+    return stepper._replace(impact_error=max(stepper.impact_error, speed))
 
 
 @never_inlined
@@ -224,12 +214,10 @@ def behind_boundary(
     error = saltation(stepper.error, end.rate, jump, off, scene.mass, interval.duration)
     if following.layer < 0:
         error = with_doubt(error, RELEASED * velocity_reach(error))
-    stepper = StepperState(
-        s=stepper.s, state=stepper.state, error=bounded(error), try_step=stepper.try_step,
-        spectral_radius=swiftness_in(scene, entry, cosine),
+    stepper = stepper._replace(
+        error=bounded(error), spectral_radius=swiftness_in(scene, entry, cosine),
         impact_speed=math.nan if following.layer < 0 else impact_speed, impact_error=impact_error,
-        evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, given_up=stepper.given_up,
-        most=stepper.most, landing=landing,
+        evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, landing=landing,
     )  # fmt: skip
     return stepper, following
 
@@ -303,11 +291,9 @@ def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> Ti
     # At its very beginning the surface has not kicked the femur yet: the bounds of what it does count that once.
     sinking = rate / cosine if stepper.s > 0.0 else start.sinking
     return TickResult(
-        run_state=RunState(
+        run_state=start._replace(
             state=stepper.state, error=bounded(stepper.error), try_step=stepper.try_step,
-            impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, fidelity=start.fidelity,
-            stiffness=start.stiffness, damping=start.damping, excess=start.excess, sinking=sinking, depth=depth,
-            adrift=start.adrift,
+            impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, sinking=sinking, depth=depth,
         ),
         depth=depth, rate=rate, force=0.0, error_estimate=math.inf, force_error_estimate=math.inf,
         evaluations=stepper.evaluations, reached=stepper.s, converged=False, height=stepper.state.height,

@@ -13,7 +13,6 @@ from knee_contact_ros.core.contact_modes import ABOVE, BELOW, NOWHERE, ContactMo
 from knee_contact_ros.core.error_estimate import (
     EXACT,
     TINY,
-    CarriedError,
     bounded,
     force_reach,
     holding,
@@ -37,7 +36,6 @@ from knee_contact_ros.core.stepping import (
     NO_LANDING,
     StepperState,
     attempt,
-    giving_up,
     impact_doubt,
     looks_for_doubt,
     motion_in,
@@ -77,19 +75,14 @@ def first_order_tick(scene: Scene, interval: Interval, start: RunState, spent: i
             stepper, mode = step_on(massless, part, stepper, mode, until)
         begin = following
     if stepper.given_up or not abs(stepper.state.height) < math.inf:
-        return unresolved(interval, not_begun(stepper, start), start)
+        return unresolved(interval, stepper._replace(s=0.0, state=start.state, error=start.error), start)
     return first_order_result(scene, interval, start, stepper, mode, first)
 
 
 @in_kernel
 def without_mass(scene: Scene) -> Scene:
     """A scene with a mass of 0, where the contact always exerts what the load asks for."""
-    modes = ContactModes(scene.modes.law, True)
-    return Scene(
-        pair=scene.pair, mechanism=scene.mechanism, modes=modes, mass=0.0, tolerance=scene.tolerance,
-        force_tolerance=scene.force_tolerance, budget=scene.budget, level=scene.level,
-        plausible_depth=scene.plausible_depth,
-    )  # fmt: skip
+    return scene._replace(modes=ContactModes(scene.modes.law, True), mass=0.0)
 
 
 @in_kernel
@@ -105,10 +98,7 @@ def pressed(interval: Interval, begin: float, until: float) -> Interval:
     """The interval with no load where the load would pull; `begin` and `until` [s] are on the same side of that."""
     if load_at(interval, 0.5 * (begin + until)) >= 0.0:
         return interval
-    return Interval(
-        pair=interval.pair, mechanism=interval.mechanism, duration=interval.duration, angle=interval.angle,
-        angle_rate=interval.angle_rate, start_load=0.0, load_rate=0.0, end_height=interval.end_height,
-    )  # fmt: skip
+    return interval._replace(start_load=0.0, load_rate=0.0)
 
 
 @in_kernel
@@ -119,7 +109,7 @@ def begin_part(scene: Scene, part: Interval, stepper: StepperState, s: float) ->
     depth, _, _ = touch.touch(height)
     if depth < 0.0:
         height = height_at(touch, 0.0, height)
-    stepper = at_height(stepper, s, FemurState(height, stepper.state.velocity), 0)
+    stepper = stepper._replace(s=s, state=FemurState(height, stepper.state.velocity))
     return settle_in_layer(scene, part, stepper, max(0, layer_at(scene.modes.law, max(0.0, depth))))
 
 
@@ -139,17 +129,7 @@ def on_surface(part: Interval, stepper: StepperState, s: float) -> StepperState:
     touch = touch_at(part, s)
     height = height_at(touch, 0.0, stepper.state.height)
     _, surface_rate, cosine = touch.touch(height)
-    return at_height(jumped(stepper, left), s, FemurState(height, surface_rate / cosine), 0)
-
-
-@in_kernel
-def not_begun(stepper: StepperState, start: RunState) -> StepperState:
-    """A tick back at its beginning."""
-    return StepperState(
-        s=0.0, state=start.state, error=start.error, try_step=stepper.try_step, spectral_radius=stepper.spectral_radius,
-        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, evaluations=stepper.evaluations,
-        events=stepper.events, given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
+    return jumped(stepper, left)._replace(s=s, state=FemurState(height, surface_rate / cosine))
 
 
 @never_inlined
@@ -169,7 +149,7 @@ def settle_in_layer(
         room = max(stepper.most - stepper.evaluations - 2, 1)
         static = static_contact(scene.modes.law, touch, load, height, max(depth, 0.0), 0.0, room)
         if static.evaluations >= room:
-            return giving_up(stepper), ContactMode(layer, True)
+            return stepper._replace(given_up=True), ContactMode(layer, True)
         layer, depth = stopped(scene, layer, static.depth)
         height = height_at(touch, depth, static.height)
         stepper = jumped(stepper, height - stepper.state.height)
@@ -183,7 +163,8 @@ def settle_in_layer(
     elif stiffness > 0.0:
         sinking = part.load_rate / cosine / stiffness
     state = FemurState(height, (surface_rate - sinking) / cosine)
-    return at_height(quick_as(stepper, swift), stepper.s, state, evaluations), ContactMode(layer, True)
+    evaluations += stepper.evaluations
+    return stepper._replace(state=state, spectral_radius=swift, evaluations=evaluations), ContactMode(layer, True)
 
 
 @in_kernel
@@ -205,34 +186,7 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
     leave as the spread.
     """
     before = stepper.error
-    error = CarriedError(height=before.height + abs(jump), velocity=before.velocity, hh=before.hh, hv=0.0, vv=0.0)
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=error, try_step=stepper.try_step,
-        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
-    )  # fmt: skip
-
-
-@in_kernel
-def quick_as(stepper: StepperState, swift: float) -> StepperState:
-    """A tick where the contact's rate [1/s] is `swift`; infinite where no dashpot answers."""
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step, spectral_radius=swift,
-        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, evaluations=stepper.evaluations,
-        events=stepper.events, given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
-
-
-@in_kernel
-def at_height(stepper: StepperState, s: float, state: FemurState, evaluations: int) -> StepperState:
-    """A tick at another time and state, with more evaluations spent."""
-    return StepperState(
-        s=s, state=state, error=stepper.error, try_step=stepper.try_step, spectral_radius=stepper.spectral_radius,
-        impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations + evaluations, events=stepper.events, given_up=stepper.given_up,
-        most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
+    return stepper._replace(error=before._replace(height=before.height + abs(jump), hv=0.0, vv=0.0))
 
 
 @in_kernel
@@ -249,15 +203,11 @@ def step_on(
     remembered = memory(step, h)
     spread = remembered * math.sqrt(stepper.error.hh) + abs(step.error.height)
     changed = stepper.error.velocity + abs(step.state.velocity - stepper.state.velocity)
-    error = CarriedError(height=stepper.error.height, velocity=changed, hh=spread * spread, hv=0.0, vv=0.0)
+    error = stepper.error._replace(velocity=changed, hh=spread * spread, hv=0.0, vv=0.0)
     swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = stepper.events + (0 if boundary == NOWHERE else 1)
-    stepper = StepperState(
-        s=until if h == until - stepper.s else stepper.s + h, state=step.state, error=error, try_step=stepper.try_step,
-        spectral_radius=swift, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations, events=events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
-    )  # fmt: skip
+    s = until if h == until - stepper.s else stepper.s + h
+    stepper = stepper._replace(s=s, state=step.state, error=error, spectral_radius=swift, events=events)
     if boundary == NOWHERE:
         return stepper, mode
     return settle_in_layer(scene, part, stepper, mode.layer + (1 if boundary == BELOW else -1))
@@ -293,7 +243,7 @@ def controlled_step(
             return stepper, step, h
         h *= max(0.1, factor)
         if not until + h > until:
-            return giving_up(stepper), step, h
+            return stepper._replace(given_up=True), step, h
         stepper, step = attempt(scene, part, stepper, mode, h, NOWHERE)
     return stepper, step, h
 
@@ -334,12 +284,10 @@ def first_order_result(
         begin_load=load_at(interval, 0.0), end_load=load_at(interval, h),
         depth=max(0.0, depth - layers[mode.layer].begin) / cosine,
     )  # fmt: skip
-    before = start.error
-    jump = CarriedError(
-        height=first.height - start.state.height + before.height,
-        velocity=first.velocity + blow - start.state.velocity + before.velocity, hh=before.hh, hv=before.hv,
-        vv=before.vv,
-    )  # fmt: skip
+    jump = start.error._replace(
+        height=first.height - start.state.height + start.error.height,
+        velocity=first.velocity + blow - start.state.velocity + start.error.velocity,
+    )
     error = deviate(jump, left_out, scene.mass, h)
     # What the level leaves out in a tick may not cancel against the error of its steps: the signs of both are weak.
     doubt = impact_doubt(scene, stepper, mode, depth, rate, force)

@@ -38,10 +38,9 @@ def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) ->
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
     return TickResult(
-        run_state=RunState(
-            state=state, error=error, try_step=start.try_step, impact_speed=start.impact_speed,
-            impact_error=start.impact_error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
-            sinking=rate / cosine, depth=depth, adrift=start.adrift,
+        run_state=start._replace(
+            state=state, error=error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
+            sinking=rate / cosine, depth=depth,
         ),
         depth=depth, rate=rate, force=0.0, error_estimate=AIRBORNE * reach(error, math.inf), force_error_estimate=0.0,
         evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,

@@ -111,7 +111,6 @@ def lag_of(start: RunState) -> float:
 def deviation_at_start(start: RunState, velocity: float) -> CarriedError:
     """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s]."""
     error = start.error
-    return CarriedError(
-        height=lag_of(start) + error.height, velocity=velocity - start.state.velocity + error.velocity, hh=error.hh,
-        hv=error.hv, vv=error.vv,
-    )  # fmt: skip
+    return error._replace(
+        height=lag_of(start) + error.height, velocity=velocity - start.state.velocity + error.velocity
+    )

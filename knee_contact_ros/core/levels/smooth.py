@@ -142,10 +142,9 @@ def strode(
     else:
         error = curved(error, end.stage.depth, middle.stiffness, middle.damping, mass, h)
     smooth = stride.crossing.boundary == NOWHERE and ratio <= 1.0 and (known or not plain)
-    return Way(
-        state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, held=way.held, part=h,
-        parts=way.parts, smooth=smooth,
-    )  # fmt: skip
+    return way._replace(
+        state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, smooth=smooth
+    )
 
 
 @always_inlined
@@ -155,11 +154,10 @@ def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: 
     slope, end, try_step = way.slope, way.slope.stage, way.part * factor
     error, held = bounded(way.error), holding(slope.stiffness, slope.damping, scene.mass)
     return TickResult(
-        run_state=RunState(
+        run_state=start._replace(
             state=way.state, error=error, try_step=max(start.try_step, try_step) if way.parts == 1.0 else try_step,
-            impact_speed=start.impact_speed, impact_error=start.impact_error, fidelity=DYNAMIC,
-            stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
-            sinking=end.rate / slope.cosine, depth=end.depth, adrift=start.adrift,
+            fidelity=DYNAMIC, stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
+            sinking=end.rate / slope.cosine, depth=end.depth,
         ),
         depth=end.depth, rate=end.rate, force=end.force if scene.modes.allow_tension else max(end.force, 0.0),
         error_estimate=reach(error, held),
