@@ -1,7 +1,7 @@
 """The first-order level: n_y F(δ, δ̇) = max(L, 0), the contact without the femur's inertia.
 
-Where a layer has no dashpot this is the quasi-static equation. Its steps are those of the dynamic level, without mass;
-they end on a layer's ends and where the load changes its sign.
+Where a layer has no dashpot this is the quasi-static equation. The steps are those of the dynamic level, without mass;
+they end on the ends of a layer and where the load changes its sign.
 """
 
 from __future__ import annotations
@@ -29,29 +29,31 @@ from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, to
 from knee_contact_ros.core.scene import FIRST_ORDER, RunState, Scene, TickResult, impact_of
 from knee_contact_ros.core.statics import height_at, static_contact
 from knee_contact_ros.core.stepping import (
-    EXPLICIT,
-    LOCAL_SHARE,
-    MOST_EXPLICIT,
     NEWTON_SHARE,
     NO_LANDING,
     StepperState,
-    attempt,
+    controlled_step,
     impact_doubt,
     looks_for_doubt,
+    memory_without_mass,
     motion_in,
 )
 
 FADING, FASTER = 0.5, 10.0
-"""Part of a tick's load at its end below which it lets go of the contact, and how much the inertia may grow in that"""
+"""Part of its first load below which the last load of a tick counts as fading, and the largest growth of inertia
+then"""
 UNKNOWN_STEPS = 5.0
-"""How much larger than its estimate a step's error may be"""
+"""Largest error of a step, over its estimate"""
 SUDDEN = 3.0
-"""Ticks that are longer than this many times C/K see the level's velocity jump"""
+"""Duration of a tick, over C/K, above which the level's velocity seems to jump in it"""
 
 
 @never_inlined
 def first_order_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the contact without mass over the interval, or answer with the static solution if that takes too much."""
+    """Carry the contact without mass over the interval; not `converged` if that takes too many evaluations.
+
+    `spent` is the number of evaluations that the tick has taken already.
+    """
     massless = without_mass(scene)
     impact_speed, impact_error = impact_of(start)
     stepper = StepperState(
@@ -81,13 +83,13 @@ def first_order_tick(scene: Scene, interval: Interval, start: RunState, spent: i
 
 @in_kernel
 def without_mass(scene: Scene) -> Scene:
-    """A scene with a mass of 0, where the contact always exerts what the load asks for."""
+    """Return the scene with a mass of 0, in which the contact always balances the load."""
     return scene._replace(modes=ContactModes(scene.modes.law, True), mass=0.0)
 
 
 @in_kernel
 def sign_change(interval: Interval, begin: float) -> float:
-    """When the load changes its sign [s]; `begin` if it does not after that."""
+    """Return the time [s] at which the load changes its sign; `begin` [s] if it does not after that."""
     if load_at(interval, begin) * load_at(interval, interval.duration) >= 0.0:
         return begin
     return -interval.start_load / interval.load_rate
@@ -95,7 +97,7 @@ def sign_change(interval: Interval, begin: float) -> float:
 
 @in_kernel
 def pressed(interval: Interval, begin: float, until: float) -> Interval:
-    """The interval with no load where the load would pull; `begin` and `until` [s] are on the same side of that."""
+    """The interval, with a load of 0 if the load pulls from `begin` to `until` [s]; its sign is constant there."""
     if load_at(interval, 0.5 * (begin + until)) >= 0.0:
         return interval
     return interval._replace(start_load=0.0, load_rate=0.0)
@@ -103,7 +105,7 @@ def pressed(interval: Interval, begin: float, until: float) -> Interval:
 
 @in_kernel
 def begin_part(scene: Scene, part: Interval, stepper: StepperState, s: float) -> tuple[StepperState, ContactMode]:
-    """Go on at s [s]; surfaces that are apart meet at once, for without mass nothing flies."""
+    """Continue at s [s]; surfaces that are apart meet at once, because nothing flies without mass."""
     touch = touch_at(part, s)
     height = stepper.state.height + stepper.state.velocity * (s - stepper.s)
     depth, _, _ = touch.touch(height)
@@ -115,7 +117,7 @@ def begin_part(scene: Scene, part: Interval, stepper: StepperState, s: float) ->
 
 @in_kernel
 def rests(scene: Scene, part: Interval, stepper: StepperState) -> bool:
-    """Whether nothing presses a contact that has been let go but for what does not count."""
+    """Whether there is no load, and no depth beyond a negligible one."""
     if part.start_load != 0.0 or part.load_rate != 0.0:
         return False
     depth, _, _ = touch_at(part, stepper.s).touch(stepper.state.height)
@@ -124,7 +126,7 @@ def rests(scene: Scene, part: Interval, stepper: StepperState) -> bool:
 
 @in_kernel
 def on_surface(part: Interval, stepper: StepperState, s: float) -> StepperState:
-    """The contact at s [s] where the femur just touches the tibia."""
+    """Return the tick at s [s] with the femur just touching the tibia."""
     left, _, _ = touch_at(part, stepper.s).touch(stepper.state.height)
     touch = touch_at(part, s)
     height = height_at(touch, 0.0, stepper.state.height)
@@ -136,9 +138,9 @@ def on_surface(part: Interval, stepper: StepperState, s: float) -> StepperState:
 def settle_in_layer(
     scene: Scene, part: Interval, stepper: StepperState, layer: int
 ) -> tuple[StepperState, ContactMode]:
-    """Go on in a layer with the velocity that its equation asks for; one without a dashpot carries the load at once.
+    """Continue in a layer with the velocity that its equation gives; one without a dashpot carries the load at once.
 
-    That may lead to another layer, but not past the beginning of one with a dashpot.
+    That jump may lead to another layer, but not past the beginning of one with a dashpot.
     """
     touch, load, height = touch_at(part, stepper.s), load_at(part, stepper.s), stepper.state.height
     depth, surface_rate, cosine = touch.touch(height)
@@ -169,7 +171,7 @@ def settle_in_layer(
 
 @in_kernel
 def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
-    """Layer and depth [m] at which a contact that goes from a layer to a static depth is stopped by a dashpot."""
+    """Return layer and depth [m] that a contact jumps to from a layer, towards a static depth: a dashpot stops it."""
     layers = scene.modes.law.layers
     for deeper in range(layer + 1, len(layers)):
         begin = layers[deeper].begin
@@ -180,10 +182,10 @@ def stopped(scene: Scene, layer: int, depth: float) -> tuple[int, float]:
 
 @in_kernel
 def jumped(stepper: StepperState, jump: float) -> StepperState:
-    """A tick behind a jump of the height [m], which the femur with its mass does not follow.
+    """Return the tick after a jump of the height [m], which a femur with mass does not follow.
 
-    The sum of all jumps is kept as the expected error, that of the velocity's changes likewise, and what the steps
-    leave as the spread.
+    In this level's `error`, the expected error of the height is the sum of all jumps, that of the velocity the sum of
+    its changes, and the variance of the height is that of the errors of the steps.
     """
     before = stepper.error
     return stepper._replace(error=before._replace(height=before.height + abs(jump), hv=0.0, vv=0.0))
@@ -193,14 +195,14 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
 def step_on(
     scene: Scene, part: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, ContactMode]:
-    """Take a step towards `until` [s]; return the mode behind it."""
+    """Take a step towards `until` [s]; return the mode after it."""
     stepper, step, h = controlled_step(scene, part, stepper, mode, until)
     boundary = NOWHERE
     while h > 0.0 and leaves(mode, step) and not stepper.given_up:
         stepper, step, h, boundary = end_on_boundary(scene, part, stepper, mode, step, h)
     if stepper.given_up:
         return stepper, mode
-    remembered = memory(step, h)
+    remembered = memory_without_mass(step, h)
     spread = remembered * math.sqrt(stepper.error.hh) + abs(step.error.height)
     changed = stepper.error.velocity + abs(step.state.velocity - stepper.state.velocity)
     error = stepper.error._replace(velocity=changed, hh=spread * spread, hv=0.0, vv=0.0)
@@ -215,46 +217,17 @@ def step_on(
 
 @in_kernel
 def leaves(mode: ContactMode, step: Step) -> bool:
-    """Whether a step leaves its layer; the surface itself it can only touch."""
+    """Whether a step leaves its layer; the surface itself can only be touched."""
     return step.crossing.boundary == BELOW or (step.crossing.boundary == ABOVE and mode.layer > 0)
-
-
-@in_kernel
-def memory(step: Step, h: float) -> float:
-    """Part of an error of the height that is left after a step of `h` [s]."""
-    return math.exp(-h * step.stiffness / step.damping) if step.damping > 0.0 else 0.0
-
-
-@never_inlined
-def controlled_step(
-    scene: Scene, part: Interval, stepper: StepperState, mode: ContactMode, until: float
-) -> tuple[StepperState, Step, float]:
-    """A step whose estimated error fits the tolerance, and its duration [s]; not yet taken."""
-    remaining = until - stepper.s
-    h = min(stepper.try_step, remaining)
-    if stepper.spectral_radius * h > EXPLICIT and stepper.spectral_radius * remaining <= MOST_EXPLICIT * EXPLICIT:
-        h = remaining / math.ceil(stepper.spectral_radius * remaining / EXPLICIT)
-    stepper, step = attempt(scene, part, stepper, mode, h, NOWHERE)
-    while not stepper.given_up:
-        error = abs(step.error.height) / max(1.0 - memory(step, h), 1e-3)
-        ratio = error / (LOCAL_SHARE * scene.tolerance) if step.solved else math.inf
-        factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
-        if ratio <= 1.0:
-            return stepper, step, h
-        h *= max(0.1, factor)
-        if not until + h > until:
-            return stepper._replace(given_up=True), step, h
-        stepper, step = attempt(scene, part, stepper, mode, h, NOWHERE)
-    return stepper, step, h
 
 
 @in_kernel
 def first_order_result(
     scene: Scene, interval: Interval, start: RunState, stepper: StepperState, mode: ContactMode, first: FemurState
 ) -> TickResult:
-    """The contact at the end of the interval, in doubt by its steps and by the inertia that is left out.
+    """Return the contact at the end of the interval, with the errors of the steps and of the inertia that is left out.
 
-    `first` is the level's state at the interval's beginning.
+    `first` is the state of this level at the beginning of the interval.
     """
     h = interval.duration
     depth, surface_rate, cosine = touch_at(interval, h).touch(stepper.state.height)
