@@ -1,9 +1,9 @@
-"""Ticks whose motion could not be resolved within their budget: their rest is done in the next ones.
+"""Ticks whose motion could not be resolved within their budget: the rest of it is computed in the next ticks.
 
-A run then lies behind its stamps. Its answers are static ones, in doubt by all that the femur's energy allows since
-where the motion has come to; nothing is lost, and once the run has caught up nothing is in doubt any more. A run that
-falls behind by more than `MOST` ticks, or does not move at all, gives the motion up: it goes on from the static
-contact, lost (`adrift.py`) until that has been forgotten.
+A run then lags behind its stamps. Its answers are static ones, whose error is bounded by the energy of the femur where
+the motion has come to; once the run has caught up, its answers are as exact as before. A run that lags behind by more
+than `MOST` ticks, or makes no progress at all, gives the motion up: it continues from the static contact, and the exact
+solution is lost (`adrift.py`) until that has been forgotten.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ from knee_contact_ros.core.statics import ANSWER, static_contact
 from knee_contact_ros.core.types import Fidelity
 
 MOST = 16
-"""Ticks that a run may lie behind"""
+"""Largest number of ticks that a run may lag behind"""
 BACKLOG = np.dtype([
     ("count", np.int64), ("moved", np.int64), ("angle", np.float64), ("load", np.float64),
     ("durations", np.float64, (MOST + 1,)), ("angles", np.float64, (MOST + 1,)), ("loads", np.float64, (MOST + 1,)),
 ])  # fmt: skip
-"""How many intervals are to be done, and whether the tick has come forward; angle [rad] and load [N] where the motion
-has come to; every interval's duration [s], and angle and load at its end"""
+"""Number of intervals to be computed, and whether this tick has made progress; angle [rad] and load [N] where the
+motion has come to; the duration [s] of every interval, and angle and load at its end"""
 Backlog = Any
 """A record of `BACKLOG`"""
 STANDING = int(Fidelity.QUASI_STATIC)
-"""The level of such an answer"""
+"""Level of an answer that is static because its motion was not resolved"""
 
 
 @never_inlined
 def take_on(scene: Scene, backlog: Backlog, start: RunState, last: Interval) -> tuple[Interval, RunState, int]:
-    """Add an interval to the backlog; return its first one, the progress that it begins with, and the evaluations."""
+    """Add an interval to the backlog; return its first interval, the state that it begins with, and evaluations."""
     count = int(backlog["count"])
     if count == 0:
         backlog["angle"], backlog["load"] = last.angle, last.start_load
@@ -73,9 +73,9 @@ def take_on(scene: Scene, backlog: Backlog, start: RunState, last: Interval) -> 
 def work_off(
     scene: Scene, backlog: Backlog, interval: Interval, start: RunState, result: TickResult
 ) -> tuple[TickResult, bool]:
-    """What a level has made of the backlog's first interval; and whether another one is to be done in this tick.
+    """Take the result of a level for the first interval of the backlog, and tell whether the tick is to continue.
 
-    If there is not, the answer is that of the tick.
+    If it is not, the returned result is the answer to the tick; else the next interval is to be computed.
     """
     if backlog["count"] == 0:
         take_on(scene, backlog, start, interval)
@@ -107,7 +107,7 @@ def work_off(
 
 @in_kernel
 def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
-    """An interval by its index: each begins where the motion has come to when it is next to be done."""
+    """Return an interval of the backlog; the first one begins where the motion has come to."""
     angle, load = float(backlog["angle"]), float(backlog["load"])
     if index > 0:
         angle, load = float(backlog["angles"][index - 1]), float(backlog["loads"][index - 1])
@@ -121,7 +121,7 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
 
 @in_kernel
 def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[RunState, int]:
-    """The progress that an interval begins with: bounded where the exact solution is lost from here on, or may be soon.
+    """Return the state that an interval begins with, with bounds if the exact solution is lost, or may be soon.
 
     The second number is that of evaluations.
     """
@@ -136,7 +136,7 @@ def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[Run
 
 @in_kernel
 def bounds_of(scene: Scene, interval: Interval, start: RunState) -> tuple[Adrift, int]:
-    """Bounds by the error that an interval begins with; and evaluations."""
+    """Return bounds of the exact solution by the error that an interval begins with; and evaluations."""
     touch = touch_at(interval, 0.0)
     _, _, cosine = touch.touch(start.state.height)
     rate, load, mass = cosine * start.sinking, interval.start_load / cosine, scene.mass / (cosine * cosine)
@@ -145,7 +145,7 @@ def bounds_of(scene: Scene, interval: Interval, start: RunState) -> tuple[Adrift
 
 @never_inlined
 def watched(scene: Scene, interval: Interval, start: RunState, result: TickResult) -> TickResult:
-    """An answer with what is left to know where the exact solution has been lost, or may be soon."""
+    """Return the answer with updated bounds, if there are any, and with the errors that they allow for."""
     if start.adrift.stage == NONE:
         return result
     law, run_state, depth = scene.modes.law, result.run_state, max(result.depth, 0.0)
@@ -171,7 +171,7 @@ def watched(scene: Scene, interval: Interval, start: RunState, result: TickResul
 def within(
     scene: Scene, result: TickResult, adrift: Adrift, limits: Range, evaluations: int, cosine: float
 ) -> TickResult:
-    """An answer whose exact solution lies within limits, by which it may be found again."""
+    """Return the answer with its exact solution within limits, which may be narrow enough to continue from."""
     run_state = result.run_state
     error, held = error_within(limits, result.depth, result.rate, cosine), math.inf
     estimate = max(limits.most - result.depth, result.depth - limits.least)
@@ -193,31 +193,31 @@ def within(
 
 @in_kernel
 def lost(interval: Interval, start: RunState) -> bool:
-    """Whether the exact solution may be anywhere from here on; see `loses`."""
+    """Whether the error estimate does not hold from here on; see `loses`."""
     return loses(interval, start.depth, start.excess + interval.start_load, start.fidelity != DYNAMIC, start.error)
 
 
 @in_kernel
 def in_doubt(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """Whether the exact solution is lost in an interval, or may be soon: seldom."""
+    """Whether the exact solution is lost in an interval, or may be soon, which is seldom."""
     return exceeds(start.error, NOTED * max(start.depth, 0.0)) and (lost(interval, start) or doubtful(scene, start))
 
 
 @in_kernel
 def counts(scene: Scene, run_state: RunState) -> bool:
-    """Whether the error is no small part of the depth."""
+    """Whether the error is significant: beyond the tolerance and not small against the depth."""
     return exceeds(run_state.error, max(NOTED * run_state.depth, scene.tolerance))
 
 
 @in_kernel
 def doubtful(scene: Scene, start: RunState) -> bool:
-    """Whether the error may grow into one that is lost; that of a simpler level does not do so by itself."""
+    """Whether the error may grow until the exact solution is lost; that of a simpler level does not do so by itself."""
     return start.fidelity == DYNAMIC and start.depth > 0.0 and counts(scene, start)
 
 
 @in_kernel
 def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
-    """What moves the femur in an interval."""
+    """Return what moves the femur in an interval, along the normal."""
     _, begin, cosine = touch_at(interval, 0.0).touch(start.state.height)
     _, end, _ = touch_at(interval, interval.duration).touch(start.state.height)
     carried = cosine * (start.sinking + start.state.velocity)
@@ -234,9 +234,9 @@ def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
 
 @never_inlined
 def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, give_up: bool) -> TickResult:
-    """The static contact at the end of the backlog, in doubt by all that the femur's energy allows until then.
+    """The static contact at the end of the backlog, with the errors that the femur's energy allows for until then.
 
-    If the motion is given up the run goes on from there, else from where `advance` has come to.
+    If the motion is given up, the run continues from there, else from where `advance` has come to.
     """
     run_state, law = result.run_state, scene.modes.law
     known, evaluations = adrift, result.evaluations
@@ -281,7 +281,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
 
 @in_kernel
 def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
-    """A drive that goes on for a `duration` [s], up to a load [N] along the normal, after a kick [m/s]."""
+    """Return a drive that continues for a `duration` [s], to a load [N] along the normal, after a kick [m/s]."""
     change = load - drive.load
     return drive._replace(
         load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
@@ -292,5 +292,5 @@ def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
 
 @in_kernel
 def fastest_impact(run_state: RunState) -> float:
-    """Largest rate [m/s] at which the contact may have begun; 0 while apart."""
+    """Return the largest penetration rate [m/s] at which the contact may have begun; 0 while apart."""
     return 0.0 if math.isnan(run_state.impact_speed) else abs(run_state.impact_speed) + run_state.impact_error

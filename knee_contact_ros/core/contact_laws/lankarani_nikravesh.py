@@ -14,7 +14,7 @@ from knee_contact_ros.core.contact_laws.impact_damping import impact_damped
 def lankarani_nikravesh(
     *, stiffness: float, exponent: float, restitution: float, least_impact_speed: float
 ) -> ContactLaw:
-    """Elastic contact that loses a part of an impact, for small losses.
+    """Return the law of an elastic contact that loses a part of an impact, for small losses.
 
     Args:
         stiffness: K [N/mⁿ].

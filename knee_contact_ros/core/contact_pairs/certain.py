@@ -1,4 +1,4 @@
-"""A common normal by Newton's method on Eq. 5, where two balls prove that it is the one at the deepest point.
+"""The common normal by Newton's method on Eq. 5, where two balls prove that it is that of the deepest point.
 
 With Δ = d n from the tibial point Q to the femoral point P, and the bone of the femur on the side of n: the ball that
 touches the tibia at Q and has the curvature b lies above it, and that at P with the curvature a holds the femur. Where
@@ -17,38 +17,41 @@ from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, Tib
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 MOST_STEPS = 10
-"""Of Newton's method; where it needs more, it has gone astray"""
+"""Largest number of Newton's steps; more mean that it does not converge"""
 ROUNDS = 2
-"""Of looking for a start"""
+"""Number of rounds to find a start"""
 FARTHEST = 0.05
-"""[m] A longer step leads nowhere"""
+"""Length [m] of a step above which Newton's method is given up"""
 LAST_STEP = 1e-9
-"""[m] A shorter one leaves an error of the order of its square times the curvatures"""
+"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
+curvatures"""
 
 
 class Pose(NamedTuple):
-    """Where the femur is but for its height."""
+    """Pose of the femur without its height."""
 
     x: float
-    """Of the reference point [m]"""
+    """x of the reference point [m]"""
     angle: float
-    """The flexion angle [rad]"""
+    """Flexion angle [rad]"""
     sine: float
-    """Of it"""
+    """Sine of the flexion angle"""
     cosine: float
+    """Cosine of the flexion angle"""
 
 
 class Certain(NamedTuple):
-    """What Newton's method has found."""
+    """Result of Newton's method."""
 
     proven: bool
+    """Whether it is proven that the contact is the deepest one"""
     contact: Closest
-    """Of no meaning if it is not proven"""
+    """The common normal; meaningless if it is not proven"""
 
 
 @never_inlined
 def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Certain:
-    """The common normal in a pose at a height [m]."""
+    """Find the common normal in a pose at a height [m] by Newton's method."""
     i, u, place = _start(curve, tibia, pose)
     length = FARTHEST
     for _ in range(MOST_STEPS):
@@ -80,7 +83,10 @@ def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heigh
 def _judged(
     curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float, i: int, u: float, place: float, found: bool
 ) -> Certain:
-    """The common normal at places of segment i and of the tibia [m], and whether it is proven, if it is `found`."""
+    """Return the common normal at a place u [m] of segment i and one of the tibia [m], and whether it is proven.
+
+    It is not where it was not `found`, as Newton's method did not converge.
+    """
     arc = turned_arc(curve, i, pose.sine, pose.cosine)
     x, y = place_on(arc, u)
     x_slope, y_slope = slope_on(arc, u)
@@ -101,7 +107,7 @@ def _judged(
 
 @in_kernel
 def _carried_on(curve: FemoralCurve, i: int, u: float) -> tuple[int, float]:
-    """The segment of a place given by one that need not be its own, and its parameter u there [m]."""
+    """Return segment and parameter u [m] of a place that may lie beyond the ends of segment i."""
     while u < 0.0 and i > 0:
         i -= 1
         u += float(curve.cubics[i, 0])
@@ -113,9 +119,9 @@ def _carried_on(curve: FemoralCurve, i: int, u: float) -> tuple[int, float]:
 
 @in_kernel
 def _start(curve: FemoralCurve, tibia: TibialSurface, pose: Pose) -> tuple[int, float, float]:
-    """Where Newton's method begins: femoral segment, place in it [m], and place [m] on the tibia.
+    """Return where Newton's method begins: femoral segment, place in it [m], and place [m] on the tibia.
 
-    It is where the femur would touch a plane with the slope that the tibia has there, nearly.
+    The femur would touch a plane with the slope of the tibia near there.
     """
     cells, slope, row, place = len(curve.lowest), 0.0, 0, pose.x
     for _ in range(ROUNDS):

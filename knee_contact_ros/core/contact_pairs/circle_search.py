@@ -1,4 +1,4 @@
-"""A circle's deepest point lies where the nearest point to its centre is: there is nothing to search."""
+"""The deepest point of a circle, which is in the direction of the nearest tibial point to its centre."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
 
 
 class CircleOver(NamedTuple):
-    """A circle over a tibial surface; see `Search`."""
+    """A circle above a place of a tibial surface, as a `Search`."""
 
     tibia: TibialSurface
     radius: float
-    """[m]"""
+    """Radius of the circle [m]"""
     x: float
-    """Of its centre [m]"""
+    """x of its centre [m]"""
 
     def deepest(self, height: float) -> Closest:
-        """See `Search`."""
+        """Return the common normal for the height [m] of the centre."""
         distance, normal_x, normal_y, _ = self.tibia.foot(self.x, height)
         return Closest(
             depth=self.radius - distance, extent=self.radius, turning=0.0, normal_x=normal_x, normal_y=normal_y,
@@ -26,11 +26,11 @@ class CircleOver(NamedTuple):
 
 
 class CircleSearch(NamedTuple):
-    """A circle whose deepest point is asked for; see `Searched`."""
+    """A circle whose deepest point can be found, as a `Searched`."""
 
     radius: float
-    """[m]"""
+    """Radius of the circle [m]"""
 
     def over(self, tibia: TibialSurface, angle: float, x: float) -> CircleOver:
-        """See `Searched`."""
+        """Put its centre above `x` [m]; the angle [rad] has no effect."""
         return CircleOver(tibia, self.radius, x)

@@ -1,4 +1,4 @@
-"""A femoral circle or profile over a curved tibia: the common normal of Eqs. 1 to 6 of the paper, found globally.
+"""A femoral circle or profile on a curved tibia: the common normal of Eqs. 1 to 6 of the paper, found globally.
 
 The signed depth is the largest depth of a femoral point under the tibial surface, or minus the least distance. Where
 the femur's deepest point is not an end of its curve, the normals are parallel there and the vector between the two
@@ -23,10 +23,10 @@ from knee_contact_ros.core.kernel_source import kernel_interface
 
 @kernel_interface
 class Search(Protocol):
-    """A femur turned and placed over a tibia: all of its pose but the height."""
+    """A femur over a tibia in a pose without its height."""
 
     def deepest(self, height: float) -> Closest:
-        """The common normal at the femur's deepest point, for the reference point's height [m]."""
+        """Return the common normal at the femur's deepest point, for a height of the reference point [m]."""
         ...
 
 
@@ -40,33 +40,34 @@ class Searched(Protocol):
 
 
 class CurveTouch(NamedTuple):
-    """See `Touch`."""
+    """The contact on a curved tibia at one time, as a `Touch`."""
 
     search: Search
     angle_rate: float
-    """[rad/s]"""
+    """Rate of the flexion angle [rad/s]"""
     x_rate: float
-    """[m/s]"""
+    """Rate of the reference point's x [m/s]"""
 
     def touch(self, height: float) -> tuple[float, float, float]:
-        """See `Touch`."""
-        found = self.search.deepest(height)
-        return found.depth, found.turning * self.angle_rate - found.normal_x * self.x_rate, found.normal_y
+        """Return signed depth [m], its rate at a held height [m/s], and n_y; see `Touch.touch`."""
+        closest = self.search.deepest(height)
+        rate = closest.turning * self.angle_rate - closest.normal_x * self.x_rate
+        return closest.depth, rate, closest.normal_y
 
 
 class _CurveContact(NamedTuple):
-    """What the contact on a curved tibia consists of."""
+    """Fields of a `CurveContact`."""
 
     femur: Circle | Profile
     tibia: TibialSurface
     searched: Searched
-    """The femur as the search needs it"""
+    """The femur in the form that the search needs"""
     dented: bool
     """Whether the femur has dents, or the tibia one that is narrower than the femur"""
 
 
 class CurveContact(_CurveContact):
-    """A femur on a tibial surface that is curved in any way."""
+    """A femur on any curved tibial surface."""
 
     __slots__ = ()
 
@@ -80,29 +81,29 @@ class CurveContact(_CurveContact):
         return super().__new__(cls, femur, tibia, search, dented or len(femur.kinks) > 1)
 
     def closest(self, angle: float, x: float, height: float) -> Closest:
-        """See `Kinematics`."""
+        """Return the common normal at an angle [rad] and (x, height) [m]; see `Kinematics.closest`."""
         return self.searched.over(self.tibia, angle, x).deepest(height)
 
     def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> CurveTouch:
-        """See `Kinematics`."""
+        """Return the contact at an angle [rad] and x [m] with their rates [rad/s], [m/s]; see `Kinematics.at`."""
         return CurveTouch(self.searched.over(self.tibia, angle, x), angle_rate, x_rate)
 
     def next_kink(self, start: float, end: float) -> float:
-        """See `Kinematics`: where they lie depends on height and translation, so none is known beforehand."""
+        """Return NaN: kinks depend on height and translation, so none is known beforehand."""
         return math.nan
 
     def is_non_convex(self) -> bool:
-        """See `Kinematics`."""
+        """Whether the contact may leap from bump to bump; see `Kinematics.is_non_convex`."""
         return self.dented
 
     def knot_spacing(self) -> float:
-        """See `Kinematics`."""
+        """Return the turn [rad] between two points where the femur is not smooth."""
         return self.femur.knot_spacing()
 
     def largest_radius(self) -> float:
-        """See `Kinematics`."""
+        """Return an upper bound of the distance [m] of the femur's points from its reference point."""
         return self.femur.largest_radius()
 
     def outline(self, reach: float) -> Floats:
-        """See `ContactPair`."""
+        """Return points along the tibial surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         return self.tibia.outline(reach)

@@ -1,6 +1,6 @@
 """The deepest point of a femoral profile under a tibial surface.
 
-Where its common normal cannot be proven to be the right one (`certain.py`), bounds of blocks of segments leave a few
+Where the common normal by Newton's method is not proven (`certain.py`), bounds of blocks of segments leave a few
 segments, and these are searched.
 """
 
@@ -27,37 +27,37 @@ from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
 from knee_contact_ros.core.kernel_source import allocating, in_kernel
 
 RESOLUTION = 1e-9
-"""Two dips of the distance within one segment that the bounds cannot tell apart count as one below this [m]"""
+"""Difference [m] below which two minima in one segment count as one, if the bounds cannot separate them"""
 ROUNDING = 1e-14
-"""Kept from the bounds, as a part of the distances: they are rounded themselves"""
+"""Rounding of the bounds, as a part of the distances"""
 
 
 class ProfileOver(NamedTuple):
-    """A profile in a pose over a tibial surface; see `Search`."""
+    """A profile over a tibial surface in a pose, as a `Search`."""
 
     curve: FemoralCurve
     tibia: TibialSurface
     pose: Pose
 
     def deepest(self, height: float) -> Closest:
-        """See `Search`."""
+        """Return the common normal at the deepest point, for a height of the reference point [m]."""
         certain = certain_contact(self.curve, self.tibia, self.pose, height)
         return certain.contact if certain.proven else searched_contact(self.curve, self.tibia, self.pose, height)
 
 
 class ProfileSearch(NamedTuple):
-    """A profile that is searched for its deepest point; see `Searched`."""
+    """A profile whose deepest point can be found, as a `Searched`."""
 
     curve: FemoralCurve
 
     def over(self, tibia: TibialSurface, angle: float, x: float) -> ProfileOver:
-        """See `Searched`."""
+        """Turn it by `angle` [rad] and put its reference point above `x` [m]."""
         return ProfileOver(self.curve, tibia, Pose(x, angle, math.sin(angle), math.cos(angle)))
 
 
 @allocating
 def searched_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
-    """The common normal at the deepest point of all segments, at a height [m]."""
+    """Return the common normal at the deepest point of all segments, at a height [m]."""
     shortlist = np.empty((len(curve.cubics) - 1, 2), np.float64)
     listed = _fill(shortlist, curve, tibia, pose, height)
     return deepest_of(shortlist[:listed], curve, tibia, pose, height)
@@ -65,10 +65,10 @@ def searched_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heig
 
 @in_kernel
 def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
-    """The common normal at the deepest point of the listed segments, at a height [m].
+    """Return the common normal at the deepest point of the listed segments, at a height [m].
 
-    The list has the shape (segments, 2): the least distance [m] that a segment may have, and the segment; the likeliest
-    ones come first.
+    The list has the shape (segments, 2): a lower bound of the distance [m] of a segment, and its index, in the order of
+    the bounds.
     """
     slack = _rounding(pose.x, height)
     best, answer = NOTHING, Closest(depth=math.nan, extent=math.nan, turning=math.nan, normal_x=0.0, normal_y=1.0)
@@ -84,7 +84,7 @@ def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pos
 
 @in_kernel
 def _common_normal(arc: Arc, sample: Sample) -> Closest:
-    """The common normal at the femur's deepest point."""
+    """Return the common normal at a sample of `ArcDistance`."""
     x, y = place_on(arc, sample.place)
     normal_x, normal_y = sample.normal
     turning = normal_x * y - normal_y * x
@@ -96,9 +96,9 @@ def _common_normal(arc: Arc, sample: Sample) -> Closest:
 
 @allocating
 def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> int:
-    """List the segments that can hold the deepest point at a height [m], and return their number.
+    """List the segments that may have the deepest point at a height [m], and return their number.
 
-    Blocks of segments are halved as long as they can.
+    Blocks of segments that may have it are halved.
     """
     margin = _rounding(pose.x, height)
     count, width = len(curve.cubics) - 1, len(curve.blocks) // 2
@@ -135,7 +135,7 @@ def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Po
 
 @in_kernel
 def _insert(shortlist: Floats, listed: int, segment: int, lowest: float) -> None:
-    """Put a segment in its place on the list; the first of two that are equally likely is the first on the curve."""
+    """Insert a segment into the list, in the order of bounds [m], and of segments where these are equal."""
     k = listed
     while k > 0 and (lowest, segment) < (float(shortlist[k - 1, 0]), int(shortlist[k - 1, 1])):
         shortlist[k, 0], shortlist[k, 1] = shortlist[k - 1, 0], shortlist[k - 1, 1]
@@ -145,7 +145,7 @@ def _insert(shortlist: Floats, listed: int, segment: int, lowest: float) -> None
 
 @in_kernel
 def _bounds_of(point: int, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> tuple[float, float]:
-    """Bounds of the signed distance of one of the profile's points [m]."""
+    """Return bounds of the signed distance [m] of one of the profile's points."""
     x, y = float(curve.cubics[point, 2]), float(curve.cubics[point, 6])
     turned_x, turned_y = pose.cosine * x - pose.sine * y, pose.sine * x + pose.cosine * y
     return tibia.bounds(pose.x + turned_x, height + turned_y)
@@ -153,5 +153,5 @@ def _bounds_of(point: int, curve: FemoralCurve, tibia: TibialSurface, pose: Pose
 
 @in_kernel
 def _rounding(x: float, height: float) -> float:
-    """What the bounds may be wrong by [m]."""
+    """Return the rounding error of the bounds [m]."""
     return ROUNDING * (1.0 + abs(x) + abs(height))

@@ -1,7 +1,7 @@
-"""Where the lowest point of a turning profile leaps over a dent, from one bump to the next: kinks of its support.
+"""Kinks of a profile's support, where its lowest point leaps over a dent from one bump to the next.
 
-While the lowest point glides along a bump, the curve bends the same way all along the glide. Between two angles whose
-lowest points are parted by a place that bends the other way, it has leapt; bisection finds the angle.
+While the lowest point glides along a bump, the curve bends to the same side all along. If the curve between the lowest
+points of two angles bends to the other side somewhere, the lowest point has leapt; bisection finds the angle.
 """
 
 from __future__ import annotations
@@ -14,24 +14,25 @@ from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.kernel_source import in_kernel
 
 CELLS = 2048
-"""Angles at which the lowest point is looked at first"""
+"""Number of angles at which the lowest point is computed first"""
 RESOLUTION = 1e-13
-"""Of a kink's angle [rad]"""
+"""Error of the angle of a kink [rad]"""
 LEAP = 1e-6
-"""Shorter leaps of the lowest point [m] are none"""
+"""Least length [m] of a leap of the lowest point"""
 FLAT = 1e-6
-"""Curvature [1/m] that is none: a straight piece bends to either side by rounding"""
+"""Curvature [1/m] that counts as none: a straight piece bends to either side by rounding"""
 
 
 Lowest = Callable[[float], tuple[float, float, float, float]]
-"""Angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
+"""A function from an angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
 
 
 @in_kernel
 def next_kink(kinks: Floats, start: float, end: float) -> float:
-    """First of the `kinks` or of their repetitions by whole turns, strictly between two angles [rad]; nan if none.
+    """The first of the `kinks`, or of their repetitions by whole turns, strictly between two angles [rad], or NaN.
 
-    `kinks` increase from 0 to 2π; `start` may be the larger of the two angles, and the first is that next to it.
+    `kinks` increase from 0 to 2π; `start` may be the larger of the two angles, and the first kink is the one next to
+    it.
     """
     count, forwards = len(kinks), start < end
     way = 1 if forwards else -1
@@ -44,7 +45,7 @@ def next_kink(kinks: Floats, start: float, end: float) -> float:
 
 
 def find_kinks(cubics: Floats, lowest: Lowest) -> tuple[float, ...]:
-    """Angles in [0, 2π) [rad] at which the lowest point of a curve leaps."""
+    """Return the angles in [0, 2π) [rad] at which the lowest point of a curve leaps; `cubics` as in `Curve`."""
     edges = [math.tau * i / CELLS for i in range(CELLS + 1)]
     places = [lowest(angle)[3] for angle in edges]
     forwards = sum(math.copysign(1.0, b - a) for a, b in pairwise(places) if a != b) > 0.0
@@ -56,7 +57,7 @@ def find_kinks(cubics: Floats, lowest: Lowest) -> tuple[float, ...]:
 
 
 class _Glides:
-    """Tells whether the curve bends the same way from one place to another."""
+    """Tells whether the lowest point can glide from one place of the curve to another."""
 
     def __init__(self, cubics: list[list[float]], forwards: bool) -> None:
         self.forwards = forwards
@@ -82,7 +83,7 @@ class _Glides:
 
 
 def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[float, float]) -> list[float]:
-    """Angles between a and b, each with its place on the curve, at which the lowest point leaps."""
+    """Angles at which the lowest point leaps between a and b, which are an angle [rad] and its place [m] each."""
     if glides.possible(a[1], b[1]):
         return []
     middle = 0.5 * (a[0] + b[0])
@@ -94,7 +95,7 @@ def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[flo
 
 
 def _least(bend: tuple[float, float, float], begin: float, end: float, sign: float) -> float:
-    """The value of `bend` on an interval that is the least in the sense of `sign`."""
+    """Return the value of the quadratic `bend` on an interval that is the least after multiplication by `sign`."""
     c0, c1, c2 = bend
     places = [begin, end]
     if c2 != 0.0 and begin < -0.5 * c1 / c2 < end:

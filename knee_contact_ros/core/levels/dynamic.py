@@ -1,7 +1,7 @@
 """Forward dynamics of the femur over one tick (Eq. 13): M ÿ = -L(t) + F(δ, δ̇), with error control and events.
 
 A step computes with the formula of one mode of the contact law. When it has crossed a boundary of the mode it is
-shortened until it ends on the boundary, and the next mode goes on from there: no step crosses a kink or a jump.
+shortened until it ends on the boundary, and the next mode continues from there: no step crosses a kink or a jump.
 """
 
 from __future__ import annotations
@@ -65,16 +65,16 @@ from knee_contact_ros.core.stepping import (
 )
 
 RELEASED = 0.05
-"""Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
+"""Unknown part of the velocity's error where a contact ends, as the end of an oscillation depends on its size"""
 LOST = 1.75
-"""Speed of a swing that a step has lost, at most, over what its ends tell of it: springs are taken as straight"""
+"""Largest speed of an oscillation that a step has damped away, over its estimate, which takes springs as linear"""
 
 
 @always_inlined
 def dynamic_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the femur over the interval, or answer with the static solution at its end if that takes too much.
+    """Carry the femur over the interval; the result is not `converged` if that takes too many evaluations.
 
-    `spent` are the evaluations that the tick has cost already.
+    `spent` is the number of evaluations that the tick has taken already.
     """
     if flies_freely(interval, start, scene.mass):
         return flying_tick(interval, start, scene.mass, spent)
@@ -84,7 +84,7 @@ def dynamic_tick(scene: Scene, interval: Interval, start: RunState, spent: int) 
 
 @never_inlined
 def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """A tick by steps of any length and kind, from event to event."""
+    """Compute a tick by steps of any length and kind, from event to event."""
     stepper = StepperState(
         s=0.0, state=start.state, error=start.error, try_step=start.try_step, spectral_radius=0.0,
         impact_speed=start.impact_speed, impact_error=start.impact_error, evaluations=spent, events=0, given_up=False,
@@ -107,7 +107,7 @@ def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> T
 def begin_stretch(
     scene: Scene, interval: Interval, stepper: StepperState, s: float
 ) -> tuple[StepperState, ContactMode]:
-    """Go on at s [s] with the angle's new rate or the surface's new bump; return the mode there."""
+    """Continue at s [s], where the rate of the surface has jumped; return the mode there."""
     state = FemurState(stepper.state.height + stepper.state.velocity * (s - stepper.s), stepper.state.velocity)
     depth, surface_rate, cosine = touch_at(interval, s).touch(state.height)
     rate = surface_rate - cosine * state.velocity
@@ -124,7 +124,7 @@ def begin_stretch(
 
 @in_kernel
 def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
-    """Largest rate [1/s] of the contact in a mode; `cosine` is n_y."""
+    """Return the spectral radius [1/s] of the contact in a mode; `cosine` is n_y."""
     if not entry.mode.pressing:
         return 0.0
     return spectral_radius(cosine * cosine * entry.stiffness, cosine * cosine * entry.damping, scene.mass)
@@ -134,7 +134,7 @@ def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
 def step_on(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, ContactMode]:
-    """Take a step towards `until` [s]; return the mode behind it."""
+    """Take a step towards `until` [s]; return the mode after it."""
     stepper, step, h = controlled_step(scene, interval, stepper, mode, until)
     boundary = NOWHERE
     while h > 0.0 and step.crossing.boundary != NOWHERE and not stepper.given_up:
@@ -151,7 +151,7 @@ def step_on(
 def accepted(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, h: float, until: float
 ) -> StepperState:
-    """Go to the end of a step."""
+    """Return the tick at the end of a step of `h` [s], with its error carried there."""
     evaluations = stepper.evaluations
     if mode.pressing:
         square = step.cosine * step.cosine
@@ -177,7 +177,7 @@ def accepted(
 
 @in_kernel
 def touching_anew(scene: Scene, stepper: StepperState, step: Step) -> StepperState:
-    """A tick with what is not known of the contact's begin, where the exact one may have parted since."""
+    """The tick with a larger error of the impact speed where the exact surfaces may have parted and met again."""
     if not scene.modes.law.layers[0].formula.remembers_impact():
         return stepper
     begin, end = step.begin, step.end
@@ -191,7 +191,7 @@ def touching_anew(scene: Scene, stepper: StepperState, step: Step) -> StepperSta
 def behind_boundary(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, boundary: int
 ) -> tuple[StepperState, ContactMode]:
-    """Go on behind a boundary that a step has ended on; return the mode there."""
+    """Continue beyond a boundary that a step has ended on; return the mode there."""
     end = step.end
     impact_speed, impact_error = stepper.impact_speed, stepper.impact_error
     landing = stepper.landing
@@ -224,7 +224,7 @@ def behind_boundary(
 
 @in_kernel
 def lateness(interval: Interval, stepper: StepperState, rate: float, mass: float) -> float:
-    """How long [s] a femur that is farther away than the one that touches now, at a `rate` [m/s], may need yet."""
+    """Return the time [s] by which the exact femur may touch later than this one, which touches at a `rate` [m/s]."""
     gap = reach(stepper.error, math.inf)
     load = min(load_at(interval, stepper.s), load_at(interval, interval.duration))
     late = gap / max(abs(rate), TINY)
@@ -237,7 +237,7 @@ def lateness(interval: Interval, stepper: StepperState, rate: float, mass: float
 
 @in_kernel
 def most_evaluations(scene: Scene) -> int:
-    """Evaluations that the steps of a tick may take, so that there are some left for an answer."""
+    """Return the largest number of evaluations for the steps of a tick, which leaves some for a static answer."""
     return scene.budget - RESERVE if scene.budget > 0 else MAX_EVALUATIONS
 
 
@@ -245,13 +245,13 @@ def most_evaluations(scene: Scene) -> int:
 def dynamic_result(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, adrift: Adrift
 ) -> TickResult:
-    """The contact at the end of the interval."""
+    """Return the contact at the end of the interval."""
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     rate, load = surface_rate - cosine * stepper.state.velocity, load_at(interval, interval.duration)
     force, stiffness, damping, evaluations, held = 0.0, 0.0, 0.0, stepper.evaluations, math.inf
     error, force_error = bounded(stepper.error), 0.0
     if stepper.landing.latest > interval.duration:
-        # The exact solution may still be on its way, with the velocity that it came with.
+        # The exact femur may not have touched yet, and still has the velocity of its flight.
         way = (stepper.landing.latest - interval.duration) * stepper.landing.rate
         error = bounded(with_bound(error, way + max(depth, 0.0), abs(stepper.landing.rate - rate)))
     if mode.pressing:
@@ -279,7 +279,7 @@ def dynamic_result(
 
 @in_kernel
 def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> TickResult:
-    """How far the motion has come in a tick that was given up; there is no answer yet (`backlog.py`)."""
+    """Return where the motion has come to in a tick that was given up; `backlog.py` makes an answer of it."""
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     if not abs(depth) < math.inf:
         return TickResult(
@@ -288,7 +288,7 @@ def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> Ti
             fidelity=DYNAMIC,
         )  # fmt: skip
     rate = surface_rate - cosine * stepper.state.velocity
-    # At its very beginning the surface has not kicked the femur yet: the bounds of what it does count that once.
+    # At s = 0 the surface has not kicked the femur yet: the bounds of its motion count that kick once.
     sinking = rate / cosine if stepper.s > 0.0 else start.sinking
     return TickResult(
         run_state=start._replace(
