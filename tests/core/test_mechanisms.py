@@ -163,7 +163,9 @@ def test_the_translation_is_that_of_the_medial_centre() -> None:
         # The spline is not bent at its ends, the mechanism is (x'' < 0.02 m/rad²): x'' h² / 8 = 1.6e-6 m there,
         # and 3.7 times less for each grid cell further in. Inside: x h⁴ / 384 with x < 5 m/rad⁴.
         cells = min(angle - START, STOP - angle) / 0.025
-        assert mechanism.table.translation(angle)[0] == pytest.approx(exact, abs=5e-9 + 2e-6 * 0.27 ** math.floor(cells))
+        assert mechanism.table.translation(angle)[0] == pytest.approx(
+            exact, abs=5e-9 + 2e-6 * 0.27 ** math.floor(cells)
+        )
 
 
 PUBLISHED = {

@@ -6,11 +6,12 @@ Generalized contact kinematics of the paper, Eqs. 1 to 6: at the two points of c
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.geometries.base import FemoralGeometry
-from knee_contact_ros.core.kernel_source import kernel_interface
+from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 
 
 @kernel_interface
@@ -35,6 +36,25 @@ class Closest(NamedTuple):
             x + along * self.normal_y + across * self.normal_x,
             height - along * self.normal_x + across * self.normal_y,
         )
+
+
+class Pose(NamedTuple):
+    """Pose of the femur without its height."""
+
+    x: float
+    """x of the reference point [m]"""
+    angle: float
+    """Flexion angle [rad]"""
+    sine: float
+    """Sine of the flexion angle"""
+    cosine: float
+    """Cosine of the flexion angle"""
+
+
+@in_kernel
+def pose_at(angle: float, x: float) -> Pose:
+    """Return the pose at a flexion angle [rad] with the reference point at x [m]."""
+    return Pose(x, angle, math.sin(angle), math.cos(angle))
 
 
 @kernel_interface

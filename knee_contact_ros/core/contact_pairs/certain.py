@@ -11,8 +11,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.femoral_curve import FemoralCurve, bend_on, place_on, slope_on, turned_arc
+from knee_contact_ros.core.contact_pairs.base import Closest, Pose
+from knee_contact_ros.core.contact_pairs.femoral_curve import (
+    FemoralCurve,
+    bend_on,
+    common_normal,
+    place_on,
+    slope_on,
+    turned_arc,
+)
 from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, TibialSurface
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
@@ -25,19 +32,6 @@ FARTHEST = 0.05
 LAST_STEP = 1e-9
 """Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
 curvatures"""
-
-
-class Pose(NamedTuple):
-    """Pose of the femur without its height."""
-
-    x: float
-    """x of the reference point [m]"""
-    angle: float
-    """Flexion angle [rad]"""
-    sine: float
-    """Sine of the flexion angle"""
-    cosine: float
-    """Cosine of the flexion angle"""
 
 
 class Certain(NamedTuple):
@@ -98,10 +92,7 @@ def _judged(
     room, (convex, _) = 1.0 - inner * distance, tibia.curvatures()
     holds = room > 0.0 and inner < outer * room and convex * distance < DEEPEST_PART
     upright = curve.sense * (x_slope + slope * y_slope) > 0.0
-    contact = Closest(
-        depth=-distance, extent=-(x * normal_x + y * normal_y), turning=normal_x * y - normal_y * x, normal_x=normal_x,
-        normal_y=normal_y,
-    )  # fmt: skip
+    contact = common_normal(arc, u, distance, (normal_x, normal_y))
     return Certain(found and 0.0 <= u <= arc.length and holds and upright, contact)
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.contact_pairs.least import Sample, least_between
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface, level_curvatures
 from knee_contact_ros.core.contact_pairs.touching_balls import SHARP, Pieces, least_roundness
@@ -165,6 +166,16 @@ def bend_on(arc: Arc, u: float) -> tuple[float, float]:
     _, _, x2, x3 = arc.x
     _, _, y2, y3 = arc.y
     return 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+
+
+@in_kernel
+def common_normal(arc: Arc, u: float, distance: float, normal: tuple[float, float]) -> Closest:
+    """Return the common normal at a parameter u [m] with its signed distance [m] and unit normal."""
+    (x, y), (normal_x, normal_y) = place_on(arc, u), normal
+    return Closest(
+        depth=-distance, extent=-(x * normal_x + y * normal_y), turning=normal_x * y - normal_y * x, normal_x=normal_x,
+        normal_y=normal_y,
+    )  # fmt: skip
 
 
 class ArcDistance(NamedTuple):

@@ -11,8 +11,7 @@ import math
 from typing import NamedTuple, Protocol
 
 from knee_contact_ros.core.arrays import Floats
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.circle_search import CircleSearch
+from knee_contact_ros.core.contact_pairs.base import Closest, Pose, pose_at
 from knee_contact_ros.core.contact_pairs.femoral_curve import femoral_curve
 from knee_contact_ros.core.contact_pairs.profile_search import ProfileSearch
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
@@ -22,27 +21,34 @@ from knee_contact_ros.core.kernel_source import kernel_interface
 
 
 @kernel_interface
-class Search(Protocol):
-    """A femur over a tibia in a pose without its height."""
-
-    def deepest(self, height: float) -> Closest:
-        """Return the common normal at the femur's deepest point, for a height of the reference point [m]."""
-        ...
-
-
-@kernel_interface
 class Searched(Protocol):
-    """A femoral surface whose deepest point can be found."""
+    """A femoral surface whose deepest point under a tibial surface can be found."""
 
-    def over(self, tibia: TibialSurface, angle: float, x: float) -> Search:
-        """Turn it by `angle` [rad] and put its reference point above `x` [m]."""
+    def deepest(self, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
+        """Return the common normal at the deepest point in a pose, for a height of the reference point [m]."""
         ...
+
+
+class CircleSearch(NamedTuple):
+    """A circle, whose deepest point is in the direction of the nearest tibial point to its centre."""
+
+    radius: float
+    """Radius of the circle [m]"""
+
+    def deepest(self, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
+        """Return the common normal at the deepest point; see `Searched.deepest`."""
+        distance, normal_x, normal_y, _ = tibia.foot(pose.x, height)
+        return Closest(
+            depth=self.radius - distance, extent=self.radius, turning=0.0, normal_x=normal_x, normal_y=normal_y,
+        )  # fmt: skip
 
 
 class CurveTouch(NamedTuple):
     """The contact on a curved tibia at one time, as a `Touch`."""
 
-    search: Search
+    searched: Searched
+    tibia: TibialSurface
+    pose: Pose
     angle_rate: float
     """Rate of the flexion angle [rad/s]"""
     x_rate: float
@@ -50,7 +56,7 @@ class CurveTouch(NamedTuple):
 
     def touch(self, height: float) -> tuple[float, float, float]:
         """Return signed depth [m], its rate at a held height [m/s], and n_y; see `Touch.touch`."""
-        closest = self.search.deepest(height)
+        closest = self.searched.deepest(self.tibia, self.pose, height)
         rate = closest.turning * self.angle_rate - closest.normal_x * self.x_rate
         return closest.depth, rate, closest.normal_y
 
@@ -82,11 +88,11 @@ class CurveContact(_CurveContact):
 
     def closest(self, angle: float, x: float, height: float) -> Closest:
         """Return the common normal at an angle [rad] and (x, height) [m]; see `Kinematics.closest`."""
-        return self.searched.over(self.tibia, angle, x).deepest(height)
+        return self.searched.deepest(self.tibia, pose_at(angle, x), height)
 
     def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> CurveTouch:
         """Return the contact at an angle [rad] and x [m] with their rates [rad/s], [m/s]; see `Kinematics.at`."""
-        return CurveTouch(self.searched.over(self.tibia, angle, x), angle_rate, x_rate)
+        return CurveTouch(self.searched, self.tibia, pose_at(angle, x), angle_rate, x_rate)
 
     def next_kink(self, start: float, end: float) -> float:
         """Return NaN: kinks depend on height and translation, so none is known beforehand."""

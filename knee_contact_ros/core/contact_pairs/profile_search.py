@@ -12,17 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.certain import Pose, certain_contact
+from knee_contact_ros.core.contact_pairs.base import Closest, Pose
+from knee_contact_ros.core.contact_pairs.certain import certain_contact
 from knee_contact_ros.core.contact_pairs.femoral_curve import (
-    Arc,
     ArcDistance,
     FemoralCurve,
+    common_normal,
     least_distance,
-    place_on,
     turned_arc,
 )
-from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
+from knee_contact_ros.core.contact_pairs.least import NOTHING, least
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
 from knee_contact_ros.core.kernel_source import allocating, in_kernel
 
@@ -32,27 +31,15 @@ ROUNDING = 1e-14
 """Rounding of the bounds, as a part of the distances"""
 
 
-class ProfileOver(NamedTuple):
-    """A profile over a tibial surface in a pose, as a `Search`."""
-
-    curve: FemoralCurve
-    tibia: TibialSurface
-    pose: Pose
-
-    def deepest(self, height: float) -> Closest:
-        """Return the common normal at the deepest point, for a height of the reference point [m]."""
-        certain = certain_contact(self.curve, self.tibia, self.pose, height)
-        return certain.contact if certain.proven else searched_contact(self.curve, self.tibia, self.pose, height)
-
-
 class ProfileSearch(NamedTuple):
     """A profile whose deepest point can be found, as a `Searched`."""
 
     curve: FemoralCurve
 
-    def over(self, tibia: TibialSurface, angle: float, x: float) -> ProfileOver:
-        """Turn it by `angle` [rad] and put its reference point above `x` [m]."""
-        return ProfileOver(self.curve, tibia, Pose(x, angle, math.sin(angle), math.cos(angle)))
+    def deepest(self, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
+        """Return the common normal at the deepest point; see `Searched.deepest`."""
+        certain = certain_contact(self.curve, tibia, pose, height)
+        return certain.contact if certain.proven else searched_contact(self.curve, tibia, pose, height)
 
 
 @allocating
@@ -78,20 +65,8 @@ def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pos
         arc = turned_arc(curve, int(shortlist[k, 1]), pose.sine, pose.cosine)
         found = least(ArcDistance(arc, tibia, pose.x, height), 0.0, arc.length, best, RESOLUTION)
         if not best.value <= found.value:
-            best, answer = found, _common_normal(arc, found)
+            best, answer = found, common_normal(arc, found.place, found.value, found.normal)
     return answer
-
-
-@in_kernel
-def _common_normal(arc: Arc, sample: Sample) -> Closest:
-    """Return the common normal at a sample of `ArcDistance`."""
-    x, y = place_on(arc, sample.place)
-    normal_x, normal_y = sample.normal
-    turning = normal_x * y - normal_y * x
-    return Closest(
-        depth=-sample.value, extent=-(x * normal_x + y * normal_y), turning=turning, normal_x=normal_x,
-        normal_y=normal_y,
-    )  # fmt: skip
 
 
 @allocating
