@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import FOUND, Adrift
+from knee_contact_ros.core.contact_laws.base import law_force
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
@@ -118,15 +119,7 @@ def at_height(
     scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float
 ) -> TickResult:
     """The contact at a prescribed height [m] and velocity [m/s], given the depth [m] and its rate [m/s] there."""
-    layers = scene.modes.law.layers
-    index = -1
-    for layer in layers:
-        if layer.begin < depth:
-            index += 1
-    force = 0.0
-    if index >= 0:
-        touched = 0.0 if math.isnan(impact_speed) else impact_speed
-        force, _, _ = layers[index].formula.force_at(depth, rate, touched)
+    force, _, _ = law_force(scene.modes.law, depth, rate, 0.0 if math.isnan(impact_speed) else impact_speed)
     run_state = begin_with(FemurState(height, velocity), impact_speed, depth)
     exerted = force if scene.modes.allow_tension else max(force, 0.0)
     return TickResult(

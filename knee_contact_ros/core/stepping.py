@@ -15,8 +15,6 @@ from knee_contact_ros.core.error_estimate import (
     decay_rate,
     depth_error,
     holding,
-    lost_creep,
-    lost_swing,
 )
 from knee_contact_ros.core.integrators.base import FemurState, Motion, StateError, Step, no_step
 from knee_contact_ros.core.integrators.doubling import doubled_step
@@ -27,6 +25,7 @@ from knee_contact_ros.core.integrators.massless import massless_step
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at
 from knee_contact_ros.core.scene import Scene
+from knee_contact_ros.core.unresolved_motion import lost_creep, lost_swing
 
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""

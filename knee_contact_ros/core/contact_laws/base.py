@@ -110,13 +110,22 @@ def static_force(law: ContactLaw, depth: float) -> tuple[float, float, float]:
 
     On the beginning of a layer they are those of the layer before.
     """
+    return law_force(law, depth, 0.0, 0.0)
+
+
+@in_kernel
+def law_force(law: ContactLaw, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+    """Return force [N] and slopes at a depth [m], a rate and an impact speed [m/s], not clamped; 0 when apart.
+
+    On the beginning of a layer they are those of the layer before.
+    """
     index = -1
     for layer in law.layers:
         if layer.begin < depth:
             index += 1
     if index < 0:
         return 0.0, 0.0, 0.0
-    return law.layers[index].formula.force_at(depth, 0.0, 0.0)
+    return law.layers[index].formula.force_at(depth, rate, impact_speed)
 
 
 @in_kernel

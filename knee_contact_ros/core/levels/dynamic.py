@@ -32,8 +32,6 @@ from knee_contact_ros.core.error_estimate import (
     curved,
     force_reach,
     holding,
-    lost_creep,
-    lost_swing,
     reach,
     saltation,
     spectral_radius,
@@ -48,7 +46,7 @@ from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.levels.flight import AIRBORNE, flies_freely, flying_tick
-from knee_contact_ros.core.levels.smooth import smooth_tick
+from knee_contact_ros.core.levels.smooth import not_begun, smooth_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import (
@@ -63,6 +61,7 @@ from knee_contact_ros.core.stepping import (
     looks_for_doubt,
     motion_in,
 )
+from knee_contact_ros.core.unresolved_motion import lost_creep, lost_swing
 
 RELEASED = 0.05
 """Unknown part of the velocity's error where a contact ends, as the end of an oscillation depends on its size"""
@@ -282,11 +281,7 @@ def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> Ti
     """Return where the motion has come to in a tick that was given up; `backlog.py` makes an answer of it."""
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     if not abs(depth) < math.inf:
-        return TickResult(
-            run_state=start, depth=start.depth, rate=0.0, force=0.0, error_estimate=math.inf,
-            force_error_estimate=math.inf, evaluations=stepper.evaluations, reached=0.0, converged=False, height=0.0,
-            fidelity=DYNAMIC,
-        )  # fmt: skip
+        return not_begun(start, stepper.evaluations)
     rate = surface_rate - cosine * stepper.state.velocity
     # At s = 0 the surface has not kicked the femur yet: the bounds of its motion count that kick once.
     sinking = rate / cosine if stepper.s > 0.0 else start.sinking

@@ -69,19 +69,19 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     until, _ = stretch_from(interval, 0.0)
     remembers = scene.modes.law.layers[0].formula.remembers_impact()
     if until < interval.duration or math.isnan(start.impact_speed) or remembers:
-        return not_smooth(start, spent)
+        return not_begun(start, spent)
     way, mode, looks = begun(scene, interval, start)
     spent += looks
     if not way.smooth:
-        return not_smooth(start, spent)
+        return not_begun(start, spent)
     parts = int(way.parts)
     if scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE:
-        return not_smooth(start, spent)
+        return not_begun(start, spent)
     for i in range(parts):
         way = strode(scene, interval, start, mode, way, float(i), False)
         spent += EVALUATIONS
         if not way.smooth:
-            return not_smooth(start, spent)
+            return not_begun(start, spent)
     return arrived(scene, interval, start, way, spent)
 
 
@@ -167,9 +167,9 @@ def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: 
 
 
 @in_kernel
-def not_smooth(start: RunState, spent: int) -> TickResult:
-    """Return a result that is not `converged`, with the evaluations that the tick has taken so far."""
+def not_begun(start: RunState, spent: int) -> TickResult:
+    """Return a result that is not `converged` and where nothing has moved, with the evaluations taken so far."""
     return TickResult(
-        run_state=start, depth=0.0, rate=0.0, force=0.0, error_estimate=0.0, force_error_estimate=0.0,
-        evaluations=spent, reached=0.0, converged=False, height=0.0, fidelity=DYNAMIC,
+        run_state=start, depth=start.depth, rate=0.0, force=0.0, error_estimate=math.inf,
+        force_error_estimate=math.inf, evaluations=spent, reached=0.0, converged=False, height=0.0, fidelity=DYNAMIC,
     )  # fmt: skip
