@@ -159,7 +159,7 @@ def bounds_near(
     doubt = (EXPECTED - 1.0) * abs(error.height) + SPREAD * math.sqrt(max(error.hh, 0.0))
     deepest, highest = depth + max(error.height + doubt, 0.0), max(0.0, -depth + max(doubt - error.height, 0.0))
     speed = abs(rate) + velocity_reach(error)
-    stored, looks = elastic_energy(law, deepest, 1.0)
+    stored, extra = elastic_energy(law, deepest, 1.0)
     energy = 0.5 * mass * speed * speed + stored
     if load > 0.0:
         energy += load * (highest if highest > 0.0 else max(doubt - error.height, 0.0) - depth)
@@ -167,7 +167,7 @@ def bounds_near(
     return Adrift(
         stage=WATCHED, energy=energy, height=highest, load=load, rest=rest, stored=stored, pressed=0.0, least=load,
         begun=energy, impact=impact,
-    ), evaluations + looks  # fmt: skip
+    ), evaluations + extra  # fmt: skip
 
 
 @in_kernel
@@ -185,9 +185,9 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
     rest, stored, evaluations = at_rest(law, drive.load, near if near > 0.0 else adrift.rest)
     presses = adrift.load > 0.0 and drive.least > 0.0
     if presses:
-        energy, root, looks = pressed_on(law, adrift, drive, drive.load * rest - stored)
+        energy, root, extra = pressed_on(law, adrift, drive, drive.load * rest - stored)
     else:
-        energy, root, looks = pulled(law, adrift, drive)
+        energy, root, extra = pulled(law, adrift, drive)
     height = min(adrift.height + math.sqrt(2.0 / drive.mass) * root * drive.duration, LARGEST_HEIGHT_ERROR)
     pressed, least, begun = 0.0, drive.load, energy
     if presses:
@@ -200,7 +200,7 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
     return adrift._replace(
         energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed, least=least,
         begun=begun, impact=impact,
-    ), evaluations + looks  # fmt: skip
+    ), evaluations + extra  # fmt: skip
 
 
 @in_kernel
@@ -226,9 +226,9 @@ def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive, still: float) -> t
     energy += kick * (2.0 * root - kick)
     energy = min(energy + drive.rise * max(energy, 0.0) / adrift.load, LARGEST_ENERGY)
     if drive.fall > 0.0:
-        beyond, looks = overshoot(law, rest, load, stiffness, max(energy + most, 0.0))
+        beyond, extra = overshoot(law, rest, load, stiffness, max(energy + most, 0.0))
         energy = min(energy + drive.fall * (rest + beyond), LARGEST_ENERGY)
-        evaluations += looks
+        evaluations += extra
     return energy, math.sqrt(max(energy + most, 0.0)), evaluations
 
 
@@ -262,18 +262,18 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
         return adrift, 0
     rest, _, evaluations = at_rest(law, adrift.least, adrift.rest)
     _, stiffness, _ = static_force(law, rest)
-    stored, looks = elastic_energy(law, rest, 1.0)
+    stored, extra = elastic_energy(law, rest, 1.0)
     excess = adrift.begun + adrift.least * rest - stored
-    evaluations += looks + 1
+    evaluations += extra + 1
     if excess <= 0.0:
         return with_window(adrift, adrift.energy), evaluations
-    beyond, looks = overshoot(law, rest, adrift.least, stiffness, excess)
+    beyond, extra = overshoot(law, rest, adrift.least, stiffness, excess)
     spring, more = softest(law, rest, adrift.least)
     _, _, above = static_force(law, 0.5 * rest)
     _, _, damping = static_force(law, rest + beyond)
     # Next to a boundary or under next to no load either spring may be none: then there is never time enough.
     spring, stiffness = max(spring, TINY), max(min(stiffness, 2.0 * excess / max(beyond * beyond, TINY)), TINY)
-    evaluations += looks + more + 2
+    evaluations += extra + more + 2
     swing = math.pi * math.sqrt(mass / spring) + above / spring
     swing += math.pi * math.sqrt(mass / stiffness) + 2.0 * damping / stiffness
     if adrift.pressed < flight + SLACK * swing:
@@ -298,13 +298,13 @@ def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
     force, stiffness, _ = static_force(law, adrift.rest)
     beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, excess)
     most = min(adrift.rest + beyond, LARGEST_HEIGHT_ERROR)
-    spring, looks = softest(law, adrift.rest, load)
+    spring, extra = softest(law, adrift.rest, load)
     # The depth at rest may be less than it is taken to be.
     back = (math.sqrt(2.0 * excess / spring) + max(force - load, 0.0) / spring) if spring > 0.0 else math.inf
     least = max(adrift.rest - back, 0.0) if back < adrift.rest else -adrift.height
     force, _, damping = static_force(law, most)
     rate = math.sqrt(2.0 * excess / mass)
-    return Range(least, most, rate, force + damping * rate, evaluations + looks + 2)
+    return Range(least, most, rate, force + damping * rate, evaluations + extra + 2)
 
 
 @in_kernel

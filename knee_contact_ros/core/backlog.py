@@ -86,11 +86,11 @@ def work_off(
         backlog["angle"] = interval.angle + interval.angle_rate * result.reached
         backlog["load"] = load_at(interval, result.reached)
         durations[0] = interval.duration - result.reached
-        adrift, looks = start.adrift, 0
+        adrift, extra = start.adrift, 0
         if adrift.stage != NONE and result.reached > 0.0:
             drive = drive_of(scene, interval._replace(duration=result.reached), start)
-            adrift, looks = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
-        result = result._replace(evaluations=result.evaluations + looks)
+            adrift, extra = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
+        result = result._replace(evaluations=result.evaluations + extra)
         return behind(scene, backlog, result, adrift, count > MOST or not moved), False
     result = watched(scene, interval, start, result)
     backlog["angle"], backlog["load"] = angles[0], loads[0]
@@ -150,17 +150,17 @@ def watched(scene: Scene, interval: Interval, start: RunState, result: TickResul
         return result
     law, run_state, depth = scene.modes.law, result.run_state, max(result.depth, 0.0)
     drive = drive_of(scene, interval, start)
-    adrift, looks = pushed(law, start.adrift, drive, depth)
-    evaluations = result.evaluations + looks
+    adrift, extra = pushed(law, start.adrift, drive, depth)
+    evaluations = result.evaluations + extra
     if scene.budget == 0 or evaluations + CALMING + RESERVE <= scene.budget:
-        adrift, looks = calmed(law, adrift, drive.mass)
-        evaluations += looks
+        adrift, extra = calmed(law, adrift, drive.mass)
+        evaluations += extra
     if adrift.stage == WATCHED:
         if depth > 0.0 and not counts(scene, run_state):
             return result._replace(run_state=run_state._replace(adrift=FOUND), evaluations=evaluations)
         impact = fastest_impact(run_state)
-        near, looks = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
-        evaluations += looks
+        near, extra = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
+        evaluations += extra
         if near.energy < adrift.energy:
             adrift = near
     limits = range_of(law, adrift, drive.mass)
@@ -242,8 +242,8 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     known, evaluations = adrift, result.evaluations
     interval = interval_of(scene, backlog, 0)
     if adrift.stage == NONE:
-        adrift, looks = bounds_of(scene, interval, run_state)
-        evaluations += looks
+        adrift, extra = bounds_of(scene, interval, run_state)
+        evaluations += extra
     drive = drive_of(scene, interval, run_state._replace(adrift=adrift))
     _, _, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
     for i in range(1, int(backlog["count"])):
@@ -257,10 +257,10 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     if scene.budget > 0:  # What bounds before this have taken is not there for the answer, which needs far less.
         room = max(1, min(ANSWER, scene.budget - evaluations - (RESERVE - ANSWER)))
     static = static_contact(law, touch, load, run_state.state.height, near, 0.0, room)
-    adrift, looks = pushed(law, adrift._replace(stage=LOST), drive, static.depth)
+    adrift, extra = pushed(law, adrift._replace(stage=LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
-    evaluations += looks
+    evaluations += extra
     if give_up:
         backlog["count"] = 0
         run_state = RunState(

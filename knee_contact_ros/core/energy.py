@@ -34,7 +34,7 @@ def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, in
     `near` [m] is a guess. Only load times depth less the stored energy is bounded: the depth need not be exact.
     """
     static = static_depth(law, load, max(near, 0.0), 1e-9, FEW)
-    stored, looks = elastic_energy(law, static.depth, 0.5)
+    stored, extra = elastic_energy(law, static.depth, 0.5)
     force, stiffness, _ = static_force(law, static.depth)
     off, way = abs(force - load), static.depth
     if force >= load:
@@ -44,7 +44,7 @@ def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, in
         way = off / max(stiffness, TINY)
     # Where the depth is not exact, the load does more over the exact one than is stored there by no more than this.
     more = off * min(way, off / max(stiffness, TINY)) if force < load else off * way
-    return static.depth, stored - more, static.evaluations + looks + 1
+    return static.depth, stored - more, static.evaluations + extra + 1
 
 
 @in_kernel

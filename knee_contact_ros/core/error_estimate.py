@@ -166,11 +166,11 @@ def with_step(error: CarriedError, local: StateError, unknown: float, held: floa
     h, v = local.height, local.velocity
     square = held * held * h * h + v * v
     spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
-    aside = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
+    added = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
     return CarriedError(
         height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
-        hh=error.hh + unknown * unknown * h * h + aside / (held * held),
-        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + aside,
+        hh=error.hh + unknown * unknown * h * h + added / (held * held),
+        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + added,
     )  # fmt: skip
 
 

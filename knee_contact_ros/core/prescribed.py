@@ -59,9 +59,9 @@ def stretch_from(interval: Interval, begin: float) -> tuple[float, float]:
     end_angle = interval.angle + interval.angle_rate * interval.duration
     kink = interval.pair.next_kink(angle, end_angle)
     while not math.isnan(kink):
-        aside = KINK_WIDTH / abs(interval.angle_rate)
+        margin = KINK_WIDTH / abs(interval.angle_rate)
         s = (kink - interval.angle) / interval.angle_rate
-        if begin < s - aside and s + aside < interval.duration:
-            return s - aside, s + aside
+        if begin < s - margin and s + margin < interval.duration:
+            return s - margin, s + margin
         kink = interval.pair.next_kink(kink, end_angle)
     return interval.duration, interval.duration

@@ -106,8 +106,8 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float, 
         if carried < force:
             layer, base = index, carried
     begin = law.layers[layer].begin
-    low, high, depth, looks = bracket(law, layer, force, near)
-    evaluations += looks
+    low, high, depth, extra = bracket(law, layer, force, near)
+    evaluations += extra
     for _ in range(MAX_ITERATIONS):
         value, slope, _ = law.layers[layer].formula.force_at(depth, 0.0, 0.0)
         evaluations += 1

@@ -188,8 +188,8 @@ def _finite(trial: Trial) -> str:
         numbers = trial.at(*state)
         if not all(map(math.isfinite, numbers)):
             force, stiffness, damping = numbers
-            found = f"the force is {force:g} N and its slopes are {stiffness:g} N/m and {damping:g} N s/m"
-            return f"{trial.where(*state)} {found}; all must be finite"
+            finding = f"the force is {force:g} N and its slopes are {stiffness:g} N/m and {damping:g} N s/m"
+            return f"{trial.where(*state)} {finding}; all must be finite"
     return ""
 
 
@@ -255,8 +255,8 @@ def _around_beginning(trial: Trial) -> str:
         other, other_slope, _ = trial.at(offset)
         most = abs(offset) * (1.0 + TRUE) * max(slope, other_slope) + EQUAL * max(abs(force), 1.0)
         if not abs(other - force) <= most:
-            found = f"the force is {force:g} N, and {offset:g} m off {other:g} N"
-            return f"{trial.where(0.0)} {found}; its slope allows for {most:g} N of difference"
+            finding = f"the force is {force:g} N, and {offset:g} m off {other:g} N"
+            return f"{trial.where(0.0)} {finding}; its slope allows for {most:g} N of difference"
     return ""
 
 
@@ -268,8 +268,8 @@ def _affine(trial: Trial) -> str:
         line = at_rest + slope * rate
         rounding = 8.0 * EPSILON * abs(slope) * RATES[-1]
         if not abs(force - line) <= EQUAL * (abs(at_rest) + abs(slope * rate)) + rounding:
-            found = f"the force is {force:g} N; by the line through {RATES[0]:g} and {RATES[-1]:g} m/s it must be"
-            return f"{trial.where(offset, rate, impact_speed)} {found} {line:g} N"
+            finding = f"the force is {force:g} N; by the line through {RATES[0]:g} and {RATES[-1]:g} m/s it must be"
+            return f"{trial.where(offset, rate, impact_speed)} {finding} {line:g} N"
     return ""
 
 
@@ -286,8 +286,8 @@ def _rising(trial: Trial) -> str:
         if not force >= last - EQUAL * abs(last):
             return f"{trial.where(offset)} the force is {force:g} N, less than {last:g} N at {trial.begin + before:g} m"
         if not slope >= (1.0 - EQUAL) * last_slope:
-            found = f"the slope is {slope:g} N/m, less than {last_slope:g} N/m at {trial.begin + before:g} m"
-            return f"{trial.where(offset)} {found}; within a layer it must not fall"
+            finding = f"the slope is {slope:g} N/m, less than {last_slope:g} N/m at {trial.begin + before:g} m"
+            return f"{trial.where(offset)} {finding}; within a layer it must not fall"
         before, last, last_slope = offset, force, slope
     return ""
 

@@ -53,11 +53,11 @@ def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heigh
         x, y = place_on(arc, u)
         (x_slope, y_slope), (x_bend, y_bend) = slope_on(arc, u), bend_on(arc, u)
         rise, slope, bend = tibia.graph(place)
-        aside, over = pose.x + x - place, height + y - rise
+        dx, dy = pose.x + x - place, height + y - rise
         # Both P'·N and (P - Q)·T shall be 0, with N = (-slope, 1) and T = (1, slope).
-        parallel, beside = y_slope - slope * x_slope, aside + slope * over
+        parallel, beside = y_slope - slope * x_slope, dx + slope * dy
         parallel_u, parallel_place = y_bend - slope * x_bend, -bend * x_slope
-        beside_u, beside_place = x_slope + slope * y_slope, over * bend - 1.0 - slope * slope
+        beside_u, beside_place = x_slope + slope * y_slope, dy * bend - 1.0 - slope * slope
         scale = parallel_u * beside_place - parallel_place * beside_u
         if scale == 0.0:
             break
@@ -85,9 +85,9 @@ def _judged(
     x, y = place_on(arc, u)
     x_slope, y_slope = slope_on(arc, u)
     rise, slope, _ = tibia.graph(place)
-    aside, over = pose.x + x - place, height + y - rise
+    dx, dy = pose.x + x - place, height + y - rise
     norm = math.sqrt(1.0 + slope * slope)
-    distance, normal_x, normal_y = (over - slope * aside) / norm, -slope / norm, 1.0 / norm
+    distance, normal_x, normal_y = (dy - slope * dx) / norm, -slope / norm, 1.0 / norm
     outer, inner = float(curve.balls[i]), tibia.cup(place)
     room, (convex, _) = 1.0 - inner * distance, tibia.curvatures()
     holds = room > 0.0 and inner < outer * room and convex * distance < DEEPEST_PART

@@ -106,8 +106,8 @@ class TibialProfile(_TibialProfile):
         height, slope, _ = height_at(self.pieces, place)
         squared_norm = 1.0 + slope * slope
         norm = math.sqrt(squared_norm)
-        aside, over = x - place, y - height
-        along, across = (aside + slope * over) / norm, (over - slope * aside) / norm
+        dx, dy = x - place, y - height
+        along, across = (dx + slope * dy) / norm, (dy - slope * dx) / norm
         lower, upper = _from_ball(self.concave, along, across), _from_ball(self.convex, along, across)
         return max(lower, above * self.least_normal_y()) if above > 0.0 else lower, upper
 
@@ -152,10 +152,10 @@ class SquaredDistance(NamedTuple):
     def sample(self, place: float) -> Sample:
         """Evaluate the function and its derivatives at a place [m]; `normal` has height [m] and y'' [1/m] there."""
         height, slope, bend = height_at(self.pieces, place)
-        aside, over = place - self.x, height - self.y
-        value = 0.5 * (aside * aside + over * over)
+        dx, dy = place - self.x, height - self.y
+        value = 0.5 * (dx * dx + dy * dy)
         return Sample(
-            place=place, value=value, slope=aside + over * slope, bend=1.0 + slope * slope + over * bend,
+            place=place, value=value, slope=dx + dy * slope, bend=1.0 + slope * slope + dy * bend,
             normal=(height, bend),
         )  # fmt: skip
 
@@ -179,11 +179,11 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
     place = x
     for _ in range(MOST_STEPS):
         height, slope, bend = height_at(pieces, place)
-        over = height - y
-        rise = 1.0 + slope * slope + over * bend
+        dy = height - y
+        rise = 1.0 + slope * slope + dy * bend
         if not rise > 0.0:
             break
-        step = (x - place - over * slope) / rise
+        step = (x - place - dy * slope) / rise
         place += step
         if abs(step) < LAST_STEP:
             i = _piece_at(pieces, place)
@@ -248,8 +248,8 @@ def _ends(pieces: Floats) -> tuple[float, float]:
 def _from_ball(curvature: float, along: float, across: float) -> float:
     """The signed distance [m] from a circle of a point `along` its tangent and `across` it [m] from the touch."""
     squared = along * along + across * across
-    aside, over = curvature * along, 1.0 - curvature * across
-    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(aside * aside + over * over))
+    x, y = curvature * along, 1.0 - curvature * across  # from the centre, in radii
+    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(x * x + y * y))
 
 
 @in_kernel

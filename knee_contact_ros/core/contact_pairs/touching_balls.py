@@ -66,16 +66,16 @@ def _far(pieces: Pieces, rows: slice) -> Floats:
     """Return a lower bound of q [1/m] for all u of one of these pieces and all v of any piece, shape (rows, n)."""
     (x, y), (along_x, along_y), reach = pieces.places.T, pieces.tangents.T, pieces.reach
     from_x, from_y, reach_u, largest_u = [values[rows, None] for values in (along_x, along_y, reach, _largest(pieces))]
-    aside, over = x - x[rows, None], y - y[rows, None]
-    squared = aside * aside + over * over
+    dx, dy = x - x[rows, None], y - y[rows, None]
+    squared = dx * dx + dy * dy
     distance = np.sqrt(squared)
     nearest, farthest = distance - (reach_u + reach), distance + (reach_u + reach)
     with np.errstate(divide="ignore", invalid="ignore"):
-        q = 2.0 * (from_x * over - from_y * aside) / squared
-        slope = 2.0 * np.abs(along_x * (-from_y - q * aside) + along_y * (from_x - q * over))
+        q = 2.0 * (from_x * dy - from_y * dx) / squared
+        slope = 2.0 * np.abs(along_x * (-from_y - q * dx) + along_y * (from_x - q * dy))
         bend = 2.0 * _largest(pieces) * (1.0 + np.abs(q) * farthest) + 2.0 * np.abs(q)
         other = np.maximum(np.abs(q - pieces.low[rows, None]), np.abs(q - pieces.high[rows, None]))
-        along = np.abs(from_x * aside + from_y * over) + reach_u * (1.0 + largest_u * farthest) + reach
+        along = np.abs(from_x * dx + from_y * dy) + reach_u * (1.0 + largest_u * farthest) + reach
         change = slope * reach + 0.5 * bend * reach * reach + 2.0 * other * along * reach_u
         return np.asarray(np.where(nearest > 0.0, q - change / (nearest * nearest), -np.inf))
 

@@ -125,8 +125,8 @@ def largest_leap(
     largest, before, from_fraction = 0.0, begin, 0.0
     for i in range(len(stages)):
         duration = (fractions[i] - from_fraction) * h
-        found = leap(before.surface_rate, stages[i].surface_rate, motion.interval.angle_rate, duration)
-        largest, before, from_fraction = max(largest, found), stages[i], fractions[i]
+        leapt = leap(before.surface_rate, stages[i].surface_rate, motion.interval.angle_rate, duration)
+        largest, before, from_fraction = max(largest, leapt), stages[i], fractions[i]
     return largest
 
 

@@ -58,10 +58,10 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
         turn = turning(motion, h, low, high, before.stage.rate, look.stage.rate)
         if low < turn < high:
             between = in_flight(motion, s, state, turn * h)
-            crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before, between)
-            before, low, stages = between, turn, stages + 1 + looks
-        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before, look)
-        before, low, stages = look, high, stages + 1 + looks
+            crossing, extra = looked_at(crossing, motion, s, state, h, low, turn, before, between)
+            before, low, stages = between, turn, stages + 1 + extra
+        crossing, extra = looked_at(crossing, motion, s, state, h, low, high, before, look)
+        before, low, stages = look, high, stages + 1 + extra
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
     return Step(
@@ -92,17 +92,17 @@ def looked_at(
     Surfaces that overlap may part and meet again in between, which begins another contact, or press for a moment. The
     second number is that of additional stages in between.
     """
-    looks, overlaps, rate, rising = 0, motion.mode.layer >= 0, look.stage.rate, before.stage.rate
+    extra, overlaps, rate, rising = 0, motion.mode.layer >= 0, look.stage.rate, before.stage.rate
     deepest = rising > 0.0 > rate and has_deeper(motion.modes, motion.mode)
     if (overlaps and rising < 0.0 < rate) or deepest:
-        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, rising, rate, math.nan)
+        crossing, extra = towards_extreme(crossing, motion, s, state, h, low, high, rising, rate, math.nan)
     if overlaps and low < high and crossing.boundary == NOWHERE:
         at_once = (rate - rising) / ((high - low) * h) - 0.5 * (low + high) * h * bend(motion)
         rising, falling = change(motion, before, low * h, at_once), change(motion, look, high * h, at_once)
         if rising > 0.0 > falling:
             crossing, more = towards_extreme(crossing, motion, s, state, h, low, high, rising, falling, at_once)
-            looks += more
-    return earlier(crossing, motion, look.stage, s + high * h, high), looks
+            extra += more
+    return earlier(crossing, motion, look.stage, s + high * h, high), extra
 
 
 @in_kernel
@@ -161,13 +161,13 @@ def towards_extreme(
     `low` and `high` are the parts of the step, `rising` and `falling` the changes there, for a minimum with the
     other sign. Returns the first crossing so far, and the number of stages.
     """
-    last, looks = 0.0, 0
+    last, extra = 0.0, 0
     for _ in range(MAX_PEAK):
         middle = low + (high - low) * rising / (rising - falling)
         if not low < middle < high:
             break
         look = in_flight(motion, s, state, middle * h)
-        looks += 1
+        extra += 1
         crossing = earlier(crossing, motion, look.stage, s + middle * h, middle)
         value = change(motion, look, middle * h, at_once)
         if abs(value) <= PEAK_RATE or (crossing.fraction == middle and not math.isnan(at_once)):
@@ -180,4 +180,4 @@ def towards_extreme(
             high, falling = middle, value
             rising = 0.5 * rising if again else rising
         last = value
-    return crossing, looks
+    return crossing, extra

@@ -262,7 +262,7 @@ def dynamic_result(
             error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)
         held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)
         force_error = cosine * force_reach(error, stiffness, damping, 0.0, held) + doubt
-    found = reach(error, held) if mode.pressing else AIRBORNE * reach(error, held)
+    estimate = reach(error, held) if mode.pressing else AIRBORNE * reach(error, held)
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,
@@ -271,7 +271,7 @@ def dynamic_result(
             adrift=adrift,
         ),
         depth=depth, rate=rate, force=force if scene.modes.allow_tension else max(force, 0.0),
-        error_estimate=found, force_error_estimate=force_error, evaluations=evaluations,
+        error_estimate=estimate, force_error_estimate=force_error, evaluations=evaluations,
         reached=interval.duration, converged=True, height=stepper.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 

@@ -70,8 +70,8 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     remembers = scene.modes.law.layers[0].formula.remembers_impact()
     if until < interval.duration or math.isnan(start.impact_speed) or remembers:
         return not_begun(start, spent)
-    way, mode, looks = begun(scene, interval, start)
-    spent += looks
+    way, mode, extra = begun(scene, interval, start)
+    spent += extra
     if not way.smooth:
         return not_begun(start, spent)
     parts = int(way.parts)
