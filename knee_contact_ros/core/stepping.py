@@ -107,10 +107,8 @@ def controlled_step(
         ratio = error_ratio(scene, interval, stepper, step, h)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
         if ratio <= 1.0:
-            if scene.mass > 0.0:
-                try_step = h * factor if h < remaining else max(stepper.try_step, h * factor)
-                stepper = stepper._replace(try_step=try_step)
-            return stepper, step, h
+            try_step = h * factor if h < remaining else max(stepper.try_step, h * factor)
+            return stepper._replace(try_step=try_step), step, h
         h *= max(0.1, factor)
         if not until + h > until:
             return stepper._replace(given_up=True), step, h
@@ -158,9 +156,6 @@ def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: S
     """Return the estimated error of a step over its share of the tolerance: all steps that still count share it."""
     if not step.solved:
         return math.inf
-    if scene.mass <= 0.0:
-        forgotten = max(1.0 - memory_without_mass(step, h), 1e-3)
-        return abs(step.error.height) / forgotten / (LOCAL_SHARE * scene.tolerance)
     load, mass = load_at(interval, stepper.s), scene.mass
     ratio = local_ratio(
         scene, load, step.state, step.error, step.begin.force, step.end.force, step.stiffness, step.damping, step.leapt,
@@ -171,12 +166,6 @@ def error_ratio(scene: Scene, interval: Interval, stepper: StepperState, step: S
         LOCAL_SHARE * wanted(scene, step.stiffness, step.damping)
     )
     return ratio if ratio < math.inf else math.inf
-
-
-@in_kernel
-def memory_without_mass(step: Step, h: float) -> float:
-    """Part of an error of the height that is left after a step of `h` [s] of a contact without mass."""
-    return math.exp(-h * step.stiffness / step.damping) if step.damping > 0.0 else 0.0
 
 
 @always_inlined
