@@ -92,7 +92,7 @@ class Drive(NamedTuple):
     """What moves the femur for some time, along the normal: load and acceleration of the surface."""
 
     mass: float
-    """m [kg]"""
+    """Mass m along the normal [kg]"""
     load: float
     """P at the end of that time [N]"""
     rise: float

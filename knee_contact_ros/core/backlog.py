@@ -49,7 +49,7 @@ BACKLOG = np.dtype([
 """Number of intervals to be computed, and whether this tick has made progress; angle [rad] and load [N] where the
 motion has come to; the duration [s] of every interval, and angle and load at its end"""
 Backlog = Any
-"""A record of `BACKLOG`"""
+"""The backlog of a run: a record of `BACKLOG`"""
 STANDING = int(Fidelity.QUASI_STATIC)
 """Level of an answer that is static because its motion was not resolved"""
 

@@ -51,9 +51,9 @@ class Spread(NamedTuple):
     name: str
     """Name of the distribution, for a person"""
     area: float
-    """s in a² = s R δ"""
+    """Factor s of the patch's half width a: a² = s R δ"""
     peak: float
-    """k, the peak pressure over the mean one"""
+    """Factor k: the peak pressure over the mean one"""
 
 
 POINT_CONTACT = Spread("Hertz, point contact", 1.0, 1.5)

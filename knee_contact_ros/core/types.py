@@ -89,30 +89,30 @@ class Wrench(Row):  # type: ignore[misc]
     """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`."""
 
     force: Point
-    """[N]"""
+    """[N] force on the body"""
     torque: Point
-    """[N m]"""
+    """[N m] torque on the body about the origin of the tibia frame"""
 
 
 class Contact(Row):  # type: ignore[misc]
     """The answer to one tick: first the fields of `KneeContact.msg` (same names, order and types), then some more."""
 
     flexion_angle: Real
-    """[rad] positive in flexion"""
+    """[rad] flexion angle, positive in flexion"""
     load: Real
     """[N] compressive load that drove the tick"""
     contact_force: Real
     """[N] normal contact force; >= 0 unless the law may pull"""
     penetration_depth: Real
-    """[m] >= 0; 0 when the surfaces are apart"""
+    """[m] penetration depth, >= 0; 0 when the surfaces are apart"""
     gap: Real
     """[m] distance of the surfaces, >= 0; 0 in contact"""
     penetration_rate: Real
     """[m/s] rate of the signed depth, > 0 when the surfaces approach each other"""
     sliding_velocity: Real
-    """[m/s] of the femur's surface relative to the tibia's, at the contact and along it; > 0 anteriorly (Eq. 6)"""
+    """[m/s] velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
     contact_point: Point
-    """[m] on the plateau, in the tibia frame (when apart: the point closest to the femur); z is 0, as all is planar"""
+    """[m] contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
     femoral_height: Real
     """[m] height of the femoral reference point above the origin of the tibia frame"""
     cartilage_depth: Real
@@ -120,11 +120,11 @@ class Contact(Row):  # type: ignore[misc]
     bone_depth: Real
     """[m] part of the depth in the second layer"""
     contact_state: Small
-    """a `ContactState`"""
+    """a `ContactState`: the deepest layer in contact"""
     fidelity: Small
-    """a `Fidelity`"""
+    """a `Fidelity`: the level that computed the answer"""
     status: Small
-    """a set of `Status` bits"""
+    """a set of `Status` flags"""
     error_estimate: Real
     """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
     force_error_estimate: Real
@@ -136,7 +136,7 @@ class Contact(Row):  # type: ignore[misc]
     stamp: Nanoseconds
     """[ns] time of the sample, as in the message's header"""
     femoral_x: Real
-    """[m] of the femoral reference point along the tibia's x axis"""
+    """[m] x of the femoral reference point in the tibia frame"""
     normal_x: Real
     """x of the unit normal of the tibial surface at the contact point, from tibia to femur"""
     normal_y: Real
@@ -180,7 +180,7 @@ MESSAGE = slice(0, _place("evaluations").stop)
 """Bytes of a row that equal those of a `KneeContact` message after its header, if the header ends at a multiple of 8
 B"""
 WRENCH = _place("contact_wrench")
-"""Bytes of a row that equal those of a `WrenchStamped` message after its header, likewise"""
+"""Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
 
 
 def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, np.dtype[Any], int]]:

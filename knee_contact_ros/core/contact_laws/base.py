@@ -85,7 +85,7 @@ class ContactLaw(NamedTuple):
     """
 
     layers: tuple[Layer, ...]
-    """In the order of depth"""
+    """The layers in the order of their depths"""
     thickness: float = math.inf
     """Thickness [m] of what the law models, beyond which no depth is plausible; infinite if it is not known"""
 

@@ -12,12 +12,12 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class HertzFormula(NamedTuple):
-    """F = K δⁿ."""
+    """Formula of an elastic layer: F = K δⁿ."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n [-]"""
+    """Exponent n [-]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
         """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""

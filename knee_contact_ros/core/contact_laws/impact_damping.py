@@ -17,14 +17,14 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class ImpactDamped(NamedTuple):
-    """F = K δⁿ (1 + D δ̇/v₀)."""
+    """Formula of a layer whose damping depends on the impact speed: F = K δⁿ (1 + D δ̇/v₀)."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n [-]"""
+    """Exponent n [-]"""
     loss: float
-    """D [-]"""
+    """Loss number D [-]"""
     least_impact_speed: float
     """Floor under v₀ [m/s]"""
 

@@ -12,14 +12,14 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class KelvinVoigtFormula(NamedTuple):
-    """F = K δⁿ + C δ̇."""
+    """Formula of a spring and a dashpot in parallel: F = K δⁿ + C δ̇."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n [-]"""
+    """Exponent n [-]"""
     damping: float
-    """C [N s/m]"""
+    """Damping C [N s/m]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
         """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""

@@ -12,18 +12,18 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class SpringAndDashpot(NamedTuple):
-    """One layer under others: F = F₀ + K (δ - h)ⁿ + C δ̇."""
+    """Formula of a layer below others: F = F₀ + K (δ - h)ⁿ + C δ̇."""
 
     begin: float
-    """h [m]"""
+    """Depth h [m] at which the layer begins"""
     base_force: float
-    """F₀ [N] of the layers above, at h"""
+    """Force F₀ [N] of the layers above at h"""
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K of this layer [N/mⁿ]"""
     exponent: float
-    """n [-]"""
+    """Exponent n [-]"""
     damping: float
-    """C [N s/m]"""
+    """Damping C [N s/m]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
         """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""

@@ -20,7 +20,7 @@ class _TibialCircle(NamedTuple):
     """Fields of a `TibialCircle`."""
 
     radius: float
-    """Radius [m], > 0"""
+    """Radius of the arc [m], > 0"""
 
 
 class TibialCircle(_TibialCircle):

@@ -14,7 +14,7 @@ class Circle(NamedTuple):
     """A circle centred at the reference point: its depth does not depend on the flexion angle."""
 
     radius: float
-    """Radius [m]"""
+    """Radius of the circle [m]"""
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return the radius [m] and 0 [m/rad], which do not depend on the angle [rad]."""

@@ -83,7 +83,7 @@ class Step(NamedTuple):
     stiffness: float
     """Slope of the force along the height over the height [N/m], typical of the step: it carries errors over it"""
     damping: float
-    """Slope of the force along the height over the velocity [N s/m], likewise"""
+    """Slope of the force along the height over the velocity [N s/m], typical of the step"""
     cosine: float
     """n_y at the beginning of the step"""
     leapt: float

@@ -53,7 +53,7 @@ class Stride(NamedTuple):
 
     state: FemurState
     error: StateError
-    """Estimated local error"""
+    """Estimated local error of the state"""
     middle: Slope
     """The stage in the middle, whose slopes carry an error over the step at second order"""
     end: Slope

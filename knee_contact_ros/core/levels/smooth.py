@@ -55,7 +55,7 @@ class Way(NamedTuple):
     part: float
     """Duration of a step [s]"""
     parts: float
-    """Number of steps"""
+    """Number of steps in the tick"""
     smooth: bool
     """Whether the tick is smooth so far"""
 
