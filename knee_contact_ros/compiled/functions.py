@@ -10,6 +10,7 @@ from typing import Any
 from numba import njit, types
 from numba.extending import overload_method, register_jitable
 
+from knee_contact_ros.compiled import replacing  # noqa: F401  (tells Numba of `_replace`)
 from knee_contact_ros.compiled.cache import kernel_cache
 from knee_contact_ros.compiled.inner import ApartCompiler, InnerCompiler
 from knee_contact_ros.core import ticks  # noqa: F401  (marks what is registered)

@@ -1,16 +1,16 @@
-"""Where the exact solution can be, once it may have been lost: wherever its energy lets it be.
+"""Bounds of the exact solution by its energy, for when the error estimate may no longer hold.
 
 A run loses the exact solution where a tick could not be resolved, or where its estimated error is so large that the
-exact femur may be apart while the answer is in contact: the linearised contact says nothing then. What is left is a
-bound on the exact femur's energy. It is kept from when the error begins to count, so that it holds no more than that of
-the answer then; it ends when the error counts no longer.
+exact femur may be apart while the answer is in contact: the linearised contact is not valid then. What is left is a
+bound on the energy of the exact femur. It is computed from the time at which the error becomes significant, so that it
+is hardly more than the energy of the answer at that time; it is dropped when the error is no longer significant.
 
-All is seen along the normal: a mass m = M/n_y² at a depth z under the load P = L/n_y + m a, with what the surface's
-acceleration a adds. While P presses, the energy is H = ½ m ż² + U(z) - P z, which a femur that is apart by h has as
-P h; at rest it is smallest, and X above that. A load that rises raises H by P' h at most, one that falls by P' z: the
-bounds of both follow from H, and so does the time in which the femur must come back to the depth at rest and overshoot
-it. What the dashpot must at least take from that is taken from H. Under a load that pulls nothing but ½ m ż² + U(z)
-is bounded, and the distance. Where nothing damps the contact nothing is ever forgotten.
+All quantities are along the normal: a mass m = M/n_y² at a depth z under the load P = L/n_y + m a, with what the
+surface's acceleration a adds. While P presses, the energy is H = ½ m ż² + U(z) - P z, which a femur that is apart by h
+has as P h; at rest it is smallest, and X above that. A load that rises raises H by P' h at most, one that falls by P'
+z: the bounds of both follow from H, and so does the time in which the femur must come back to the depth at rest and
+overshoot it. What the dashpot must at least take from that is taken from H. Under a load that pulls nothing but ½ m ż²
++ U(z) is bounded, and the distance. Where nothing damps the contact nothing is ever forgotten.
 """
 
 from __future__ import annotations
@@ -45,42 +45,42 @@ from knee_contact_ros.core.prescribed import Interval, load_at
 from knee_contact_ros.core.statics import ANSWER
 
 NONE, WATCHED, LOST = 0.0, 1.0, 2.0
-"""What is to be known: nothing; where the exact solution may be, if its estimate should be lost; where it is"""
+"""Stages: the estimate holds; bounds are kept in case it should be lost; it is lost, and only the bounds hold"""
 NOTED = 0.05
-"""Part of the depth from which on an error may grow into one that is lost"""
+"""Part of the depth above which an error may grow until the exact solution is lost"""
 SLACK = 1.2
-"""Time that a swing is given over what it takes with springs that are straight"""
+"""Safety factor on the period of an oscillation with linear springs"""
 CALMING = FEW + LOOKS + 2 * STEPS + 5 * LAYERS + 4
-"""Evaluations that it takes to find what an overshoot takes"""
+"""Largest number of evaluations of `calmed`"""
 RESERVE = ANSWER + 3 * FEW + 2 * LOOKS + 4 * LAYERS + 10
-"""Evaluations that a budget keeps for an answer and for the bounds of what it does not know"""
+"""Number of evaluations of a budget that are reserved for a static answer and the bounds of its error"""
 LARGEST_ENERGY = LARGEST_VELOCITY_ERROR * LARGEST_VELOCITY_ERROR
-"""[J]"""
+"""Bound of any energy [J]"""
 
 
 class Adrift(NamedTuple):
-    """Bounds of the exact solution's motion over the tibia."""
+    """Bounds of the motion of the exact femur over the tibia."""
 
     stage: float
     """`NONE`, `WATCHED` or `LOST`"""
     energy: float
-    """H [J] while the load presses; kinetic and elastic where it pulls"""
+    """H [J] while the load presses; kinetic plus elastic energy while it pulls"""
     height: float
-    """[m] that it is at most above the tibia"""
+    """Largest distance [m] from the tibia"""
     load: float
-    """P [N] of late"""
+    """P [N] at the last tick"""
     rest: float
-    """Depth at rest [m] under it; 0 if it pulls"""
+    """Depth at rest [m] under P; 0 if it pulls"""
     stored: float
-    """No more [J] than the contact stores there"""
+    """Lower bound of the energy [J] that the contact stores at rest"""
     pressed: float
-    """[s] for which the load has pressed since the last overshoot that counts"""
+    """Time [s] for which the load has pressed since the beginning of the window; see `calmed`"""
     least: float
-    """Its least since then [N]"""
+    """Least P in the window [N]"""
     begun: float
-    """H then [J]"""
+    """H at the beginning of the window [J]"""
     impact: float
-    """Largest rate [m/s] at which its contact may have begun"""
+    """Largest penetration rate [m/s] at which the present contact may have begun"""
 
 
 FOUND = Adrift(
@@ -89,46 +89,47 @@ FOUND = Adrift(
 
 
 class Drive(NamedTuple):
-    """What moves the femur for some time, along the normal."""
+    """What moves the femur for some time, along the normal: load and acceleration of the surface."""
 
     mass: float
-    """m [kg]"""
+    """Mass m along the normal [kg]"""
     load: float
-    """P at its end [N]"""
+    """P at the end of that time [N]"""
     rise: float
-    """By how much it rises in all [N]"""
+    """Sum of all rises of P [N]"""
     fall: float
-    """By how much it falls in all [N]"""
+    """Sum of all falls of P [N]"""
     least: float
-    """[N]"""
+    """Least P [N]"""
     largest: float
-    """[N]"""
+    """Largest P [N]"""
     kick: float
-    """Sudden changes of the surface's rate in all [m/s]"""
+    """Sum of all jumps of the surface's rate [m/s]"""
     duration: float
-    """[s]"""
+    """Length of that time [s]"""
 
 
 class Range(NamedTuple):
-    """What the exact solution can be at a tick's end."""
+    """Bounds of the exact solution at the end of a tick."""
 
     least: float
     """Least depth [m]; < 0 apart"""
     most: float
-    """Largest [m]"""
+    """Largest depth [m]"""
     rate: float
-    """Largest rate of the depth [m/s] of either sign"""
+    """Largest absolute rate of the depth [m/s]"""
     force: float
-    """Largest [N]"""
+    """Largest force [N]"""
     evaluations: int
 
 
 @in_kernel
 def loses(interval: Interval, depth: float, force: float, never_flies: bool, error: CarriedError) -> bool:
-    """Whether an answer that carries the load may have an exact solution that is apart from the tibia.
+    """Whether the exact femur may be apart from the tibia while that of the answer carries the load.
 
-    `depth` [m] and `force` [N] along the height are those of the tick's beginning. A level that never flies carries any
-    load; a contact that is about to part, or has just been touched, carries none yet, and errs as its linear one does.
+    `depth` [m] and `force` [N] along the height are those at the beginning of the tick. A level that never flies
+    carries any load; a contact that is about to end or has just begun carries none, and the linearised contact is valid
+    for it.
     """
     begin = interval.start_load
     if begin <= 0.0 or load_at(interval, interval.duration) <= 0.0:
@@ -140,7 +141,7 @@ def loses(interval: Interval, depth: float, force: float, never_flies: bool, err
 
 @in_kernel
 def exceeds(error: CarriedError, limit: float) -> bool:
-    """Whether the height may be wrong by more than a limit [m]."""
+    """Whether the error estimate of the height exceeds a limit [m]."""
     if 4.5 * error.height * error.height + 18.0 * error.hh <= limit * limit:  # no less than the square of the reach
         return False
     return reach(error, math.inf) > limit
@@ -150,7 +151,7 @@ def exceeds(error: CarriedError, limit: float) -> bool:
 def bounds_near(
     law: ContactLaw, depth: float, rate: float, error: CarriedError, impact: float, load: float, mass: float
 ) -> tuple[Adrift, int]:
-    """Bounds of an exact solution within an error of a `depth` [m] that changes at a `rate` [m/s]; and evaluations.
+    """Return bounds of an exact solution within an error of a `depth` [m] with its `rate` [m/s]; and evaluations.
 
     `load` [N] and `mass` [kg] are those along the normal; the contact has begun at no more than `impact` [m/s].
     """
@@ -158,7 +159,7 @@ def bounds_near(
     doubt = (EXPECTED - 1.0) * abs(error.height) + SPREAD * math.sqrt(max(error.hh, 0.0))
     deepest, highest = depth + max(error.height + doubt, 0.0), max(0.0, -depth + max(doubt - error.height, 0.0))
     speed = abs(rate) + velocity_reach(error)
-    stored, looks = elastic_energy(law, deepest, 1.0)
+    stored, extra = elastic_energy(law, deepest, 1.0)
     energy = 0.5 * mass * speed * speed + stored
     if load > 0.0:
         energy += load * (highest if highest > 0.0 else max(doubt - error.height, 0.0) - depth)
@@ -166,27 +167,27 @@ def bounds_near(
     return Adrift(
         stage=WATCHED, energy=energy, height=highest, load=load, rest=rest, stored=stored, pressed=0.0, least=load,
         begun=energy, impact=impact,
-    ), evaluations + looks  # fmt: skip
+    ), evaluations + extra  # fmt: skip
 
 
 @in_kernel
 def excess_of(adrift: Adrift) -> float:
-    """X [J]: energy above that at rest."""
+    """Return X [J], the energy above that at rest."""
     return max(adrift.energy + max(adrift.load, 0.0) * adrift.rest - adrift.stored, 0.0)
 
 
 @never_inlined
 def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[Adrift, int]:
-    """The bounds after some time that takes nothing from them; `near` [m] guesses the depth at rest.
+    """Return the bounds after some time without dissipation; `near` [m] guesses the depth at rest.
 
     The second number is that of evaluations.
     """
     rest, stored, evaluations = at_rest(law, drive.load, near if near > 0.0 else adrift.rest)
     presses = adrift.load > 0.0 and drive.least > 0.0
     if presses:
-        energy, root, looks = pressed_on(law, adrift, drive, drive.load * rest - stored)
+        energy, root, extra = pressed_on(law, adrift, drive, drive.load * rest - stored)
     else:
-        energy, root, looks = pulled(law, adrift, drive)
+        energy, root, extra = pulled(law, adrift, drive)
     height = min(adrift.height + math.sqrt(2.0 / drive.mass) * root * drive.duration, LARGEST_HEIGHT_ERROR)
     pressed, least, begun = 0.0, drive.load, energy
     if presses:
@@ -196,19 +197,19 @@ def pushed(law: ContactLaw, adrift: Adrift, drive: Drive, near: float) -> tuple[
     elif drive.load > 0.0:
         energy = begun = min(energy + drive.load * height, LARGEST_ENERGY)
     impact = max(adrift.impact, math.sqrt(2.0 / drive.mass) * root)
-    return Adrift(
-        stage=adrift.stage, energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed,
-        least=least, begun=begun, impact=impact,
-    ), evaluations + looks  # fmt: skip
+    return adrift._replace(
+        energy=energy, height=height, load=drive.load, rest=rest, stored=stored, pressed=pressed, least=least,
+        begun=begun, impact=impact,
+    ), evaluations + extra  # fmt: skip
 
 
 @in_kernel
 def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive, still: float) -> tuple[float, float, int]:
-    """Energy [J] and root of the largest kinetic one [J^½] where the load presses all the time; and evaluations.
+    """Return energy [J] and root of the largest kinetic one [J^½] where the load presses all the time; and evaluations.
 
-    `still` [J] is what the load at the end does over the depth at rest, less what is stored there. A surface that turns
-    from sample to sample kicks the femur; but for once or twice in a swing, which it may take at its quickest, that is
-    as if it accelerated.
+    `still` [J] is the work of the last load over the depth at rest, less the energy stored there. A surface whose rate
+    jumps at every sample kicks the femur; except for one or two kicks in an oscillation, which may come at its largest
+    speed, that has the effect of an acceleration.
     """
     mass, load, energy = drive.mass, adrift.load, adrift.energy
     _, stiffness, _ = static_force(law, adrift.rest)
@@ -225,15 +226,15 @@ def pressed_on(law: ContactLaw, adrift: Adrift, drive: Drive, still: float) -> t
     energy += kick * (2.0 * root - kick)
     energy = min(energy + drive.rise * max(energy, 0.0) / adrift.load, LARGEST_ENERGY)
     if drive.fall > 0.0:
-        beyond, looks = overshoot(law, rest, load, stiffness, max(energy + most, 0.0))
+        beyond, extra = overshoot(law, rest, load, stiffness, max(energy + most, 0.0))
         energy = min(energy + drive.fall * (rest + beyond), LARGEST_ENERGY)
-        evaluations += looks
+        evaluations += extra
     return energy, math.sqrt(max(energy + most, 0.0)), evaluations
 
 
 @in_kernel
 def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float, int]:
-    """Energy, its root at most and evaluations, where the load pulls for some of the time; kinetic and elastic."""
+    """Return kinetic plus elastic energy [J], its root [J^½] at most and evaluations, where the load pulls at times."""
     mass, energy, evaluations = drive.mass, adrift.energy, 0
     if adrift.load > 0.0:
         _, stiffness, _ = static_force(law, adrift.rest)
@@ -247,9 +248,9 @@ def pulled(law: ContactLaw, adrift: Adrift, drive: Drive) -> tuple[float, float,
 
 @never_inlined
 def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
-    """The bounds less what an overshoot takes from them, once there has been time for one; and evaluations.
+    """Return the bounds less the energy that an overshoot dissipates, once there was time for one; and evaluations.
 
-    Two windows are open: since the last overshoot, under the least load since then, and from now on.
+    Two windows compete: since the last overshoot, under the least load since then, and from now on.
     """
     if adrift.load <= 0.0:
         return adrift, 0
@@ -261,18 +262,18 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
         return adrift, 0
     rest, _, evaluations = at_rest(law, adrift.least, adrift.rest)
     _, stiffness, _ = static_force(law, rest)
-    stored, looks = elastic_energy(law, rest, 1.0)
+    stored, extra = elastic_energy(law, rest, 1.0)
     excess = adrift.begun + adrift.least * rest - stored
-    evaluations += looks + 1
+    evaluations += extra + 1
     if excess <= 0.0:
         return with_window(adrift, adrift.energy), evaluations
-    beyond, looks = overshoot(law, rest, adrift.least, stiffness, excess)
+    beyond, extra = overshoot(law, rest, adrift.least, stiffness, excess)
     spring, more = softest(law, rest, adrift.least)
     _, _, above = static_force(law, 0.5 * rest)
     _, _, damping = static_force(law, rest + beyond)
     # Next to a boundary or under next to no load either spring may be none: then there is never time enough.
     spring, stiffness = max(spring, TINY), max(min(stiffness, 2.0 * excess / max(beyond * beyond, TINY)), TINY)
-    evaluations += looks + more + 2
+    evaluations += extra + more + 2
     swing = math.pi * math.sqrt(mass / spring) + above / spring
     swing += math.pi * math.sqrt(mass / stiffness) + 2.0 * damping / stiffness
     if adrift.pressed < flight + SLACK * swing:
@@ -285,33 +286,30 @@ def calmed(law: ContactLaw, adrift: Adrift, mass: float) -> tuple[Adrift, int]:
 
 @in_kernel
 def with_window(adrift: Adrift, energy: float) -> Adrift:
-    """Bounds with another energy [J], from now on."""
+    """Return bounds with another energy [J] and a window that begins now."""
     height = min(adrift.height, max(energy, 0.0) / adrift.load)
-    return Adrift(
-        stage=adrift.stage, energy=energy, height=height, load=adrift.load, rest=adrift.rest, stored=adrift.stored,
-        pressed=0.0, least=adrift.load, begun=energy, impact=adrift.impact,
-    )  # fmt: skip
+    return adrift._replace(energy=energy, height=height, pressed=0.0, least=adrift.load, begun=energy)
 
 
 @never_inlined
 def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
-    """What the contact can be."""
+    """Return the range of depth, rate and force that the bounds allow for."""
     load, excess = max(adrift.load, 0.0), excess_of(adrift)
     force, stiffness, _ = static_force(law, adrift.rest)
     beyond, evaluations = overshoot(law, adrift.rest, load, stiffness, excess)
     most = min(adrift.rest + beyond, LARGEST_HEIGHT_ERROR)
-    spring, looks = softest(law, adrift.rest, load)
+    spring, extra = softest(law, adrift.rest, load)
     # The depth at rest may be less than it is taken to be.
     back = (math.sqrt(2.0 * excess / spring) + max(force - load, 0.0) / spring) if spring > 0.0 else math.inf
     least = max(adrift.rest - back, 0.0) if back < adrift.rest else -adrift.height
     force, _, damping = static_force(law, most)
     rate = math.sqrt(2.0 * excess / mass)
-    return Range(least, most, rate, force + damping * rate, evaluations + looks + 2)
+    return Range(least, most, rate, force + damping * rate, evaluations + extra + 2)
 
 
 @in_kernel
 def error_within(limits: Range, depth: float, rate: float, cosine: float) -> CarriedError:
-    """The error of a `depth` [m] and its `rate` [m/s] where the exact ones lie within limits; `cosine` is n_y."""
+    """Return the error of a `depth` [m] and its `rate` [m/s] if the exact ones lie within limits; `cosine` is n_y."""
     height = max(limits.most - depth, depth - limits.least) / (cosine * SPREAD)
     velocity = (limits.rate + abs(rate)) / (cosine * SPREAD)
     return CarriedError(height=0.0, velocity=0.0, hh=height * height, hv=0.0, vv=velocity * velocity)

@@ -1,4 +1,4 @@
-"""Arrays of numbers, and how the kernel looks a place up in them."""
+"""Types of arrays, and a binary search that can be compiled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 
 @in_kernel
 def count_up_to(values: Floats, limit: float) -> int:
-    """How many of the increasing `values` are <= `limit`."""
+    """Return how many of the increasing `values` are <= `limit`."""
     low, high = 0, len(values)
     while low < high:
         middle = (low + high) // 2

@@ -1,9 +1,9 @@
-"""Ticks whose motion could not be resolved within their budget: their rest is done in the next ones.
+"""Ticks whose motion could not be resolved within their budget: the rest of it is computed in the next ticks.
 
-A run then lies behind its stamps. Its answers are static ones, in doubt by all that the femur's energy allows since
-where the motion has come to; nothing is lost, and once the run has caught up nothing is in doubt any more. A run that
-falls behind by more than `MOST` ticks, or does not move at all, gives the motion up: it goes on from the static
-contact, lost (`adrift.py`) until that has been forgotten.
+A run then lags behind its stamps. Its answers are static ones, whose error is bounded by the energy of the femur where
+the motion has come to; once the run has caught up, its answers are as exact as before. A run that lags behind by more
+than `MOST` ticks, or makes no progress at all, gives the motion up: it continues from the static contact, and the exact
+solution is lost (`adrift.py`) until that has been forgotten.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from knee_contact_ros.core.adrift import (
     pushed,
     range_of,
 )
-from knee_contact_ros.core.error_estimate import EXACT, CarriedError, holding, reach
+from knee_contact_ros.core.error_estimate import EXACT, holding, reach
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
@@ -41,22 +41,22 @@ from knee_contact_ros.core.statics import ANSWER, static_contact
 from knee_contact_ros.core.types import Fidelity
 
 MOST = 16
-"""Ticks that a run may lie behind"""
+"""Largest number of ticks that a run may lag behind"""
 BACKLOG = np.dtype([
     ("count", np.int64), ("moved", np.int64), ("angle", np.float64), ("load", np.float64),
     ("durations", np.float64, (MOST + 1,)), ("angles", np.float64, (MOST + 1,)), ("loads", np.float64, (MOST + 1,)),
 ])  # fmt: skip
-"""How many intervals are to be done, and whether the tick has come forward; angle [rad] and load [N] where the motion
-has come to; every interval's duration [s], and angle and load at its end"""
+"""Number of intervals to be computed, and whether this tick has made progress; angle [rad] and load [N] where the
+motion has come to; the duration [s] of every interval, and angle and load at its end"""
 Backlog = Any
-"""A record of `BACKLOG`"""
+"""The backlog of a run: a record of `BACKLOG`"""
 STANDING = int(Fidelity.QUASI_STATIC)
-"""The level of such an answer"""
+"""Level of an answer that is static because its motion was not resolved"""
 
 
 @never_inlined
 def take_on(scene: Scene, backlog: Backlog, start: RunState, last: Interval) -> tuple[Interval, RunState, int]:
-    """Add an interval to the backlog; return its first one, the progress that it begins with, and the evaluations."""
+    """Add an interval to the backlog; return its first interval, the state that it begins with, and evaluations."""
     count = int(backlog["count"])
     if count == 0:
         backlog["angle"], backlog["load"] = last.angle, last.start_load
@@ -73,9 +73,9 @@ def take_on(scene: Scene, backlog: Backlog, start: RunState, last: Interval) -> 
 def work_off(
     scene: Scene, backlog: Backlog, interval: Interval, start: RunState, result: TickResult
 ) -> tuple[TickResult, bool]:
-    """What a level has made of the backlog's first interval; and whether another one is to be done in this tick.
+    """Take the result of a level for the first interval of the backlog, and tell whether the tick is to continue.
 
-    If there is not, the answer is that of the tick.
+    If it is not, the returned result is the answer to the tick; else the next interval is to be computed.
     """
     if backlog["count"] == 0:
         take_on(scene, backlog, start, interval)
@@ -86,11 +86,11 @@ def work_off(
         backlog["angle"] = interval.angle + interval.angle_rate * result.reached
         backlog["load"] = load_at(interval, result.reached)
         durations[0] = interval.duration - result.reached
-        adrift, looks = start.adrift, 0
+        adrift, extra = start.adrift, 0
         if adrift.stage != NONE and result.reached > 0.0:
-            drive = drive_of(scene, first_part(interval, result.reached), start)
-            adrift, looks = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
-        result = gone_on(result, result.run_state, looks)
+            drive = drive_of(scene, interval._replace(duration=result.reached), start)
+            adrift, extra = pushed(scene.modes.law, adrift, drive, max(result.depth, 0.0))
+        result = result._replace(evaluations=result.evaluations + extra)
         return behind(scene, backlog, result, adrift, count > MOST or not moved), False
     result = watched(scene, interval, start, result)
     backlog["angle"], backlog["load"] = angles[0], loads[0]
@@ -102,12 +102,12 @@ def work_off(
     if scene.budget > 0 and result.evaluations >= scene.budget - RESERVE:
         return behind(scene, backlog, result, result.run_state.adrift, count - 1 > MOST), False
     run_state, evaluations = looked_after(scene, interval_of(scene, backlog, 0), result.run_state)
-    return gone_on(result, run_state, evaluations), True
+    return result._replace(run_state=run_state, evaluations=result.evaluations + evaluations), True
 
 
 @in_kernel
 def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
-    """An interval by its index: each begins where the motion has come to when it is next to be done."""
+    """Return an interval of the backlog; the first one begins where the motion has come to."""
     angle, load = float(backlog["angle"]), float(backlog["load"])
     if index > 0:
         angle, load = float(backlog["angles"][index - 1]), float(backlog["loads"][index - 1])
@@ -120,18 +120,8 @@ def interval_of(scene: Scene, backlog: Backlog, index: int) -> Interval:
 
 
 @in_kernel
-def first_part(interval: Interval, duration: float) -> Interval:
-    """An interval's first `duration` [s]."""
-    return Interval(
-        pair=interval.pair, mechanism=interval.mechanism, duration=duration, angle=interval.angle,
-        angle_rate=interval.angle_rate, start_load=interval.start_load, load_rate=interval.load_rate,
-        end_height=float("nan"),
-    )  # fmt: skip
-
-
-@in_kernel
 def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[RunState, int]:
-    """The progress that an interval begins with: bounded where the exact solution is lost from here on, or may be soon.
+    """Return the state that an interval begins with, with bounds if the exact solution is lost, or may be soon.
 
     The second number is that of evaluations.
     """
@@ -141,12 +131,12 @@ def looked_after(scene: Scene, interval: Interval, start: RunState) -> tuple[Run
     adrift, evaluations = start.adrift, 0
     if adrift.stage == NONE:
         adrift, evaluations = bounds_of(scene, interval, start)
-    return with_bounds(start, at_stage(adrift, stage)), evaluations
+    return start._replace(adrift=adrift._replace(stage=stage)), evaluations
 
 
 @in_kernel
 def bounds_of(scene: Scene, interval: Interval, start: RunState) -> tuple[Adrift, int]:
-    """Bounds by the error that an interval begins with; and evaluations."""
+    """Return bounds of the exact solution by the error that an interval begins with; and evaluations."""
     touch = touch_at(interval, 0.0)
     _, _, cosine = touch.touch(start.state.height)
     rate, load, mass = cosine * start.sinking, interval.start_load / cosine, scene.mass / (cosine * cosine)
@@ -155,22 +145,22 @@ def bounds_of(scene: Scene, interval: Interval, start: RunState) -> tuple[Adrift
 
 @never_inlined
 def watched(scene: Scene, interval: Interval, start: RunState, result: TickResult) -> TickResult:
-    """An answer with what is left to know where the exact solution has been lost, or may be soon."""
+    """Return the answer with updated bounds, if there are any, and with the errors that they allow for."""
     if start.adrift.stage == NONE:
         return result
     law, run_state, depth = scene.modes.law, result.run_state, max(result.depth, 0.0)
     drive = drive_of(scene, interval, start)
-    adrift, looks = pushed(law, start.adrift, drive, depth)
-    evaluations = result.evaluations + looks
+    adrift, extra = pushed(law, start.adrift, drive, depth)
+    evaluations = result.evaluations + extra
     if scene.budget == 0 or evaluations + CALMING + RESERVE <= scene.budget:
-        adrift, looks = calmed(law, adrift, drive.mass)
-        evaluations += looks
+        adrift, extra = calmed(law, adrift, drive.mass)
+        evaluations += extra
     if adrift.stage == WATCHED:
         if depth > 0.0 and not counts(scene, run_state):
-            return gone_on(result, with_bounds(run_state, FOUND), evaluations - result.evaluations)
+            return result._replace(run_state=run_state._replace(adrift=FOUND), evaluations=evaluations)
         impact = fastest_impact(run_state)
-        near, looks = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
-        evaluations += looks
+        near, extra = bounds_near(law, result.depth, result.rate, run_state.error, impact, drive.load, drive.mass)
+        evaluations += extra
         if near.energy < adrift.energy:
             adrift = near
     limits = range_of(law, adrift, drive.mass)
@@ -181,7 +171,7 @@ def watched(scene: Scene, interval: Interval, start: RunState, result: TickResul
 def within(
     scene: Scene, result: TickResult, adrift: Adrift, limits: Range, evaluations: int, cosine: float
 ) -> TickResult:
-    """An answer whose exact solution lies within limits, by which it may be found again."""
+    """Return the answer with its exact solution within limits, which may be narrow enough to continue from."""
     run_state = result.run_state
     error, held = error_within(limits, result.depth, result.rate, cosine), math.inf
     estimate = max(limits.most - result.depth, result.depth - limits.least)
@@ -189,45 +179,45 @@ def within(
     if run_state.stiffness > 0.0:
         held = holding(run_state.stiffness, run_state.damping, scene.mass)
     if adrift.stage == LOST and limits.least > 0.0 and estimate < result.depth:
-        adrift, run_state = at_stage(adrift, WATCHED), with_error(run_state, error, adrift.impact)
+        adrift = adrift._replace(stage=WATCHED)
+        run_state = run_state._replace(error=error, impact_error=max(run_state.impact_error, adrift.impact))
     elif adrift.stage == WATCHED:
         if limits.least > 0.0 and reach(error, held) < reach(run_state.error, held):
-            run_state = with_error(run_state, error, 0.0)
+            run_state = run_state._replace(error=error)
         estimate, force_error = min(estimate, result.error_estimate), min(force_error, result.force_error_estimate)
-    return TickResult(
-        run_state=with_bounds(run_state, adrift), depth=result.depth, rate=result.rate, force=result.force,
-        error_estimate=estimate, force_error_estimate=force_error, evaluations=evaluations, reached=result.reached,
-        converged=True, height=result.height, fidelity=result.fidelity,
+    return result._replace(
+        run_state=run_state._replace(adrift=adrift), error_estimate=estimate, force_error_estimate=force_error,
+        evaluations=evaluations,
     )  # fmt: skip
 
 
 @in_kernel
 def lost(interval: Interval, start: RunState) -> bool:
-    """Whether the exact solution may be anywhere from here on; see `loses`."""
+    """Whether the error estimate does not hold from here on; see `loses`."""
     return loses(interval, start.depth, start.excess + interval.start_load, start.fidelity != DYNAMIC, start.error)
 
 
 @in_kernel
 def in_doubt(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """Whether the exact solution is lost in an interval, or may be soon: seldom."""
+    """Whether the exact solution is lost in an interval, or may be soon, which is seldom."""
     return exceeds(start.error, NOTED * max(start.depth, 0.0)) and (lost(interval, start) or doubtful(scene, start))
 
 
 @in_kernel
 def counts(scene: Scene, run_state: RunState) -> bool:
-    """Whether the error is no small part of the depth."""
+    """Whether the error is significant: beyond the tolerance and not small against the depth."""
     return exceeds(run_state.error, max(NOTED * run_state.depth, scene.tolerance))
 
 
 @in_kernel
 def doubtful(scene: Scene, start: RunState) -> bool:
-    """Whether the error may grow into one that is lost; that of a simpler level does not do so by itself."""
+    """Whether the error may grow until the exact solution is lost; that of a simpler level does not do so by itself."""
     return start.fidelity == DYNAMIC and start.depth > 0.0 and counts(scene, start)
 
 
 @in_kernel
 def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
-    """What moves the femur in an interval."""
+    """Return what moves the femur in an interval, along the normal."""
     _, begin, cosine = touch_at(interval, 0.0).touch(start.state.height)
     _, end, _ = touch_at(interval, interval.duration).touch(start.state.height)
     carried = cosine * (start.sinking + start.state.velocity)
@@ -244,17 +234,17 @@ def drive_of(scene: Scene, interval: Interval, start: RunState) -> Drive:
 
 @never_inlined
 def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, give_up: bool) -> TickResult:
-    """The static contact at the end of the backlog, in doubt by all that the femur's energy allows until then.
+    """The static contact at the end of the backlog, with the errors that the femur's energy allows for until then.
 
-    If the motion is given up the run goes on from there, else from where `advance` has come to.
+    If the motion is given up, the run continues from there, else from where `advance` has come to.
     """
     run_state, law = result.run_state, scene.modes.law
     known, evaluations = adrift, result.evaluations
     interval = interval_of(scene, backlog, 0)
     if adrift.stage == NONE:
-        adrift, looks = bounds_of(scene, interval, run_state)
-        evaluations += looks
-    drive = drive_of(scene, interval, with_bounds(run_state, adrift))
+        adrift, extra = bounds_of(scene, interval, run_state)
+        evaluations += extra
+    drive = drive_of(scene, interval, run_state._replace(adrift=adrift))
     _, _, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
     for i in range(1, int(backlog["count"])):
         following = interval_of(scene, backlog, i)
@@ -267,10 +257,10 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     if scene.budget > 0:  # What bounds before this have taken is not there for the answer, which needs far less.
         room = max(1, min(ANSWER, scene.budget - evaluations - (RESERVE - ANSWER)))
     static = static_contact(law, touch, load, run_state.state.height, near, 0.0, room)
-    adrift, looks = pushed(law, at_stage(adrift, LOST), drive, static.depth)
+    adrift, extra = pushed(law, adrift._replace(stage=LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
     limits = range_of(law, adrift, drive.mass)
-    evaluations += looks
+    evaluations += extra
     if give_up:
         backlog["count"] = 0
         run_state = RunState(
@@ -279,7 +269,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
             damping=cosine * cosine * static.damping, excess=0.0, sinking=0.0, depth=static.depth, adrift=adrift,
         )  # fmt: skip
     else:
-        run_state = with_bounds(run_state, known)
+        run_state = run_state._replace(adrift=known)
     return TickResult(
         run_state=run_state, depth=static.depth, rate=0.0, force=static.force,
         error_estimate=max(limits.most - static.depth, static.depth - limits.least),
@@ -291,58 +281,16 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
 
 @in_kernel
 def driven_on(drive: Drive, load: float, kick: float, duration: float) -> Drive:
-    """A drive that goes on for a `duration` [s], up to a load [N] along the normal, after a kick [m/s]."""
+    """Return a drive that continues for a `duration` [s], to a load [N] along the normal, after a kick [m/s]."""
     change = load - drive.load
-    return Drive(
-        mass=drive.mass, load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
+    return drive._replace(
+        load=load, rise=drive.rise + max(change, 0.0), fall=drive.fall + max(-change, 0.0),
         least=min(drive.least, load), largest=max(drive.largest, load), kick=drive.kick + kick,
         duration=drive.duration + duration,
     )  # fmt: skip
 
 
 @in_kernel
-def at_stage(adrift: Adrift, stage: float) -> Adrift:
-    """Bounds at another stage."""
-    return Adrift(
-        stage=stage, energy=adrift.energy, height=adrift.height, load=adrift.load, rest=adrift.rest,
-        stored=adrift.stored, pressed=adrift.pressed, least=adrift.least, begun=adrift.begun, impact=adrift.impact,
-    )  # fmt: skip
-
-
-@in_kernel
-def with_bounds(run_state: RunState, adrift: Adrift) -> RunState:
-    """A progress with other bounds of the exact solution."""
-    return RunState(
-        state=run_state.state, error=run_state.error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
-        impact_error=run_state.impact_error, fidelity=run_state.fidelity, stiffness=run_state.stiffness,
-        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
-        adrift=adrift,
-    )  # fmt: skip
-
-
-@in_kernel
-def with_error(run_state: RunState, error: CarriedError, impact: float) -> RunState:
-    """A progress with another error, and a contact that may have begun at up to `impact` [m/s]."""
-    return RunState(
-        state=run_state.state, error=error, try_step=run_state.try_step, impact_speed=run_state.impact_speed,
-        impact_error=max(run_state.impact_error, impact), fidelity=run_state.fidelity, stiffness=run_state.stiffness,
-        damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking, depth=run_state.depth,
-        adrift=run_state.adrift,
-    )  # fmt: skip
-
-
-@in_kernel
 def fastest_impact(run_state: RunState) -> float:
-    """Largest rate [m/s] at which the contact may have begun; 0 while apart."""
+    """Return the largest penetration rate [m/s] at which the contact may have begun; 0 while apart."""
     return 0.0 if math.isnan(run_state.impact_speed) else abs(run_state.impact_speed) + run_state.impact_error
-
-
-@in_kernel
-def gone_on(result: TickResult, run_state: RunState, evaluations: int) -> TickResult:
-    """An answer with another progress, and more evaluations."""
-    return TickResult(
-        run_state=run_state, depth=result.depth, rate=result.rate, force=result.force,
-        error_estimate=result.error_estimate, force_error_estimate=result.force_error_estimate,
-        evaluations=result.evaluations + evaluations, reached=result.reached, converged=result.converged,
-        height=result.height, fidelity=result.fidelity,
-    )  # fmt: skip

@@ -12,55 +12,58 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
 from knee_contact_ros.core.kernel_source import in_kernel
 
 APART = -1
-"""The layer when apart"""
+"""Layer of the mode in which the surfaces are apart"""
 NOWHERE, ABOVE, FORCE, BELOW = -1, 0, 1, 2
-"""Boundaries of a mode: none; the layer's upper and lower end; the change between pressing and released"""
+"""Boundaries of a mode: none, the beginning of the layer, the change between pressing and released, the layer's end"""
 BOUNDARIES = (ABOVE, FORCE, BELOW)
 
 DEPTH_ROUNDING = 1e-13
-"""Crossings of less than this [m] are rounding."""
+"""Depth [m] by which a boundary must be crossed, else the crossing is rounding."""
 FORCE_ROUNDING = 1e-10
-"""The same for the force, as a part of the load (or of 1 N)."""
+"""Force by which a boundary must be crossed, as a part of the load (or of 1 N), else the crossing is rounding."""
 
 
 class ContactMode(NamedTuple):
     """A smooth piece of the contact law."""
 
     layer: int
-    """Index into the law's layers; `APART` when apart"""
+    """Index of the layer in the law; `APART` when the surfaces are apart"""
     pressing: bool
     """Whether the contact exerts force"""
 
 
 class ContactModes(NamedTuple):
-    """The modes of one law; clamped at zero force unless it may pull."""
+    """A contact law and whether it may pull; if it may not, its force is clamped at zero."""
 
     law: ContactLaw
     allow_tension: bool
 
 
 class Entry(NamedTuple):
-    """The mode that a contact is in, and what its formula gives there."""
+    """The mode that a contact enters, and force and slopes of its formula there."""
 
     mode: ContactMode
     force: float
-    """[N] exerted: 0 unless pressing"""
+    """Exerted force [N]; 0 unless pressing"""
     stiffness: float
-    """Its slope over depth [N/m]"""
+    """Slope of the force over depth [N/m]"""
     damping: float
-    """Its slope over rate [N s/m]"""
+    """Slope of the force over rate [N s/m]"""
 
 
 @in_kernel
 def enter(modes: ContactModes, depth: float, rate: float, load: float, impact_speed: float) -> Entry:
-    """Mode of a contact; on a layer's end, the side it moves to. One evaluation, none when apart."""
+    """Return the mode of a contact; on a layer's end, that of the side it moves to.
+
+    It takes one evaluation of the law, none when apart.
+    """
     layer = layer_at(modes.law, depth_ahead(depth, rate))
     return enter_layer(modes, layer, depth, rate, load, impact_speed)
 
 
 @in_kernel
 def enter_layer(modes: ContactModes, layer: int, depth: float, rate: float, load: float, impact_speed: float) -> Entry:
-    """Mode of a contact in a given layer. One evaluation, none when apart."""
+    """Return the mode of a contact in a given layer. It takes one evaluation of the law, none when apart."""
     if layer < 0:
         return Entry(ContactMode(APART, False), 0.0, 0.0, 0.0)
     force, stiffness, damping = modes.law.layers[layer].formula.force_at(depth, rate, impact_speed)
@@ -71,7 +74,10 @@ def enter_layer(modes: ContactModes, layer: int, depth: float, rate: float, load
 
 @in_kernel
 def switch(modes: ContactModes, mode: ContactMode, depth: float, rate: float, impact_speed: float) -> Entry:
-    """Mode behind the boundary `FORCE` of a mode: released if it was pressing. One evaluation, or none."""
+    """Return the mode beyond the boundary `FORCE` of a mode: released if it was pressing, else pressing.
+
+    It takes one evaluation of the law if the contact presses from now on, else none.
+    """
     if mode.pressing:
         return Entry(ContactMode(mode.layer, False), 0.0, 0.0, 0.0)
     force, stiffness, damping = modes.law.layers[mode.layer].formula.force_at(depth, rate, impact_speed)
@@ -80,9 +86,9 @@ def switch(modes: ContactModes, mode: ContactMode, depth: float, rate: float, im
 
 @in_kernel
 def event_function(modes: ContactModes, mode: ContactMode, boundary: int, depth: float, force: float) -> float:
-    """Signed distance of a contact to a boundary of a mode: >= 0 inside; [m], or [N] for `FORCE`.
+    """Return the signed distance of a contact to a boundary of a mode, >= 0 inside: [m], or [N] for `FORCE`.
 
-    Infinite for a boundary that the mode does not have. `force` [N] is that of the layer's formula, not clamped.
+    It is infinite for a boundary that the mode does not have. `force` [N] is that of the layer's formula, not clamped.
     """
     layers = modes.law.layers
     if boundary == ABOVE and mode.layer >= 0:
@@ -96,13 +102,13 @@ def event_function(modes: ContactModes, mode: ContactMode, boundary: int, depth:
 
 @in_kernel
 def has_deeper(modes: ContactModes, mode: ContactMode) -> bool:
-    """Whether another layer lies below that of a mode."""
+    """Whether the law has another layer below that of a mode."""
     return mode.layer + 1 < len(modes.law.layers)
 
 
 @in_kernel
 def rounding(boundary: int, load: float) -> float:
-    """What counts as a margin of zero."""
+    """Return the distance to a boundary that is taken as zero: [m], or [N] for `FORCE`; `load` [N]."""
     return force_rounding(load) if boundary == FORCE else DEPTH_ROUNDING
 
 
@@ -117,11 +123,11 @@ def crossed(modes: ContactModes, mode: ContactMode, depth: float, force: float, 
 
 @in_kernel
 def depth_ahead(depth: float, rate: float) -> float:
-    """The depth [m] that a contact on a layer's end is about to have: it decides on which side of it."""
+    """Return a depth [m] moved by rounding in the direction of its rate, which decides the side of a layer's end."""
     return depth + (DEPTH_ROUNDING if rate >= 0.0 else -DEPTH_ROUNDING)
 
 
 @in_kernel
 def force_rounding(load: float) -> float:
-    """What counts as no force [N]."""
+    """Return the force [N] that is taken as zero under a load [N]."""
     return FORCE_ROUNDING * max(1.0, abs(load))

@@ -1,6 +1,7 @@
-"""How far an energy takes a femur in a contact, and what the dashpot takes of it, from laws that tell no energy.
+"""Bounds of how far an energy carries a femur in a contact, and of how much energy the dashpot dissipates.
 
-Bounds by what a law promises (`ContactLaw`): at rest the force rises with the depth, and is convex within a layer.
+Contact laws give no energies. The bounds follow from their contract (`ContactLaw`): at rest the force rises with the
+depth, and is convex within a layer.
 """
 
 from __future__ import annotations
@@ -13,27 +14,27 @@ from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.statics import static_depth
 
 FEW = 3
-"""Evaluations for a static depth that need not be exact"""
+"""Number of evaluations for a static depth that need not be exact"""
 LOOKS = 3
-"""The same for the depth that an energy reaches"""
+"""Number of evaluations for the depth that an energy reaches"""
 FIRST_LOOK = 1e-4
-"""[m] where nothing else is known of it"""
+"""First guess of an overshoot [m] where nothing else is known"""
 STEPS = 10
-"""Pieces of an overshoot, there and back"""
+"""Number of pieces of an overshoot, on each of its two ways"""
 TAKEN = 0.8
-"""Part of what these find that the dashpot takes"""
+"""Safety factor on the dissipated energy that the pieces give"""
 LAYERS = 2
-"""Layers of a law, for what follows; a law of more costs more"""
+"""Number of layers that the limits of evaluations allow for; a law with more layers takes more evaluations"""
 
 
 @in_kernel
 def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, int]:
-    """Depth at rest [m] under a load [N], no more than is stored there [J], and evaluations; `near` [m] is a guess.
+    """Return the depth at rest [m] under a load [N], a lower bound of the energy stored there [J], and evaluations.
 
-    Only the load over the depth less what is stored is bounded: the depth need not be exact.
+    `near` [m] is a guess. Only load times depth less the stored energy is bounded: the depth need not be exact.
     """
     static = static_depth(law, load, max(near, 0.0), 1e-9, FEW)
-    stored, looks = elastic_energy(law, static.depth, 0.5)
+    stored, extra = elastic_energy(law, static.depth, 0.5)
     force, stiffness, _ = static_force(law, static.depth)
     off, way = abs(force - load), static.depth
     if force >= load:
@@ -43,14 +44,15 @@ def at_rest(law: ContactLaw, load: float, near: float) -> tuple[float, float, in
         way = off / max(stiffness, TINY)
     # Where the depth is not exact, the load does more over the exact one than is stored there by no more than this.
     more = off * min(way, off / max(stiffness, TINY)) if force < load else off * way
-    return static.depth, stored - more, static.evaluations + looks + 1
+    return static.depth, stored - more, static.evaluations + extra + 1
 
 
 @in_kernel
 def elastic_energy(law: ContactLaw, depth: float, part: float) -> tuple[float, int]:
-    """No less [J] than a contact stores at a depth [m], and evaluations; with the `part` ½ instead of 1, no more.
+    """Return a bound of the energy [J] that a contact stores at a depth [m], and evaluations.
 
-    In each layer the force is convex: below the line through its ends, above that in the middle.
+    It is an upper bound with `part` 1, a lower one with `part` ½. In each layer the force is convex: below the line
+    through its ends, and on average above its value in the middle.
     """
     energy, begin, force, evaluations = 0.0, 0.0, 0.0, 0
     for index in range(len(law.layers)):
@@ -64,10 +66,10 @@ def elastic_energy(law: ContactLaw, depth: float, part: float) -> tuple[float, i
 
 @in_kernel
 def overshoot(law: ContactLaw, rest: float, load: float, stiffness: float, excess: float) -> tuple[float, int]:
-    """How far [m] beyond its depth at rest [m] a contact with an excess energy [J] comes at most; and evaluations.
+    """How far [m] beyond its depth at rest [m] a contact with an excess energy [J] comes at most, and evaluations.
 
-    Within a layer the force is convex, so that its tangent at rest, the `stiffness` [N/m], will do; another layer may
-    be softer at first, where any force that rises must do.
+    Within a layer the force is convex, so that its tangent at rest, the `stiffness` [N/m], is a bound; another layer
+    may be softer at first, and there only the rise of the force is used.
     """
     far = math.sqrt(2.0 * excess / stiffness) if stiffness > 0.0 else math.inf
     begin = math.inf if stiffness > 0.0 else rest
@@ -95,7 +97,7 @@ def overshoot(law: ContactLaw, rest: float, load: float, stiffness: float, exces
 
 @in_kernel
 def softest(law: ContactLaw, rest: float, load: float) -> tuple[float, int]:
-    """Least spring [N/m] that draws a femur back to its depth at rest [m] from above; and evaluations.
+    """Return the least spring [N/m] that draws a femur back to its depth at rest [m] from above, and evaluations.
 
     In each layer the force is convex, so that the spring is softest from a layer's beginning.
     """
@@ -112,10 +114,10 @@ def softest(law: ContactLaw, rest: float, load: float) -> tuple[float, int]:
 def taken_by(
     law: ContactLaw, rest: float, beyond: float, load: float, excess: float, impact: float, mass: float
 ) -> tuple[float, int]:
-    """Energy [J] that the dashpot takes on the way from the depth at rest [m] to the deepest point and back.
+    """Return the energy [J] that the dashpot dissipates between the depth at rest [m], the deepest point, and back.
 
-    This lies no more than `beyond` [m] beyond; the faster a contact has begun, the less may damp it. The way is taken
-    in pieces within layers by the midpoint rule, and a part of what it finds is told. The second number is that of
+    The deepest point lies at most `beyond` [m] beyond; the faster a contact has begun, the less it may be damped. The
+    way is integrated in pieces within layers by the midpoint rule, times `TAKEN`. The second number is that of
     evaluations.
     """
     piece, depth, kinetic, taken, evaluations = beyond / STEPS, rest, excess, 0.0, 0

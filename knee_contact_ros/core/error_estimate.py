@@ -1,8 +1,8 @@
-"""The error that the steps leave behind, carried along by the linearised contact: its expected value and its spread.
+"""The accumulated error of the steps, carried along by the linearised contact: its expected value and its covariance.
 
-Each step adds its estimated error to the expected one and a part of it to the spread (the estimate of an error is
-itself in error), in the contact's energy norm. Both then go on as the contact does: spring, dashpot, flight and events
-turn them in closed form, so that parts that cancel do cancel, and what is not known of them never does.
+Each step adds its estimated error to the expected one and a part of it to the covariance (the estimate of an error is
+itself in error), in the energy norm of the contact. Both are then propagated as the contact moves: spring, dashpot,
+flight and events map them in closed form, so that expected errors may cancel, and variances never do.
 """
 
 from __future__ import annotations
@@ -11,46 +11,43 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.core.integrators.base import Stage, StateError, Step
+from knee_contact_ros.core.integrators.base import StateError
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
 EXPECTED, SPREAD = 1.25, 3.0
-"""Published estimate: so many times the expected error and so many standard deviations"""
+"""The published estimate is so many times the expected error plus so many standard deviations"""
 STEPWISE = 1.6
 """Expected error of a step over its estimate: steps of one kind err alike, and estimates of them are small alike"""
 UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
-"""Part of a step's estimated error that is not known: its size; that of an implicit step is of an order between two"""
+"""Standard deviation of the size of a step's error over its estimate; an implicit step's order lies between two"""
 TURNED = 0.5
-"""The same for its direction: how much of it may be a height's error instead of a velocity's, or the reverse"""
+"""Part of a step's estimated error that may be one of the height instead of the velocity, or the reverse"""
 ALIKE = 0.1
-"""The part of it that is the same in all steps, so that it adds up as their errors do, and not as their squares"""
+"""Part of the former that is the same in all steps, so that errors add up and not their squares"""
 LARGEST_HEIGHT_ERROR, LARGEST_VELOCITY_ERROR = 1e7, 1e7
-"""[m] and [m/s]: no femur is farther from where its answer has it"""
-FAST_SWING = 5.0
-"""Radians of the contact's oscillation in a step from which on the method damps it away."""
-KICKED = 0.3
-"""Part of the way of a transient that a step which does not resolve it errs by"""
+"""Bounds of any error of height [m] and velocity [m/s]"""
 TINY = sys.float_info.min
-"""Keeps what presses nothing from a division by 0"""
+"""Smallest divisor, in place of 0 where nothing presses"""
 SLOW = 4.0
-"""Square of the radians of a swing, or of the decays of a velocity, in a step: Magnus' series converges"""
+"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which Magnus' series is
+used"""
 BENT = 1e-3
-"""Errors up to this part of the depth meet a straight contact"""
+"""Part of the depth up to which an error meets a linear contact"""
 NEAR_ZERO = 1.0
-"""Square of the radians of a swing, or of the rate times the duration of a decay, up to which a series is quicker"""
+"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which a series is quicker"""
 SERIES = (
     (1 / 132, 1 / 156), (1 / 90, 1 / 110), (1 / 56, 1 / 72), (1 / 30, 1 / 42), (1 / 12, 1 / 20), (1 / 2, 1 / 6),
 )  # fmt: skip
-"""That of cosh and sinh of a root: each coefficient over the one before, from the last"""
+"""Power series of cosh √x and sinh √x / √x: ratios of successive coefficients, the last ones first"""
 CURVATURE = 0.5
-"""Force that the curve of the contact law adds to an error's, over stiffness times error times its part of the depth"""
+"""Force error by the nonlinearity of the contact law, over stiffness times error times the error's part of the depth"""
 
 
 @in_kernel
 def response(spring: float, drag: float, h: float) -> tuple[float, float, float]:
-    """How ë + drag ė + spring e = 0 goes on for `h` [s], by the 2 x 2 exponential: k/m [1/s²] and c/m [1/s].
+    """Solve ë + drag ė + spring e = 0 over `h` [s] by the 2 x 2 exponential, with k/m [1/s²] and c/m [1/s].
 
     Returns a [-], b [s] and half the damping rate r [1/s]: e becomes (a + r b) e + b ė, and ė becomes
     (a - r b) ė - k/m b e.
@@ -71,7 +68,7 @@ def response(spring: float, drag: float, h: float) -> tuple[float, float, float]
 
 @always_inlined
 def response_by_series(square: float, half_rate: float, h: float) -> tuple[float, float]:
-    """The first two of `response` by a series; `square` is that of the root times the duration."""
+    """Return a [-] and b [s] of `response` by a power series; `square` is (r² - k/m) h²."""
     decay, even, odd = math.exp(-half_rate * h), 1.0, 1.0
     for over_even, over_odd in SERIES:
         even, odd = 1.0 + square * over_even * even, 1.0 + square * over_odd * odd
@@ -79,18 +76,18 @@ def response_by_series(square: float, half_rate: float, h: float) -> tuple[float
 
 
 class CarriedError(NamedTuple):
-    """Error of a femur state."""
+    """Error of a femur state: expected value and covariance."""
 
     height: float
-    """Expected [m]"""
+    """Expected error of the height [m]"""
     velocity: float
-    """Expected [m/s]"""
+    """Expected error of the velocity [m/s]"""
     hh: float
-    """Variance of the height's error about that [m²]"""
+    """Variance of the height's error [m²]"""
     hv: float
-    """Covariance of both [m²/s]"""
+    """Covariance of both errors [m²/s]"""
     vv: float
-    """Variance of the velocity's [m²/s²]"""
+    """Variance of the velocity's error [m²/s²]"""
 
 
 EXACT = CarriedError(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
@@ -98,7 +95,7 @@ EXACT = CarriedError(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
 
 @in_kernel
 def propagated(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
-    """Carry an error over `h` [s] by m ë = -stiffness e - damping ė."""
+    """Return the error after `h` [s] of m ë = -stiffness e - damping ė."""
     spring = stiffness / mass
     even, odd, half_rate = response(spring, damping / mass, h)
     return turned(error, even + half_rate * odd, odd, -spring * odd, even - half_rate * odd)
@@ -108,7 +105,7 @@ def propagated(error: CarriedError, stiffness: float, damping: float, mass: floa
 def carry_on(
     error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
 ) -> CarriedError:
-    """The error behind a step over which the stiffness changes: at its begin, middle and end [N/m].
+    """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
 
     The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
     both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase.
@@ -126,7 +123,7 @@ def carry_on(
 def carry_on_by_series(
     error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
 ) -> tuple[CarriedError, bool]:
-    """What `carry_on` gives in nearly all steps, without a branch; and whether it does here."""
+    """The result of `carry_on` without branches, which holds in nearly all steps; and whether it does in this one."""
     per_mass = 1.0 / mass
     spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
@@ -141,7 +138,7 @@ def carry_on_by_series(
 def turned_between(
     error: CarriedError, spring: float, drag: float, grown: float, even: float, odd: float, half_rate: float
 ) -> CarriedError:
-    """The error under both terms of Magnus' series: half of the second, the first, and half of the second again."""
+    """The error mapped by both terms of Magnus' series: half of the second, the first, and half of the second."""
     shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
     left, right = a * grown + b * across, c * grown + d * across
@@ -151,7 +148,7 @@ def turned_between(
 
 @in_kernel
 def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> CarriedError:
-    """The error under a linear map: a e + b ė, c e + d ė."""
+    """Return the error under the linear map of e to a e + b ė and of ė to c e + d ė."""
     hh, hv, vv = error.hh, error.hv, error.vv
     return CarriedError(
         height=a * error.height + b * error.velocity, velocity=c * error.height + d * error.velocity,
@@ -162,31 +159,35 @@ def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> Carri
 
 @in_kernel
 def with_step(error: CarriedError, local: StateError, unknown: float, held: float) -> CarriedError:
-    """The error behind a step with an estimated error of its own, of which a part is `unknown`; `held`: see `reach`."""
+    """Return the error after a step that adds its own estimated error.
+
+    `unknown` is the standard deviation of its size over the estimate; `held` [1/s] as in `reach`.
+    """
     h, v = local.height, local.velocity
     square = held * held * h * h + v * v
     spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
-    aside = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
+    added = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
     return CarriedError(
         height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
-        hh=error.hh + unknown * unknown * h * h + aside / (held * held),
-        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + aside,
+        hh=error.hh + unknown * unknown * h * h + added / (held * held),
+        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + added,
     )  # fmt: skip
 
 
 @in_kernel
 def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """The error where height [m] and velocity [m/s] may differ by so much more, in the same direction each time."""
+    """The error with bounds of additional errors of height [m] and velocity [m/s], of the same sign each time."""
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
-    return CarriedError(height=error.height, velocity=error.velocity, hh=h * h, hv=error.hv, vv=v * v)
+    return error._replace(hh=h * h, vv=v * v)
 
 
 @in_kernel
 def with_bound_aside(error: CarriedError, height: float, velocity: float) -> CarriedError:
-    """An error with one more that has to do with it itself: it adds to what does not follow from the other.
+    """Return the error with bounds of additional errors [m], [m/s] that are added to its uncorrelated parts.
 
-    A femur that is late errs in height and velocity by much, and how it goes on from there by little.
+    A femur that is late has large errors of height and velocity, which depend on each other; the additional error is
+    one of the small part that does not follow from the other error.
     """
     hh, hv, vv = max(error.hh, 0.0), error.hv, max(error.vv, 0.0)
     if velocity > 0.0:
@@ -197,19 +198,19 @@ def with_bound_aside(error: CarriedError, height: float, velocity: float) -> Car
         follows = hv * hv / vv if vv > 0.0 else 0.0
         own = math.sqrt(max(hh - follows, 0.0)) + height / SPREAD
         hh = min(follows, hh) + own * own
-    return CarriedError(height=error.height, velocity=error.velocity, hh=hh, hv=hv, vv=vv)
+    return error._replace(hh=hh, vv=vv)
 
 
 @in_kernel
 def with_doubt(error: CarriedError, velocity: float) -> CarriedError:
-    """The error where the velocity [m/s] may differ by so much more, in another direction each time."""
+    """Return the error with a bound of an additional error of the velocity [m/s], of another sign each time."""
     v = velocity / SPREAD
-    return CarriedError(height=error.height, velocity=error.velocity, hh=error.hh, hv=error.hv, vv=error.vv + v * v)
+    return error._replace(vv=error.vv + v * v)
 
 
 @in_kernel
 def bounded(error: CarriedError) -> CarriedError:
-    """The error, but no larger than the largest, whatever it has grown to."""
+    """Return the error, limited to `LARGEST_HEIGHT_ERROR` and `LARGEST_VELOCITY_ERROR`."""
     h = abs(error.height) + math.sqrt(max(error.hh, 0.0))
     v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
     if h <= LARGEST_HEIGHT_ERROR and v <= LARGEST_VELOCITY_ERROR:
@@ -223,14 +224,14 @@ def bounded(error: CarriedError) -> CarriedError:
 def with_push(
     error: CarriedError, push: float, stiffness: float, damping: float, mass: float, h: float
 ) -> CarriedError:
-    """The error where a force [N] of any sign that nobody has told of has acted for `h` [s]."""
+    """Return the error after an unknown force of up to `push` [N] of either sign has acted for `h` [s]."""
     height, velocity = pushed_by(push, stiffness, damping, mass, h)
     return with_bound(error, height, velocity)
 
 
 @in_kernel
 def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float]:
-    """How far [m] and how fast [m/s] a force [N] pushes a contact in `h` [s]."""
+    """Return how far [m] and how fast [m/s] a force [N] moves a contact in `h` [s]."""
     held = holding(stiffness, damping, mass)
     velocity = push / mass * min(h, 1.0 / held)
     return velocity * min(h, mass * held / max(stiffness, TINY)), velocity
@@ -238,35 +239,35 @@ def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: flo
 
 @in_kernel
 def holding(stiffness: float, damping: float, mass: float) -> float:
-    """Rate [1/s] by which a contact holds a velocity's error back: that over it becomes one of the height."""
+    """The rate [1/s] at which a contact limits an error of the velocity: divided by it, it is one of the height."""
     return max(math.sqrt(max(stiffness, 0.0) / mass), damping / mass, 1.0 / HORIZON)
 
 
 @in_kernel
 def reach(error: CarriedError, held: float) -> float:
-    """By how much [m] the height may be wrong: what is published.
+    """Return the published error estimate [m] of the height.
 
-    In a contact that holds velocities at a rate `held` [1/s] both errors turn into each other, at a phase that is not
-    well known; in flight (infinite) a velocity's does nothing to the height until later.
+    In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
+    at a phase that is not well known; in flight (infinite) an error of the velocity has no effect on the height yet.
     """
     swing = error.velocity / held
     expected = math.sqrt(error.height * error.height + swing * swing)
-    found = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
-    return found if found < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
+    estimate = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
+    return estimate if estimate < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
 
 
 @in_kernel
 def velocity_reach(error: CarriedError) -> float:
-    """How far the velocity [m/s] may be off."""
-    found = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
-    return found if found < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
+    """Return the error estimate [m/s] of the velocity."""
+    estimate = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
+    return estimate if estimate < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
 
 
 @in_kernel
 def force_reach(error: CarriedError, stiffness: float, damping: float, left_out: float, held: float) -> float:
-    """By how much [N] a force may be wrong that has these slopes over height [N/m] and velocity [N s/m]; see `reach`.
+    """Return the error estimate [N] of a force with these slopes over height [N/m] and velocity [N s/m]; see `reach`.
 
-    `left_out` [N] is what it has left out besides.
+    `left_out` [N] is the part of the force that was neglected.
     """
     expected = left_out + stiffness * error.height + damping * error.velocity
     swing = stiffness * error.velocity / held
@@ -277,13 +278,13 @@ def force_reach(error: CarriedError, stiffness: float, damping: float, left_out:
 
 @in_kernel
 def carry_in_flight(error: CarriedError, h: float) -> CarriedError:
-    """Carry an error through a flight of `h` [s]."""
+    """Return the error after a flight of `h` [s]."""
     return turned(error, 1.0, h, 0.0, 1.0)
 
 
 @in_kernel
 def either(error: CarriedError, other: CarriedError) -> CarriedError:
-    """An error that may as well be another one."""
+    """Return an error that covers two possible ones."""
     spread_height = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(error.hh, 0.0))
     spread_velocity = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(error.vv, 0.0))
     height = abs(other.height - error.height) + SPREAD * max(spread_height, 0.0)
@@ -293,7 +294,7 @@ def either(error: CarriedError, other: CarriedError) -> CarriedError:
 
 @in_kernel
 def curved(error: CarriedError, depth: float, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
-    """The error after a step of `h` [s] in a contact whose slope changes with the depth [m]."""
+    """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m]."""
     if meets_straight(error, depth):
         return error
     wrong = reach(error, math.inf)
@@ -304,13 +305,13 @@ def curved(error: CarriedError, depth: float, stiffness: float, damping: float, 
 
 @always_inlined
 def meets_straight(error: CarriedError, depth: float) -> bool:
-    """Whether an error is so small against the depth [m] that the contact is straight to it."""
+    """Whether an error is so small against the depth [m] that the contact is linear for it."""
     return error.height * error.height + error.hh <= BENT * BENT * depth * depth
 
 
 @in_kernel
 def decay_rate(stiffness: float, damping: float, mass: float) -> float:
-    """Rate [1/s] at which the linearised contact forgets an error: real part of its slower eigenvalue."""
+    """The rate [1/s] at which the linearised contact forgets an error: the real part of its slower eigenvalue."""
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
     return half_rate if discriminant <= 0.0 else max(stiffness, 0.0) / mass / (half_rate + math.sqrt(discriminant))
@@ -318,59 +319,19 @@ def decay_rate(stiffness: float, damping: float, mass: float) -> float:
 
 @in_kernel
 def spectral_radius(stiffness: float, damping: float, mass: float) -> float:
-    """Largest rate [1/s] of the linearised contact: the modulus of its faster eigenvalue."""
+    """Return the spectral radius [1/s] of the linearised contact: the modulus of its faster eigenvalue."""
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
     return math.sqrt(stiffness / mass) if discriminant <= 0.0 else half_rate + math.sqrt(discriminant)
 
 
 @in_kernel
-def lost_swing(step: Step, load: float, load_rate: float, mass: float, h: float) -> float:
-    """Speed [m/s] of the oscillation that a step of `h` [s] has damped away though the contact does not.
-
-    Where the contact swings several radians within the step, an L-stable method damps the swing at once, in the whole
-    step as in its halves, so that doubling sees nothing. What swings is the contact's departure from carrying the load
-    quasi-statically; between its beginning and its end the contact's own damping accounts for a part of the loss.
-    `load` [N] is that at the beginning.
-    """
-    half_rate, square = 0.5 * step.damping / mass, step.stiffness / mass
-    if square * h * h < FAST_SWING * FAST_SWING or half_rate * half_rate >= square:
-        return 0.0
-    begin, end = step.begin, step.end
-    if min(begin.stiffness, end.stiffness) < 0.25 * step.stiffness:  # as at first touch: all of the work may swing
-        return math.sqrt(2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass)
-    load, load_rate = load / step.cosine, load_rate / step.cosine
-    before, after = swing(begin, load, load_rate, mass), swing(end, load + load_rate * h, load_rate, mass)
-    return max(0.0, before * math.exp(-half_rate * h) - after)
-
-
-@in_kernel
-def lost_creep(step: Step, load: float, mass: float, h: float) -> float:
-    """Way [m] that a dashpot lets the femur go, in a small part of a step of `h` [s], until it creeps under its load.
-
-    A kick or a landing that begins the step is over before its stages look. `load` [N] is that at the beginning.
-    """
-    damping = step.damping
-    if damping * h < FAST_SWING * mass or damping * damping < 4.0 * step.stiffness * mass:
-        return 0.0
-    return KICKED * abs(step.cosine * step.begin.force - load) * mass / (damping * damping)
-
-
-@in_kernel
-def swing(stage: Stage, load: float, load_rate: float, mass: float) -> float:
-    """Speed [m/s] of a contact's departure from carrying the load [N] quasi-statically."""
-    excess = (stage.force - load) / math.sqrt(stage.stiffness * mass)
-    rate = stage.rate - load_rate / stage.stiffness
-    return math.sqrt(rate * rate + excess * excess)
-
-
-@in_kernel
 def saltation(error: CarriedError, rate: float, jump: float, off: float, mass: float, longest: float) -> CarriedError:
-    """Error behind a boundary met at a `rate` [m/s] of the depth, where the force jumps [N].
+    """Return the error after a boundary that is met at a `rate` [m/s] of the depth, where the force jumps [N].
 
     A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but
-    not for longer than `longest` [s]. Nor does the step end on the boundary itself, but `off` [m] beside it: by
-    rounding, which counts where the contact is hard.
+    not for longer than `longest` [s]. The step ends `off` [m] beside the boundary, because of rounding, which matters
+    where the contact is hard.
     """
     if jump == 0.0:
         return error
@@ -381,6 +342,6 @@ def saltation(error: CarriedError, rate: float, jump: float, off: float, mass: f
 
 @in_kernel
 def depth_error(error: StateError, stiffness: float, damping: float, mass: float) -> float:
-    """Error of the depth [m] that an error of the state amounts to: the height's, and what the velocity's becomes."""
+    """The error of the depth [m] for an error of the state: that of the height, and what the velocity's becomes."""
     becomes = error.velocity / holding(stiffness, damping, mass)
     return math.sqrt(error.height * error.height + becomes * becomes)

@@ -1,4 +1,4 @@
-"""End a step on the first boundary that it crosses (Illinois' method)."""
+"""Shortening of a step until it ends on the first boundary that it crosses (the Illinois method)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.stepping import StepperState, attempt
 
 MAX_LOCATE = 60
-"""Tries to end a step on a boundary."""
+"""Largest number of attempts to end a step on a boundary."""
 
 
 @never_inlined
@@ -19,8 +19,8 @@ def end_on_boundary(
 ) -> tuple[StepperState, Step, float, int]:
     """Shorten a step of `h` [s] that crosses a boundary until it ends on it.
 
-    Returns the step, its duration and the boundary, or a shorter step and `NOWHERE` where the crossing that a stage has
-    shown is not there at that step's end.
+    Returns the step, its duration [s] and the boundary; or a shorter step and `NOWHERE` where its end does not
+    confirm the crossing that a stage has shown.
     """
     boundary, high, begin = step.crossing.boundary, step.crossing.fraction * h, step.begin
     enough = rounding(boundary, load_at(interval, stepper.s))

@@ -1,8 +1,9 @@
-"""Marks what the compiled kernel is made of. Plain Python: nothing is compiled or imported here.
+"""Marks for the functions and methods that the compiled kernel consists of; nothing is compiled here.
 
 Functions marked `in_kernel`, and the methods of named tuples that a `kernel_interface` lists, are written so that they
 run as they stand and can be compiled as they stand (`compiled`): numbers, named tuples and arrays in and out, no
-closures, no exceptions. Named tuples are the parts of a scene; their types decide what is compiled into its kernel.
+closures, no exceptions. A named tuple is made with all of its fields, or changed by `_replace`. Named tuples are the
+parts of a scene; their types decide what is compiled into its kernel.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Interface = TypeVar("_Interface", bound=type)
 
 FUNCTIONS: list[Callable[..., Any]] = []
-"""All marked functions"""
+"""All functions that are marked by any of the decorators below"""
 ALWAYS_INLINED: list[Callable[..., Any]] = []
-"""Those of them that are made a part of their callers"""
+"""Marked functions that are compiled as a part of their callers"""
 NEVER_INLINED: list[Callable[..., Any]] = []
-"""Those of them that are kept out of their callers"""
+"""Marked functions that are compiled once and called"""
 ALLOCATING: list[Callable[..., Any]] = []
-"""Those of the latter that make arrays or lists"""
+"""Marked functions that make arrays or lists; they are never inlined"""
 METHODS: dict[str, inspect.Signature] = {}
-"""All marked methods by name; none may be the name of a named tuple's field, too"""
+"""Signatures of all marked methods by name; no field of a named tuple may have such a name"""
 
 
 def in_kernel(function: _Function) -> _Function:
@@ -33,29 +34,30 @@ def in_kernel(function: _Function) -> _Function:
 
 
 def always_inlined(function: _Function) -> _Function:
-    """Mark a function of the way that every tick goes: compiled as a part of its callers, which is quicker to run.
+    """Mark a function that every tick calls: it is compiled as a part of its callers, which makes it quicker to run.
 
-    It takes longer to compile, so it is for functions with few callers.
+    That takes longer to compile, so it is for functions with few callers.
     """
     ALWAYS_INLINED.append(function)
     return in_kernel(function)
 
 
 def never_inlined(function: _Function) -> _Function:
-    """Mark a function that is large, or off the way of most ticks: compiled once, and called.
+    """Mark a function that is large or that few ticks call: it is compiled once, and called.
 
-    A compiler that is left to itself copies the search for the contact into all places that ask for it, and takes
-    minutes over the result.
+    Otherwise the compiler copies the search for the contact into all of its callers, and takes minutes to optimise the
+    result.
     """
     NEVER_INLINED.append(function)
     return in_kernel(function)
 
 
 def allocating(function: _Function) -> _Function:
-    """Mark a function that makes arrays or lists for its own use; it is kept out of its callers.
+    """Mark a function that makes arrays or lists for its own use; it is compiled once, and called.
 
-    No other function does. So the others need not count references to the arrays of a scene, which took as long as to
-    find the contact. It must neither call what returns an array, alone or in a named tuple, nor return one.
+    All other functions must not make any. So they need not count references to the arrays of a scene, which would take
+    as long as finding the contact. The function must neither return an array, alone or in a named tuple, nor call a
+    function that does.
     """
     ALLOCATING.append(function)
     return never_inlined(function)

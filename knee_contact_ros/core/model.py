@@ -28,19 +28,19 @@ LARGEST_TIME = 9e9
 LARGEST_LOAD = 1e6
 """Load [N] beyond which a sample is a fault of its source and no knee's."""
 LARGEST_ANGLE = 10.0
-"""The same for the flexion angle [rad]."""
+"""Flexion angle [rad] beyond which a sample is a fault of its source and no knee's."""
 LARGEST_HEIGHT = 10.0
-"""The same for a prescribed femoral height [m]."""
+"""Prescribed femoral height [m] beyond which a sample is a fault of its source and no knee's."""
 
 
 class Kernel(NamedTuple):
-    """The functions that compute."""
+    """The functions that compute answers, plain or compiled."""
 
     run: Callable[..., None]
-    """See `ticks.run`"""
+    """Computes a series of ticks; see `ticks.run`"""
     bind: Callable[[Scene, ticks.Memory, Rows], Callable[[float, float, float, float], None]]
-    """From a scene, its memory and its answer, shape (1,), to a run of one tick with these given: of duration [s],
-    angle [rad], load [N], height [m]"""
+    """Returns, for a scene, its memory and its answer, both of shape (1,), a function that computes one tick from its
+    duration [s], angle [rad], load [N] and height [m]"""
 
 
 def _bind(scene: Scene, memory: ticks.Memory, answer: Rows) -> Callable[..., None]:
@@ -52,7 +52,7 @@ def _bind(scene: Scene, memory: ticks.Memory, answer: Rows) -> Callable[..., Non
 
 
 PLAIN = Kernel(ticks.run, _bind)
-"""Uncompiled"""
+"""The functions as they stand, not compiled"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,38 +66,38 @@ class KneeModel:
     """
 
     pair: ContactPair
-    """The surfaces"""
+    """The femoral and the tibial surface"""
     mechanism: Mechanism
-    """Where the femoral reference point lies along x"""
+    """Prescribes where the femoral reference point lies along the tibia's x axis"""
     modes: ContactModes
-    """The contact law, clamped or not"""
+    """The contact law, clamped at zero force or allowed to pull"""
     mass: float
-    """Of the femur [kg]"""
+    """Mass of the femur [kg]"""
     tolerance: float
-    """Wanted error of the penetration depth [m]"""
+    """Tolerated error of the penetration depth [m]"""
     budget: int
-    """Contact law evaluations a tick may cost; 0: no limit"""
+    """Largest number of contact law evaluations in a tick; 0: no limit"""
     force_tolerance: float = 0.0
-    """Wanted error of the contact force [N]; 0: none in particular"""
+    """Tolerated error of the contact force [N]; 0: any"""
     height_prescribed: bool = False
     """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
     level: int = AUTO
-    """The equations that a tick solves, of `LEVELS`; of no effect where the height is prescribed"""
+    """The equations that a tick solves, a value of `LEVELS`; has no effect where the height is prescribed"""
     kernel: Kernel = PLAIN
-    """The functions that compute, as they stand or compiled (`knee_contact_ros.compiled`): the same bits"""
+    """The functions that compute, plain or compiled (`knee_contact_ros.compiled`); both give the same bits"""
     patch: ContactPatch | None = None
-    """What the contact spreads over, for `readouts`; None: the radii of `contact.*` are none of a knee's"""
+    """The patch that the contact spreads over, for `readouts`; None if the radii in `contact.*` do not fit together"""
     results: type[np.recarray[Any, Any]] = np.recarray
-    """What a run's answers come in: a record array that may have more to it (`knee_contact_ros.results`)"""
+    """Class of the record array that a run returns; it may add methods (`knee_contact_ros.results`)"""
 
     femoral_radius: float = field(init=False)
-    """Of the circle that fits the femoral surface [m]"""
+    """Radius of the circle that fits the femoral surface best [m]"""
 
     def __post_init__(self) -> None:
-        """Try the contact law out, and measure the femur.
+        """Check the contact law against its contract, and fit a circle to the femur.
 
         Raises:
-            ValueError: it breaks the contract of `ContactLaw`.
+            ValueError: the law breaks the contract of `ContactLaw`.
         """
         contract.check(self.modes.law)
         object.__setattr__(self, "femoral_radius", radius_of(self.pair.femur))
@@ -107,7 +107,7 @@ class KneeModel:
 
     @property
     def parts(self) -> str:
-        """What it is made of, in a line."""
+        """Surfaces, mechanism, law and drive of the model, in one line for a person."""
         tibia = getattr(self.pair, "tibia", None)
         surfaces = f"{type(self.pair.femur).__name__} on {type(tibia).__name__ if tibia else 'plane'}"
         law, mechanism = type(self.modes.law.layers[0].formula).__name__, type(self.mechanism).__name__
@@ -127,7 +127,7 @@ class KneeModel:
 
     @property
     def scene(self) -> Scene:
-        """The model as the kernel takes it: numbers and named tuples."""
+        """The model in the form that the kernel takes: numbers, arrays and named tuples."""
         level = PRESCRIBED_HEIGHT if self.height_prescribed else self.level
         return Scene(
             pair=self.pair, mechanism=self.mechanism, modes=self.modes, mass=self.mass, tolerance=self.tolerance,
@@ -135,13 +135,13 @@ class KneeModel:
         )  # fmt: skip
 
     def stream(self) -> Stream:
-        """Start a run that takes one tick at a time."""
+        """Start a run that is given one tick at a time."""
         return Stream(self)
 
     def run(
         self, time: ArrayLike, flexion_angle: ArrayLike, load: ArrayLike, femoral_height: ArrayLike | None = None
     ) -> np.recarray[Any, Any]:
-        """Run over a whole series.
+        """Compute the answers to a whole series of samples.
 
         Args:
             time: Stamps [s], shape (n,), increasing; resolved to the nanosecond as ROS stamps are.
@@ -181,34 +181,34 @@ class KneeModel:
         return series
 
     def readouts(self, answers: Rows) -> Readings:
-        """What is read off answers of this model beside the depth: patch, pressure, strain and loading rate.
+        """Compute contact patch, pressure, strain and loading rate from answers of this model.
 
         Args:
-            answers: Shape (n,), in their order: what `run` gives, or ticks of a stream put together.
+            answers: Shape (n,), in their order in time: what `run` returns, or joined answers of a stream.
 
         Returns:
             Record array of shape (n,) with the fields of `READOUTS`: `half_width` [m], `mean_pressure` and
             `peak_pressure` [Pa], `strain` and `loading_rate` [N/s]; see `ContactPatch.readouts`.
 
         Raises:
-            ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that nothing is known.
+            ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that there is no patch.
         """
         if self.patch is None:
             raise ValueError("no readouts: contact.femoral_radius must be below contact.tibial_radius")
         return self.patch.readouts(self.modes.law, answers)
 
     def check_drive(self, height_given: bool) -> None:
-        """Refuse a series that does not fit the drive.
+        """Reject a series that does not fit the drive.
 
         Raises:
-            ValueError: a femoral height is prescribed and not given, or the other way round.
+            ValueError: a femoral height is needed but not given, or given but not needed.
         """
         if self.height_prescribed != height_given:
             needs = "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
             raise ValueError(f"drive {'displacement' if self.height_prescribed else 'force'} {needs}")
 
     def closest(self, angle: float, height: float) -> Closest:
-        """The common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
+        """Return the common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
         return self.pair.closest(angle, self.mechanism.translation(angle)[0], height)
 
 
@@ -218,13 +218,13 @@ class Stream:
 
     model: KneeModel
     answer: Rows = field(init=False)
-    """The last tick's, shape (1,): the next tick is written over it"""
+    """Answer to the last tick, shape (1,); the next tick overwrites it"""
 
     def __post_init__(self) -> None:
         self.answer = blank(1)
-        self._told = self.answer["stamp"]  # to name a field takes as long as to find the contact
+        self._answered_stamp = self.answer["stamp"]  # to look a field up takes as long as to find the contact
         self.latency = self.answer["latency"]
-        """For those who measure one [s], shape (1,)"""
+        """The `latency` field of `answer` [s], shape (1,), for callers that measure it"""
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
         self._memory = np.zeros(1, ticks.MEMORY)
@@ -238,9 +238,9 @@ class Stream:
         self._tick = self.model.kernel.bind(self.model.scene, self._memory, self.answer)
 
     def go_on_with(self, model: KneeModel) -> None:
-        """Go on from where the run is with other constants; from the next tick's interval on.
+        """Continue the run with another model, from the next tick on.
 
-        `model` differs from the present one in numbers alone, so that the same kernel fits both.
+        `model` differs from the present one in its numbers only, so that the same kernel fits both.
         """
         self.model = model
         self._bind()
@@ -257,13 +257,13 @@ class Stream:
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
-        """Advance to a stamp [ns], an integer, and give the answer; see `tick`."""
+        """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
         contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
         return contact
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
-        """Advance to a stamp [ns], leaving the contact in `answer`: for those who need little of it, quickly."""
+        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is quicker than to return a copy."""
         if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
             _refuse(flexion_angle, load, femoral_height)
         height = math.nan
@@ -276,14 +276,14 @@ class Stream:
             duration = (stamp - last) * NANOSECOND
         else:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
-        self._told[0] = stamp
+        self._answered_stamp[0] = stamp
         self._tick(duration, flexion_angle, load, height)
         self._stamp = stamp
 
     def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
-        """Many ticks: `advance` for each, with their answers.
+        """Advance through many ticks and return their answers, shape (n,).
 
-        Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,).
+        Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,); heights are None for the force drive.
 
         Raises:
             ValueError: as `advance`.
@@ -301,7 +301,7 @@ class Stream:
         return answers
 
     def _checked_height(self, flexion_angle: float, load: float, femoral_height: float | None) -> float:
-        """The height [m] of a tick where one is given or needed."""
+        """Check and return the height [m] of a tick that is given one or needs one."""
         self.model.check_drive(femoral_height is not None)
         height = 0.0 if femoral_height is None else femoral_height
         if not abs(height) <= LARGEST_HEIGHT:
@@ -310,7 +310,7 @@ class Stream:
 
 
 def _check_limits(columns: list[NDArray[np.float64]]) -> None:
-    """Refuse values that are no knee's.
+    """Reject columns with a value beyond its limit.
 
     Raises:
         ValueError: see `_refuse`.
@@ -325,7 +325,7 @@ def _check_limits(columns: list[NDArray[np.float64]]) -> None:
 
 
 def _refuse(angle: float, load: float, height: float | None) -> None:
-    """Say what is wrong with values.
+    """Reject the values of a sample, with a message that says why.
 
     Raises:
         ValueError: always.

@@ -1,4 +1,4 @@
-"""How deep a contact may be and still make sense."""
+"""The largest depth of a contact that is plausible for a knee."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.geometries.base import FemoralGeometry
 
 SHARE = 0.2
-"""Part of the femoral radius beyond which a depth is none of a knee: 6.8 mm of 34 mm, cartilage of 4 mm pressed flat
-and as much of bone. Contact laws are for depths that are small against the radius."""
+"""Part of the femoral radius beyond which a depth is implausible: 6.8 mm of 34 mm, which is 4 mm of cartilage pressed
+flat and nearly as much of bone. Contact laws are valid for depths that are small against the radius."""
 
 
 def plausible_depth(law: ContactLaw, femoral_radius: float) -> float:
-    """The largest depth [m] that makes sense: `SHARE` of the radius [m], and no more than the law's thickness."""
+    """Return the largest plausible depth [m]: `SHARE` of the femoral radius [m], but at most the law's thickness."""
     return min(SHARE * femoral_radius, law.thickness)
 
 
 def radius_of(femur: FemoralGeometry) -> float:
-    """Radius [m] of the circle that fits a femoral surface best, wherever its reference point is; of a circle its own.
+    """Return the radius [m] of the circle that fits a femoral surface best, wherever its reference point is.
 
-    Least squares of x² + y² = 2 a x + 2 b y + c (Kåsa's fit); infinite for points on a line.
+    Least squares of x² + y² = 2 a x + 2 b y + c (Kåsa's fit); a circle's own radius; infinite for points on a line.
     """
     points: Floats = femur.outline()
     centred = points - points.mean(axis=0)

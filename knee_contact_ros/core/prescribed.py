@@ -10,7 +10,7 @@ from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.mechanisms.base import Mechanism
 
 KINK_WIDTH = 2e-12
-"""Of the flexion angle [rad], to both sides: more than a kink's place is rounded by"""
+"""Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place"""
 
 
 class Interval(NamedTuple):
@@ -19,22 +19,22 @@ class Interval(NamedTuple):
     pair: ContactPair
     mechanism: Mechanism
     duration: float
-    """[s]"""
+    """Length of the interval [s]"""
     angle: float
     """Flexion angle at s = 0 [rad]"""
     angle_rate: float
-    """[rad/s]"""
+    """Rate of the flexion angle [rad/s]"""
     start_load: float
-    """[N] compressive"""
+    """Compressive load at s = 0 [N]"""
     load_rate: float
-    """[N/s]"""
+    """Rate of the load [N/s]"""
     end_height: float
-    """Of the femoral reference point [m], where it is prescribed; else not a number"""
+    """Height of the femoral reference point at the end [m] where it is prescribed, else NaN"""
 
 
 @in_kernel
 def touch_at(interval: Interval, s: float) -> Touch:
-    """The contact at s [s], still open to the femoral height."""
+    """Return the contact at s [s] as a function of the femoral height."""
     angle = interval.angle + interval.angle_rate * s
     x, slope = interval.mechanism.translation(angle)
     return interval.pair.at(angle, interval.angle_rate, x, slope * interval.angle_rate)
@@ -42,13 +42,15 @@ def touch_at(interval: Interval, s: float) -> Touch:
 
 @in_kernel
 def load_at(interval: Interval, s: float) -> float:
-    """Compressive load [N] at s [s]."""
+    """Return the compressive load [N] at s [s]."""
     return interval.start_load + interval.load_rate * s
 
 
 @in_kernel
 def stretch_from(interval: Interval, begin: float) -> tuple[float, float]:
-    """End [s] of the stretch that begins at `begin` [s], and beginning of the next; the surface's rate jumps between.
+    """Return the end [s] of the smooth stretch that begins at `begin` [s], and the beginning [s] of the next one.
+
+    Between the two, the rate of the femoral surface jumps.
 
     At a kink of the femoral profile one stretch ends shortly before it and the next begins shortly behind, so that
     rounding cannot put either on the wrong side. The last stretch ends with the interval, and so does its next.
@@ -57,9 +59,9 @@ def stretch_from(interval: Interval, begin: float) -> tuple[float, float]:
     end_angle = interval.angle + interval.angle_rate * interval.duration
     kink = interval.pair.next_kink(angle, end_angle)
     while not math.isnan(kink):
-        aside = KINK_WIDTH / abs(interval.angle_rate)
+        margin = KINK_WIDTH / abs(interval.angle_rate)
         s = (kink - interval.angle) / interval.angle_rate
-        if begin < s - aside and s + aside < interval.duration:
-            return s - aside, s + aside
+        if begin < s - margin and s + margin < interval.duration:
+            return s - margin, s + margin
         kink = interval.pair.next_kink(kink, end_angle)
     return interval.duration, interval.duration

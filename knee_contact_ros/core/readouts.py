@@ -1,10 +1,10 @@
-"""What is read off a contact beside its depth: patch, pressure, strain of the cartilage and loading rate.
+"""Readouts of a contact beside its depth: patch, pressure, strain of the cartilage and loading rate.
 
-None of it acts on the answers: all follows from an answer's depth and force, the contact law at rest, and two numbers
-that the law's constants tell, `ContactPatch.radius` and `ContactPatch.thickness`.
+They have no effect on the answers: all of them follow from the depth and the force of an answer, the contact law at
+rest, and two numbers from the constants of the law, `ContactPatch.radius` and `ContactPatch.thickness`.
 
-A law tells a force, and no pressure. The pressure is that force, spread over a round patch as one of two closed forms
-has it (`Spread`), which are exact for one law each; any other law's force is spread as Hertz's:
+A law gives a force and no pressure. The pressure is that force, spread over a round patch by one of two closed forms
+(`Spread`), which are exact for one law each; the force of any other law is spread as Hertz's:
 
     a² = s R δ,    p_mean = F₀(δ) / (π a²),    p_peak = k p_mean
 
@@ -30,7 +30,7 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.types import ContactState, Rows, Status
 
 Readings = NDArray[Any]
-"""Readouts: an array of `READOUTS`, shape (n,)"""
+"""Readouts of answers: an array of `READOUTS`, shape (n,)"""
 READOUTS = np.dtype([
     ("half_width", "f8"),  # [m] of the patch, which is round
     ("mean_pressure", "f8"),  # [Pa]
@@ -39,46 +39,46 @@ READOUTS = np.dtype([
     ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
 ])  # fmt: skip
 SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
-"""Those that depend on the contact law"""
+"""Names of the readouts that depend on the contact law"""
 UNITS = {"half_width": "m", "mean_pressure": "Pa", "peak_pressure": "Pa", "strain": "", "loading_rate": "N/s"}
-"""Of the readouts"""
+"""Units of the readouts, by name"""
 NANOSECOND = 1e-9
 
 
 class Spread(NamedTuple):
-    """How a patch carries a force."""
+    """Distribution of a force over a contact patch."""
 
     name: str
-    """For a person"""
+    """Name of the distribution, for a person"""
     area: float
-    """s in a² = s R δ"""
+    """Factor s of the patch's half width a: a² = s R δ"""
     peak: float
-    """k, the peak pressure over the mean one"""
+    """Factor k: the peak pressure over the mean one"""
 
 
 POINT_CONTACT = Spread("Hertz, point contact", 1.0, 1.5)
 FOUNDATION = Spread("elastic foundation", 2.0, 2.0)
 SPREADS = {"elastic_foundation": FOUNDATION}
-"""Those of the laws, by name, that are not spread as Hertz'"""
+"""Distributions of the laws, by name, whose force is not spread as Hertz'"""
 OWN_PRESSURE = ("hertz", "elastic_foundation")
-"""Laws whose pressure this is; of the others it is the force at rest that is spread so"""
+"""Laws for which the pressure is exact; for the others it is their force at rest in a Hertzian distribution"""
 
 
 class ContactPatch(NamedTuple):
-    """What a model's contacts spread over."""
+    """The patch that the contacts of a model spread over."""
 
     spread: Spread
     radius: float
     """R [m], of the sphere that meets a plane as the femur meets the tibia (`relative_radius`)"""
     thickness: float
-    """[m] of the cartilage, whose nominal strain is the depth in it over this"""
+    """Thickness of the cartilage [m], whose nominal strain is the depth in it over this"""
 
     def readouts(self, law: ContactLaw, rows: Rows) -> Readings:
-        """What is read off answers of a law, in their order: arrays of shape (n,).
+        """Compute the readouts of answers of a law, given in their order in time; shape (n,).
 
-        Apart, and at depth 0, all but the loading rate are 0. The loading rate [N/s] is (F - F before) / (t - t before)
-        of the contact force, damping included: not a number at the first answer, and where stamps went back. The strain
-        is that of the first layer: in contact with the second one it is 1 where the first layer's depth is the
+        When apart, and at depth 0, all but the loading rate are 0. The loading rate [N/s] is (F - F before) / (t - t
+        before) of the contact force, damping included: NaN at the first answer, and where stamps went back. The strain
+        is that of the first layer: in contact with the second one it is 1 if the depth of the first layer is the
         thickness.
         """
         read = np.zeros(len(rows), dtype=READOUTS)
@@ -95,7 +95,7 @@ class ContactPatch(NamedTuple):
 
 
 def loading_rate(rows: Rows) -> NDArray[np.float64]:
-    """Of the contact force [N/s] over the time since the answer before, shape (n,); see `readouts`."""
+    """Return the rate of the contact force [N/s] since the answer before, shape (n,); see `ContactPatch.readouts`."""
     rate = np.full(len(rows), np.nan)
     steps = np.diff(rows["stamp"]) * NANOSECOND
     goes_on = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)

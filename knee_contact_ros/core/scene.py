@@ -1,4 +1,4 @@
-"""The scene: what does not change from tick to tick; and what goes from one tick to the next."""
+"""The scene, which is the same for all ticks of a run, and the state that one tick hands to the next."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.core.adrift import FOUND, Adrift
+from knee_contact_ros.core.contact_laws.base import law_force
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
 from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
@@ -16,58 +17,59 @@ from knee_contact_ros.core.types import Fidelity
 
 QUASI_STATIC, FIRST_ORDER, DYNAMIC = int(Fidelity.QUASI_STATIC), int(Fidelity.FIRST_ORDER), int(Fidelity.DYNAMIC)
 AUTO = 3
-"""The cheapest level that meets the tolerance, picked for each tick"""
+"""Level: the cheapest one that meets the tolerance, picked for each tick"""
 PRESCRIBED_HEIGHT = 4
-"""The displacement drive"""
+"""Level of the displacement drive, whose femoral height is prescribed"""
 
 
 class Scene(NamedTuple):
-    """A knee, and how exactly to solve it."""
+    """A knee and how exactly it is to be solved: the constants of a run."""
 
     pair: ContactPair
     mechanism: Mechanism
     modes: ContactModes
     mass: float
-    """[kg]"""
+    """Mass of the femur [kg]"""
     tolerance: float
-    """Wanted error of the depth [m]"""
+    """Tolerated error of the depth [m]"""
     force_tolerance: float
-    """Wanted error of the contact force [N]; 0: any"""
+    """Tolerated error of the contact force [N]; 0: any"""
     budget: int
-    """Contact law evaluations a tick may cost; 0: no limit"""
+    """Largest number of contact law evaluations in a tick; 0: no limit"""
     level: int
-    """The equations that a tick solves: a `Fidelity`, or one of those below"""
+    """The equations that a tick solves: a `Fidelity`, `AUTO` or `PRESCRIBED_HEIGHT`"""
     plausible_depth: float = math.inf
-    """[m] beyond which a depth makes no sense"""
+    """Depth [m] beyond which an answer is `IMPLAUSIBLE`"""
 
 
 class RunState(NamedTuple):
-    """Where a run stands: all that one tick hands to the next."""
+    """State of a run: all that one tick hands to the next."""
 
     state: FemurState
-    """Its velocity is not a number at the static start: the femur follows its turning surface"""
+    """Height and velocity of the femur; the velocity is NaN at the static start: the femur follows its turning
+    surface"""
     error: CarriedError
     """Estimated error of the state, or its deviation from the dynamic one where a simpler level computed it"""
     try_step: float
     """Duration [s] that the next step should try"""
     impact_speed: float
-    """Rate [m/s] at which the present contact began; not a number while apart"""
+    """Penetration rate [m/s] at which the present contact began; NaN while the surfaces are apart"""
     impact_error: float
-    """Its error [m/s]"""
+    """Estimated error of the impact speed [m/s]"""
     fidelity: int
     """The level that computed the last tick"""
     stiffness: float
     """Slope of the contact force along the height over the height [N/m] at the end of the last tick"""
     damping: float
-    """The same over the velocity [N s/m]"""
+    """Slope of the contact force along the height over the velocity [N s/m] at the end of the last tick"""
     excess: float
     """Contact force along the height less the load [N] at the end of the last tick"""
     sinking: float
-    """Rate of the depth over n_y [m/s] there"""
+    """Penetration rate divided by n_y [m/s] at the end of the last tick"""
     depth: float
-    """Signed depth [m] there"""
+    """Signed depth [m] at the end of the last tick"""
     adrift: Adrift
-    """Bounds of the exact solution where its estimate has been lost"""
+    """Bounds of the exact solution where its error estimate no longer holds"""
 
 
 class TickResult(NamedTuple):
@@ -75,29 +77,29 @@ class TickResult(NamedTuple):
 
     run_state: RunState
     depth: float
-    """[m] signed: < 0 apart"""
+    """Signed depth [m]: < 0 apart"""
     rate: float
-    """[m/s]"""
+    """Rate of the depth [m/s]"""
     force: float
-    """[N]"""
+    """Normal contact force [N]"""
     error_estimate: float
-    """[m]"""
+    """Estimated error of the depth [m]"""
     force_error_estimate: float
-    """[N]"""
+    """Estimated error of the force [N]"""
     evaluations: int
     reached: float
-    """[s] of the interval up to which the progress has come; the answer is one at the interval's end all the same"""
+    """Time [s] in the interval that the motion has reached; the answer is always for the end of the interval"""
     converged: bool
-    """False if the tick was given up and the contact is the static one"""
+    """False if the motion was not resolved, so that the answer is the static contact"""
     height: float
-    """Of the femoral reference point [m] in the answer"""
+    """Height of the femoral reference point [m]"""
     fidelity: int
     """The level that computed the answer"""
 
 
 @in_kernel
 def impact_of(start: RunState) -> tuple[float, float]:
-    """How the contact of a level that never flies began [m/s], and its error: as the present one did, else at rest."""
+    """Impact speed [m/s] and its error for a level that never flies: those of the present contact, else at rest."""
     if math.isnan(start.impact_speed):
         return 0.0, velocity_reach(start.error)
     return start.impact_speed, start.impact_error
@@ -105,7 +107,7 @@ def impact_of(start: RunState) -> tuple[float, float]:
 
 @in_kernel
 def begin_with(state: FemurState, impact_speed: float, depth: float) -> RunState:
-    """How a run begins in a state; `impact_speed` [m/s] is not a number apart, `depth` [m] is signed."""
+    """Return the state of a run that begins here; `impact_speed` [m/s] is NaN when apart, `depth` [m] is signed."""
     return RunState(
         state=state, error=EXACT, try_step=math.inf, impact_speed=impact_speed, impact_error=0.0, fidelity=DYNAMIC,
         stiffness=0.0, damping=0.0, excess=0.0, sinking=0.0, depth=depth, adrift=FOUND,
@@ -116,16 +118,8 @@ def begin_with(state: FemurState, impact_speed: float, depth: float) -> RunState
 def at_height(
     scene: Scene, height: float, velocity: float, depth: float, rate: float, impact_speed: float
 ) -> TickResult:
-    """The contact in a prescribed state: height [m] and velocity [m/s] with their depth [m] and its rate [m/s]."""
-    layers = scene.modes.law.layers
-    index = -1
-    for layer in layers:
-        if layer.begin < depth:
-            index += 1
-    force = 0.0
-    if index >= 0:
-        touched = 0.0 if math.isnan(impact_speed) else impact_speed
-        force, _, _ = layers[index].formula.force_at(depth, rate, touched)
+    """The contact at a prescribed height [m] and velocity [m/s], given the depth [m] and its rate [m/s] there."""
+    force, _, _ = law_force(scene.modes.law, depth, rate, 0.0 if math.isnan(impact_speed) else impact_speed)
     run_state = begin_with(FemurState(height, velocity), impact_speed, depth)
     exerted = force if scene.modes.allow_tension else max(force, 0.0)
     return TickResult(

@@ -10,17 +10,17 @@ from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 MAX_ITERATIONS = 200
 NO_LIMIT = 1_000_000
-"""Evaluations where they are not counted"""
+"""Number of evaluations that stands for no limit"""
 ANSWER = 24
-"""Evaluations that the answer to an unresolved tick takes at most: enough for any load and no guess"""
+"""Largest number of evaluations for the answer to an unresolved tick: enough for any load without a guess"""
 ROUNDING = 1e-16
-"""Depth and height are solved to this [m], or to this part of them."""
+"""Error [m] to which depth and height are solved, or part of them."""
 START_HEIGHT = 0.1
-"""Where the search for the femoral height begins [m]: above any contact."""
+"""Height [m] at which the search for the femoral height begins: above any contact."""
 RESOLVED = 1e-3
-"""Part of the depth that it is solved to at most before Newton's last correction"""
+"""Largest part of the depth that Newton's last correction may be"""
 DEEPEST = 1e9
-"""Where the search for the depth ends [m]"""
+"""Depth [m] at which the search for the depth ends"""
 
 
 class StaticSolution(NamedTuple):
@@ -34,15 +34,15 @@ class StaticContact(NamedTuple):
     """The contact at rest under a load."""
 
     height: float
-    """Of the femoral reference point [m]"""
+    """Height of the femoral reference point [m]"""
     depth: float
-    """[m]"""
+    """Penetration depth [m]"""
     force: float
     """Normal contact force [N]"""
     stiffness: float
-    """Its slope over the depth [N/m]"""
+    """Slope of the force over the depth [N/m]"""
     damping: float
-    """Its slope over the rate [N s/m]"""
+    """Slope of the force over the rate [N s/m]"""
     evaluations: int
 
 
@@ -53,10 +53,10 @@ def static_contact(
 ) -> StaticContact:  # fmt: skip
     """Solve n_y F(depth, 0) = load [N] for the femoral height [m]; a load <= 0 leaves the surfaces just touching.
 
-    Guesses are `START_HEIGHT` and a depth of 0 [m] if there are none. The depth is solved until Newton's method
-    corrects it by less than `resolution` [m], which leaves about the square of that. The normal hardly turns with the
-    height, so depth and height are solved in turns; on a plane one turn is exact. It takes about `most` evaluations at
-    most: what is not found by then is answered as far as it is known.
+    `near_height` and `near_depth` [m] are guesses; without one, `START_HEIGHT` and 0. The depth is solved until
+    Newton's method corrects it by less than `resolution` [m], which leaves about the square of that. The normal hardly
+    turns with the height, so depth and height are solved alternately; on a plane one round is exact. About `most`
+    evaluations are taken; what is not solved by then is returned as it is.
     """
     near, depth, evaluations, cosine = near_depth, 0.0, 0, 0.0
     height = height_at(touch, near_depth, near_height)
@@ -95,7 +95,7 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float, 
 
     Newton's method from `near` [m], of the logarithms where that is far, inside a bracket that halves when Newton
     leaves it, until a correction is below `resolution` [m] (0: to rounding); the static force grows with the depth in
-    every law. A force that is not reached at 1e9 m is answered with that depth.
+    every law. For a force that is not reached at 1e9 m the solution is that depth. `most` limits the evaluations.
     """
     if force <= 0.0:
         return StaticSolution(0.0, 0)
@@ -106,8 +106,8 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float, 
         if carried < force:
             layer, base = index, carried
     begin = law.layers[layer].begin
-    low, high, depth, looks = bracket(law, layer, force, near)
-    evaluations += looks
+    low, high, depth, extra = bracket(law, layer, force, near)
+    evaluations += extra
     for _ in range(MAX_ITERATIONS):
         value, slope, _ = law.layers[layer].formula.force_at(depth, 0.0, 0.0)
         evaluations += 1
@@ -132,7 +132,7 @@ def static_depth(law: ContactLaw, force: float, near: float, resolution: float, 
 
 @in_kernel
 def bracket(law: ContactLaw, layer: int, force: float, near: float) -> tuple[float, float, float, int]:
-    """Depths [m] between which a layer reaches a force [N], one to begin with, and the evaluations that this took."""
+    """Return two depths [m] between which a layer reaches a force [N], a guess between them, and evaluations taken."""
     low, high, evaluations = law.layers[layer].begin, DEEPEST, 0
     if low < near < high:
         return low, high, near, evaluations

@@ -1,6 +1,6 @@
-"""One tick after another: what the samples prescribe, the level's answer, and what is told about it.
+"""Ticks one after another: the interval that two samples prescribe, the answer of a level, and the row that reports it.
 
-What a run keeps and its answers lie in records that the caller keeps, so that a tick allocates nothing.
+The state of a run and its answers lie in records of the caller, so that a tick allocates nothing.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 def _fields(kind: type) -> np.dtype[Any]:
-    """A record with the fields of a named tuple."""
+    """Return a NumPy record type with the fields of a named tuple, nested ones included."""
     kinds = {float: np.dtype(np.float64), int: np.dtype(np.int64)}
     return np.dtype([(name, kinds.get(hint) or _fields(hint)) for name, hint in get_type_hints(kind).items()])
 
@@ -42,27 +42,27 @@ RUN_STATE = _fields(RunState)
 MEMORY = np.dtype([
     ("begun", np.int64), ("angle", np.float64), ("load", np.float64), ("run_state", RUN_STATE), ("backlog", BACKLOG),
 ])  # fmt: skip
-"""What a run keeps from tick to tick: whether it has begun, the last tick's angle [rad] and load [N], and where it
-stands; all zeros before the first tick"""
+"""State of a run between two ticks: whether it has begun, angle [rad] and load [N] of the last tick, `RunState` and
+backlog; all zeros before the first tick"""
 Memory = NDArray[Any]
-"""Of one run: an array of `MEMORY`, shape (1,)"""
+"""State of one run: an array of `MEMORY`, shape (1,)"""
 Record = Any
-"""An element of an array of records"""
+"""An element of an array of NumPy records"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 LARGEST_FORCE_ERROR = 1e12
-"""[N]"""
+"""Largest published error estimate of the contact force [N]"""
 NEARLY_STRAIGHT = 0.05
-"""Part of the depth up to which an error of it makes one of the force by the slope alone"""
+"""Part of the depth up to which an error of the depth changes the force in proportion to the stiffness"""
 
 
 @in_kernel
 def run(
     scene: Scene, memory: Memory, durations: Floats, angles: Floats, loads: Floats, heights: Floats, answers: Rows
 ) -> None:
-    """Take ticks one after another: advance by durations [s] to angles [rad], loads [N] and prescribed heights [m].
+    """Compute ticks one after another: advance by durations [s] to angles [rad], loads [N] and prescribed heights [m].
 
-    All arrays have shape (n,); `answers` is filled. A height that is not prescribed is not a number. The duration of
-    the first tick does not count: it is answered with the contact at rest.
+    All arrays have shape (n,); `answers` is filled. A height that is not prescribed is NaN. The duration of the first
+    tick of a run has no effect: that tick is answered with the contact at rest.
     """
     kept = memory[0]
     begun, last_angle, last_load = kept["begun"] != 0, float(kept["angle"]), float(kept["load"])
@@ -97,7 +97,7 @@ def run(
 
 @in_kernel
 def is_calm(scene: Scene, interval: Interval, run_state: RunState) -> bool:
-    """Whether the exact solution is where its estimate says, and stays there in an interval."""
+    """Whether the error estimate bounds the exact solution before an interval and is expected to do so throughout."""
     return run_state.adrift.stage == NONE and not in_doubt(scene, interval, run_state)
 
 
@@ -105,7 +105,10 @@ def is_calm(scene: Scene, interval: Interval, run_state: RunState) -> bool:
 def interval_between(
     scene: Scene, duration: float, last_angle: float, last_load: float, angle: float, load: float, height: float
 ) -> Interval:
-    """The interval [s] from the last tick's angle [rad] and load [N] to these, and to a prescribed height [m]."""
+    """Return the interval from the last tick's angle [rad] and load [N] to those of this tick, after a duration [s].
+
+    `height` [m] is the prescribed height at its end, or NaN.
+    """
     return Interval(
         pair=scene.pair, mechanism=scene.mechanism, duration=duration, angle=last_angle,
         angle_rate=(angle - last_angle) / duration, start_load=last_load, load_rate=(load - last_load) / duration,
@@ -115,7 +118,7 @@ def interval_between(
 
 @never_inlined
 def start(scene: Scene, angle: float, load: float, height: float) -> TickResult:
-    """Contact at rest: under the load, or at the prescribed height; the penetration rate is 0."""
+    """Return the contact at rest, under the load [N] or at the prescribed height [m]; the penetration rate is 0."""
     x, _ = scene.mechanism.translation(angle)
     touch = scene.pair.at(angle, 0.0, x, 0.0)
     if not math.isnan(height):
@@ -138,19 +141,14 @@ def start(scene: Scene, angle: float, load: float, height: float) -> TickResult:
 
 @never_inlined
 def following_surface(interval: Interval, run_state: RunState) -> RunState:
-    """The progress behind the static start: the femur follows its turning surface."""
+    """Return the state after the static start, with the velocity at which the depth does not change."""
     _, rate, cosine = touch_at(interval, 0.0).touch(run_state.state.height)
-    return RunState(
-        state=FemurState(run_state.state.height, rate / cosine), error=run_state.error, try_step=run_state.try_step,
-        impact_speed=run_state.impact_speed, impact_error=run_state.impact_error, fidelity=run_state.fidelity,
-        stiffness=run_state.stiffness, damping=run_state.damping, excess=run_state.excess, sinking=run_state.sinking,
-        depth=run_state.depth, adrift=run_state.adrift,
-    )  # fmt: skip
+    return run_state._replace(state=FemurState(run_state.state.height, rate / cosine))
 
 
 @in_kernel
 def read_run_state(kept: Record) -> RunState:
-    """Take the progress out of a record of `RUN_STATE`."""
+    """Read a run's state from a record of `RUN_STATE`."""
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
     return RunState(
         state=FemurState(float(state["height"]), float(state["velocity"])),
@@ -173,7 +171,7 @@ def read_run_state(kept: Record) -> RunState:
 
 @in_kernel
 def write_run_state(kept: Record, run_state: RunState) -> None:
-    """Put the progress into a record of `RUN_STATE`."""
+    """Write a run's state into a record of `RUN_STATE`."""
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
     state["height"], state["velocity"] = run_state.state.height, run_state.state.velocity
     error["height"], error["velocity"] = run_state.error.height, run_state.error.velocity
@@ -193,7 +191,7 @@ def write_run_state(kept: Record, run_state: RunState) -> None:
 def write_answer(
     answer: Record, scene: Scene, angle: float, angle_rate: float, load: float, result: TickResult
 ) -> None:
-    """Fill a row with the answer to a tick, but for stamp and latency, which no kernel knows."""
+    """Fill a row with the answer to a tick, except for stamp and latency, which the kernel does not know."""
     depth, height = max(0.0, result.depth), result.height
     layers = scene.modes.law.layers
     bone = max(0.0, depth - layers[1 if len(layers) > 1 else 0].begin) if len(layers) > 1 else 0.0
@@ -227,10 +225,11 @@ def write_answer(
 
 @in_kernel
 def sliding_velocity(closest: Closest, x_slope: float, angle_rate: float, velocity: float) -> float:
-    """Velocity [m/s] of the femur's deepest point along t = (n_y, -n_x), the anterior tangent; the tibia stands still.
+    """Return the velocity [m/s] of the femur's deepest point along the anterior tangent t = (n_y, -n_x) of the tibia.
 
-    The second of Eqs. 6, with the tangent turned round. The femoral reference point moves by `x_slope` [m/rad] of the
-    translation, the `angle_rate` [rad/s] and its `velocity` [m/s] along the height, which is not a number at rest.
+    The second of Eqs. 6, with the tangent reversed; the tibia is fixed. The femoral reference point moves by `x_slope`
+    [m/rad] of the translation, the `angle_rate` [rad/s] and its `velocity` [m/s] along the height, which is NaN at
+    rest.
     """
     along_height = 0.0 if math.isnan(velocity) else velocity
     return angle_rate * (x_slope * closest.normal_y + closest.extent) - along_height * closest.normal_x
@@ -238,14 +237,14 @@ def sliding_velocity(closest: Closest, x_slope: float, angle_rate: float, veloci
 
 @in_kernel
 def is_exact_enough(scene: Scene, error: float, force_error: float) -> bool:
-    """Whether estimated errors of depth [m] and force [N] keep the tolerances; what is not a number keeps none."""
+    """Whether estimated errors of depth [m] and force [N] are within the tolerances; NaN is not."""
     force_kept = scene.force_tolerance == 0.0 or force_error <= scene.force_tolerance
     return error <= scene.tolerance and force_kept
 
 
 @never_inlined
 def bent_force_error(scene: Scene, result: TickResult) -> float:
-    """By how much [N] the force may be wrong where that of the depth is large against it: the law itself tells."""
+    """Return the error [N] of the force where that of the depth is large against the depth, by evaluating the law."""
     depth = result.depth + result.error_estimate
     rate = result.rate + velocity_reach(result.run_state.error)
     speed = 0.0 if math.isnan(result.run_state.impact_speed) else result.run_state.impact_speed

@@ -24,7 +24,7 @@ Rows = NDArray[Any]
 
 
 class ContactState(IntEnum):
-    """The deepest layer in contact."""
+    """The deepest layer that is in contact."""
 
     SEPARATED = 0
     CARTILAGE = 1
@@ -40,29 +40,29 @@ class Fidelity(IntEnum):
 
 
 class Status(IntFlag):
-    """What a reader of a tick must know about it."""
+    """Flags that a reader of an answer must know; several may be set at once."""
 
     OK = 0
     STALE_INPUT = 1
-    """The gap between stamps is longer than allowed."""
+    """The time between two samples is longer than allowed."""
     TIME_RESET = 2
-    """Stamps went back; the state was started anew."""
+    """The stamps went back in time; the model was started anew."""
     INPUT_HELD = 4
-    """No flexion angle at or after this stamp came in time; the last one was held."""
+    """No flexion angle with this stamp or a later one came in time; the last angle was held."""
     NOT_CONVERGED = 8
-    """A tolerance was not met; `error_estimate` and `force_error_estimate` say by how much."""
+    """A tolerance was not met; `error_estimate` and `force_error_estimate` give the size of the errors."""
     INPUT_REJECTED = 16
-    """A sample was refused since the last tick."""
+    """A sample was rejected since the last tick."""
     IMPLAUSIBLE = 32
-    """The depth makes no sense: see `plausible_depth.py`."""
+    """The depth is beyond what is plausible for a knee; see `plausible_depth.py`."""
 
 
 UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
-"""Any of these: nothing must be controlled by the answer. A refused sample is no reason, as it was not used."""
+"""An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used."""
 
 
 class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
-    """A record whose attributes are numbers of Python's own, and records of the declared classes."""
+    """A NumPy record whose attributes are plain Python numbers or records of the declared classes."""
 
     def __getattribute__(self, name: str) -> Any:
         value = super().__getattribute__(name)
@@ -86,65 +86,65 @@ class Point(Row):  # type: ignore[misc]
 
 
 class Wrench(Row):  # type: ignore[misc]
-    """What acts on a body, at the origin of the tibia frame; as `geometry_msgs/msg/Wrench` has it."""
+    """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`."""
 
     force: Point
-    """[N]"""
+    """[N] force on the body"""
     torque: Point
-    """[N m]"""
+    """[N m] torque on the body about the origin of the tibia frame"""
 
 
 class Contact(Row):  # type: ignore[misc]
-    """The answer to one tick: first what `KneeContact.msg` tells, under its names, in its order and with its types."""
+    """The answer to one tick: first the fields of `KneeContact.msg` (same names, order and types), then some more."""
 
     flexion_angle: Real
-    """[rad] positive in flexion"""
+    """[rad] flexion angle, positive in flexion"""
     load: Real
     """[N] compressive load that drove the tick"""
     contact_force: Real
     """[N] normal contact force; >= 0 unless the law may pull"""
     penetration_depth: Real
-    """[m] >= 0; 0 when apart"""
+    """[m] penetration depth, >= 0; 0 when the surfaces are apart"""
     gap: Real
-    """[m] >= 0; 0 in contact"""
+    """[m] distance of the surfaces, >= 0; 0 in contact"""
     penetration_rate: Real
-    """[m/s] > 0 when approaching"""
+    """[m/s] rate of the signed depth, > 0 when the surfaces approach each other"""
     sliding_velocity: Real
-    """[m/s] of the femur's surface relative to the tibia's, at the contact and along it; > 0 anteriorly (Eq. 6)"""
+    """[m/s] velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
     contact_point: Point
-    """[m] on the plateau, in the tibia frame (when apart: the point closest to the femur); z is 0, as all is planar"""
+    """[m] contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
     femoral_height: Real
-    """[m] height of the femoral reference point above the plateau's origin"""
+    """[m] height of the femoral reference point above the origin of the tibia frame"""
     cartilage_depth: Real
     """[m] part of the depth in the first layer"""
     bone_depth: Real
     """[m] part of the depth in the second layer"""
     contact_state: Small
-    """a `ContactState`"""
+    """a `ContactState`: the deepest layer in contact"""
     fidelity: Small
-    """a `Fidelity`"""
+    """a `Fidelity`: the level that computed the answer"""
     status: Small
-    """a set of `Status` bits"""
+    """a set of `Status` flags"""
     error_estimate: Real
     """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
     force_error_estimate: Real
-    """[N] the same of `contact_force`"""
+    """[N] estimated error of `contact_force` against the exact solution of the scene"""
     evaluations: Count
     """contact law evaluations that this tick took; the last field of the message"""
     contact_wrench: Wrench
     """the contact force on the tibia, as it is published beside the message"""
     stamp: Nanoseconds
-    """[ns]"""
+    """[ns] time of the sample, as in the message's header"""
     femoral_x: Real
-    """[m] of the femoral reference point along the tibia's x axis"""
+    """[m] x of the femoral reference point in the tibia frame"""
     normal_x: Real
-    """of the tibial surface at the contact point, from tibia to femur"""
+    """x of the unit normal of the tibial surface at the contact point, from tibia to femur"""
     normal_y: Real
     latency: Real
-    """[s] from the load's arrival to the answer's publication, which the node measures; 0 elsewhere"""
+    """[s] from the arrival of the load to the publication of the answer, measured by the node; 0 elsewhere"""
 
     def __repr__(self) -> str:
-        """In a line; `print` shows all fields."""
+        """Return a summary in one line; `print` shows all fields."""
         return (
             f"<Contact at {1e-9 * self.stamp:.9g} s: load {self.load:.1f} N, contact force {self.contact_force:.1f} N, "
             f"depth {1e3 * self.penetration_depth:.3f} mm>"
@@ -152,11 +152,11 @@ class Contact(Row):  # type: ignore[misc]
 
 
 PARTS: dict[str, type[Row]] = {}
-"""The classes of fields that have fields of their own, by name"""
+"""Classes of the fields that are records themselves, by field name"""
 
 
 def _fields(record: type[Row]) -> np.dtype[Any]:
-    """The fields that a class declares, aligned as in C, and as CDR aligns them."""
+    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR."""
     fields: list[tuple[str, Any]] = []
     for name, hint in get_type_hints(record, include_extras=True).items():
         if get_origin(hint) is Annotated:
@@ -168,22 +168,23 @@ def _fields(record: type[Row]) -> np.dtype[Any]:
 
 
 def _place(name: str) -> slice:
-    """Where a field's bytes lie in those of a row."""
+    """Return the place of a field's bytes among those of a row."""
     fields: Any = ROW.fields
     kind, begin, *_ = fields[name]
     return slice(begin, begin + kind.itemsize)
 
 
 ROW = np.dtype((Contact, _fields(Contact)))
-"""The type of a row, whose elements are `Contact`s"""
+"""NumPy type of a row of answers, whose elements are `Contact` records"""
 MESSAGE = slice(0, _place("evaluations").stop)
-"""The bytes of a row that are those of a `KneeContact` behind its header, where a multiple of 8 B is reached"""
+"""Bytes of a row that equal those of a `KneeContact` message after its header, if the header ends at a multiple of 8
+B"""
 WRENCH = _place("contact_wrench")
-"""Those of a `WrenchStamped` behind its header, likewise"""
+"""Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
 
 
 def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, np.dtype[Any], int]]:
-    """Name, type and place of every number in a type."""
+    """Yield name, type and byte offset of every number in a record type, nested ones included."""
     for name, (field, offset, *_) in (kind.fields or {}).items():
         if field.fields:
             yield from _numbers(field, f"{before}{name}_", at + offset)
@@ -193,17 +194,20 @@ def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, n
 
 _NAMES, _FORMATS, _OFFSETS = zip(*_numbers(ROW, "", 0), strict=True)
 FLAT = np.dtype({"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize})
-"""The same row with all of its numbers under names of their own: `contact_point_x`"""
+"""The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
 TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
-"""Those that the message has"""
+"""Names in `FLAT` of the numbers that the message has"""
 
 
 CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
-"""Of the same numbers in `struct`"""
+"""Format characters of `struct` for NumPy's number types"""
 
 
 def reader(*names: str) -> struct.Struct:
-    """Takes some numbers, in their order in a row, out of its bytes: in a tenth of the time of an array's fields."""
+    """Return a `struct` that reads some numbers of `FLAT`, named in their order, from the bytes of a row.
+
+    It takes a tenth of the time of reading fields of an array.
+    """
     layout, end = "<", 0
     for name in names:
         kind, begin, *_ = FLAT.fields[name]  # type: ignore[index]  # it has fields
@@ -212,12 +216,12 @@ def reader(*names: str) -> struct.Struct:
 
 
 def blank(number: int) -> Rows:
-    """Rows to be filled by a kernel, shape (number,), zeros between the fields: a copy may have anything there."""
+    """Return rows for a kernel to fill, shape (number,), whose padding bytes are 0; in a copy they may be anything."""
     return np.zeros(number, dtype=ROW)
 
 
 def untold(number: int) -> Rows:
-    """Rows of which nothing is known, shape (number,): not a number, or 0 where that cannot be."""
+    """Return rows of unknown answers, shape (number,): real numbers are NaN, integers 0."""
     rows = np.zeros(number, dtype=ROW)
     for name in _NAMES:
         if FLAT[name].kind == "f":

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.certain import Pose, certain_contact
+from knee_contact_ros.core.contact_pairs.base import Closest, pose_at
+from knee_contact_ros.core.contact_pairs.certain import certain_contact
 from knee_contact_ros.core.contact_pairs.on_curve import CurveContact
 from knee_contact_ros.core.contact_pairs.profile_search import deepest_of, searched_contact
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
@@ -64,8 +64,8 @@ def noisy_femur(noise: float, points: int = 120, seed: int = 2) -> Profile:
 
 def curve(femur: Profile, points_per_segment: int = 400) -> np.ndarray:
     """Many points of a femoral profile and its last one, which its outline leaves out."""
-    last = femur.segments[-1]
-    end = [[np.polyval(axis[::-1], last.length) for axis in (last.x, last.y)]]
+    last = femur.curve.cubics[-1]
+    end = [[np.polyval(axis[::-1], last[0]) for axis in (last[2:6], last[6:])]]
     return np.concatenate([femur.outline(points_per_segment), end])
 
 
@@ -254,10 +254,6 @@ def test_the_nearest_place_of_a_plateau_against_sampling(noise: float) -> None:
     assert found == pytest.approx(nearest, abs=SAMPLING)
 
 
-def pose_of(angle: float, x: float) -> Pose:
-    return Pose(x, angle, math.sin(angle), math.cos(angle))
-
-
 def test_the_listed_segments_hold_the_deepest_point() -> None:
     """Against a search of all segments; steep places, where n_y differs the most."""
     rng = np.random.default_rng(6)
@@ -268,8 +264,8 @@ def test_the_listed_segments_hold_the_deepest_point() -> None:
         for _ in range(60):
             angle, x = rng.uniform(-0.3, 1.5), rng.uniform(0.025, 0.04)
             height = touching(PAIRS["circle in circle"], angle, x, 0.0)
-            found = searched_contact(curve, CUP, pose_of(angle, x), height)
-            assert found.depth == deepest_of(every, curve, CUP, pose_of(angle, x), height).depth
+            found = searched_contact(curve, CUP, pose_at(angle, x), height)
+            assert found.depth == deepest_of(every, curve, CUP, pose_at(angle, x), height).depth
 
 
 def wavy(points: int, height: float, waves: int, phase: float) -> tuple[Profile, TibialProfile]:
@@ -296,9 +292,9 @@ def test_what_is_certain_is_what_a_search_of_all_finds(
     femur, measured = wavy(60, height, waves, phase)
     pair = CurveContact(femur, CUP if cup else measured)
     above = touching(PAIRS["circle in circle"], angle, x, depth)
-    certain = certain_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), above)
+    certain = certain_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
     if certain.proven:
-        found = searched_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), above)
+        found = searched_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
         assert certain.contact.depth == pytest.approx(found.depth, abs=LAST_BITS)
         assert certain.contact.turning == pytest.approx(found.turning, abs=1e-11)
         assert certain.contact.normal_x == pytest.approx(found.normal_x, abs=1e-11)
@@ -309,7 +305,7 @@ def test_smooth_contacts_are_certain() -> None:
     for pair in (PAIRS["ellipse in circle"], CurveContact(rounder, PLATEAU)):
         for angle, x, depth in itertools.product((0.0, 0.6, 1.2), (-0.003, 0.0, 0.003), (-1e-3, 5e-4)):
             height = touching(pair, angle, x, depth)
-            assert certain_contact(pair.searched.curve, pair.tibia, pose_of(angle, x), height).proven
+            assert certain_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), height).proven
 
 
 def test_the_measured_surfaces_against_sampling(reference_data) -> None:
@@ -388,7 +384,7 @@ def test_odd_profiles_against_sampling(femur, tibia) -> None:
     different = np.unique(np.stack([x, y]), axis=1)
     brute = Sampled.profile(*different, reach=0.03, points=200001)
     for angle, height in itertools.product((-0.2, 0.0, 0.3), (0.032, 0.04)):
-        sampled = brute.depth(pair.femur, angle, 0.001, height, 40000 // len(pair.femur.segments))
+        sampled = brute.depth(pair.femur, angle, 0.001, height, 40000 // len(pair.femur.curve.cubics))
         depth = pair.closest(angle, 0.001, height).depth
         # On the zigzag's bumps (2e4/m) the nearest sample, 0.5 um aside, has a normal that is 1e-2 off: 5e-5 of 1 mm.
         assert sampled <= depth + 5e-8

@@ -25,7 +25,6 @@ from knee_contact_ros.core.error_estimate import (
     carry_in_flight,
     carry_on,
     force_reach,
-    lost_swing,
     propagated,
     reach,
     saltation,
@@ -36,7 +35,7 @@ from knee_contact_ros.core.error_estimate import (
     with_step,
 )
 from knee_contact_ros.core.geometries import Circle
-from knee_contact_ros.core.integrators.base import INSIDE, NO_ERROR, FemurState, Stage, StateError, Step, leap
+from knee_contact_ros.core.integrators.base import FemurState, StateError, leap
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.levels.dynamic import dynamic_tick
 from knee_contact_ros.core.mechanisms.hinge import Hinge
@@ -147,14 +146,6 @@ def test_bounds_add_up() -> None:
     assert reach(with_bound(once, 2e-7, 0.0), math.inf) == pytest.approx(3e-7, rel=1e-12)
 
 
-def swinging(frequency: float, damping: float, h: float, amplitude: float, kept: float) -> Step:
-    """A step that begins with a swing of some speed about a load of 100 N, and ends with a part of it."""
-    stiffness = frequency**2 * MASS
-    begin = Stage(1e-4, amplitude, 100.0, stiffness, 0.0)
-    end = Stage(1e-4, kept * amplitude, 100.0, stiffness, 0.0)
-    return Step(FemurState(0.034, 0.0), NO_ERROR, begin, end, INSIDE, stiffness, damping, 1.0, 0.0, 0, True)
-
-
 def test_what_adds_aside_leaves_a_late_femur_late() -> None:
     """Both errors follow from one time: what is added aside is what this time does not tell, in the same direction."""
     late, speed, acceleration = 1e-6, 3.0, 5e3
@@ -170,26 +161,6 @@ def test_what_adds_aside_leaves_a_late_femur_late() -> None:
 def test_doubt_in_another_direction_each_time_adds_as_squares() -> None:
     error = with_doubt(with_doubt(of(0.0, 0.0), 3e-6), 3e-6)
     assert velocity_reach(error) == pytest.approx(3e-6 * math.sqrt(2.0), rel=1e-12)  # rounding
-
-
-def test_a_swing_that_the_step_has_damped_away_is_lost() -> None:
-    h, frequency, damping = 0.01, 1e4, 40.0
-    lost = lost_swing(swinging(frequency, damping, h, 0.3, 0.0), 100.0, 0.0, MASS, h)
-    assert lost == pytest.approx(0.3 * math.exp(-0.5 * damping / MASS * h), rel=1e-12)
-    # What is still there is not lost, nor what the contact damps, nor what a small step has resolved.
-    assert lost_swing(swinging(frequency, 0.0, h, 0.3, 1.0), 100.0, 0.0, MASS, h) == 0.0
-    assert lost_swing(swinging(frequency, 3.0 * frequency * MASS, h, 0.3, 0.0), 100.0, 0.0, MASS, h) == 0.0
-    assert lost_swing(swinging(frequency, 0.0, 4e-4, 0.3, 0.0), 100.0, 0.0, MASS, 4e-4) == 0.0
-
-
-def test_a_knee_that_follows_its_load_slowly_does_not_swing() -> None:
-    step = swinging(1e4, 0.0, 0.01, 0.0, 0.0)
-    slow = 3e4 / step.stiffness
-    end = step.end._replace(rate=slow, force=400.0)
-    following = step._replace(begin=step.begin._replace(rate=slow), end=end)
-    assert lost_swing(following, 100.0, 3e4, MASS, 0.01) == pytest.approx(
-        0.0, abs=1e-15
-    )  # rounding of 400 N / stiffness
 
 
 def test_in_flight_a_velocity_is_carried_into_the_height() -> None:

@@ -52,7 +52,7 @@ PIVOT = (
 
 def mechanisms() -> list[Mechanism]:
     knees = (SANCISI_2017, level(AXIS), level(PIVOT))
-    return [Hinge(), Table(KNOTS, VALUES), Table([0.0, 1.0], [0.0, 0.01]), *(ParallelMechanism(k) for k in knees)]
+    return [Hinge(), Table(KNOTS, VALUES), Table([0.0, 1.0], [0.0, 0.01]), *(ParallelMechanism(k).table for k in knees)]
 
 
 @pytest.mark.parametrize("mechanism", mechanisms())
@@ -157,13 +157,15 @@ def test_the_translation_is_that_of_the_medial_centre() -> None:
     mechanism = ParallelMechanism()
     centre = SANCISI_2017.medial.centre
     rest = placed(centre, mechanism.pose(0.0), 0.0)[0]
-    assert mechanism.translation(0.0)[0] == pytest.approx(0.0, abs=1e-17)
+    assert mechanism.table.translation(0.0)[0] == pytest.approx(0.0, abs=1e-17)
     for angle in INSIDE:
         exact = placed(centre, mechanism.pose(angle), angle)[0] - rest
         # The spline is not bent at its ends, the mechanism is (x'' < 0.02 m/rad²): x'' h² / 8 = 1.6e-6 m there,
         # and 3.7 times less for each grid cell further in. Inside: x h⁴ / 384 with x < 5 m/rad⁴.
         cells = min(angle - START, STOP - angle) / 0.025
-        assert mechanism.translation(angle)[0] == pytest.approx(exact, abs=5e-9 + 2e-6 * 0.27 ** math.floor(cells))
+        assert mechanism.table.translation(angle)[0] == pytest.approx(
+            exact, abs=5e-9 + 2e-6 * 0.27 ** math.floor(cells)
+        )
 
 
 PUBLISHED = {
@@ -196,7 +198,7 @@ def test_the_default_knee_is_the_published_one() -> None:
 
 def test_the_default_knees_translation_stays_what_it_was() -> None:
     mechanism = ParallelMechanism()
-    x = [1e3 * mechanism.translation(math.radians(degrees))[0] for degrees in (0, 20, 40, 60, 80, 100)]
+    x = [1e3 * mechanism.table.translation(math.radians(degrees))[0] for degrees in (0, 20, 40, 60, 80, 100)]
     # The published knee's own answer, written down in mm with two decimals
     assert x == pytest.approx([0.0, 2.33, 1.15, -1.50, -4.39, -6.94], abs=0.005)
 
@@ -205,7 +207,7 @@ def test_fibres_from_the_axis_make_a_hinge() -> None:
     mechanism = ParallelMechanism(level(AXIS))
     for angle in INSIDE:  # closed to 1e-14 m; the five equations are conditioned by 20 or so, and levers are 0.03 m
         assert mechanism.pose(angle) == pytest.approx((0.0, 0.0, 0.0, 0.0, 0.0), abs=1e-11)
-        assert mechanism.translation(angle) == pytest.approx((0.0, 0.0), abs=1e-11)
+        assert mechanism.table.translation(angle) == pytest.approx((0.0, 0.0), abs=1e-11)
 
 
 def rotation_about_the_pivot(angle: float) -> float:
@@ -228,7 +230,7 @@ def test_a_pivot_has_a_closed_form() -> None:
     for angle in inside:
         rotation = rotation_about_the_pivot(angle)
         assert mechanism.pose(angle).internal_rotation == pytest.approx(rotation, abs=1e-11)
-        assert mechanism.translation(angle)[0] == pytest.approx(2.0 * HALF * math.sin(rotation), abs=1e-7)
+        assert mechanism.table.translation(angle)[0] == pytest.approx(2.0 * HALF * math.sin(rotation), abs=1e-7)
     assert abs(rotation_about_the_pivot(1.1)) > 0.1
 
 
@@ -247,7 +249,7 @@ def test_the_default_knee_rolls_back_and_turns_inwards() -> None:
     assert all(later > earlier for earlier, later in itertools.pairwise(turns))
     assert 10.0 < math.degrees(turns[-1] - turns[0]) < 25.0  # Wilson et al. 1998; Johal et al. 2005: 20 deg to 120 deg
     lateral = [placed(SANCISI_2017.lateral.centre, pose, math.radians(d))[0] for d, pose in poses.items()]
-    medial = mechanism.translation(math.radians(90.0))[0]
+    medial = mechanism.table.translation(math.radians(90.0))[0]
     assert lateral[-1] - lateral[0] < 2.0 * medial < 0.0  # rollback, more of it on the lateral side
 
 

@@ -1,4 +1,4 @@
-"""The contact laws by the name that `contact.law` uses."""
+"""Contact laws by the names that the parameter `contact.law` uses."""
 
 from __future__ import annotations
 

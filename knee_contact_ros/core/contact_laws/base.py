@@ -1,8 +1,8 @@
-"""What a contact law is: one smooth formula per layer. `ContactLaw` states all that is asked of it.
+"""Contact laws: one smooth formula per layer. `ContactLaw` states the contract of a law.
 
 To add a law, write its formula (a named tuple of constants with the methods of `LayerFormula`) and a factory that
 returns a `ContactLaw` in a file of its own, and name the factory in `CONTACT_LAWS` (`__init__.py`). The factory's
-keyword arguments are the `contact.*` parameters that the law uses; those that no other law has come with a `Range`.
+keyword arguments are the `contact.*` parameters that the law uses; a parameter that no other law has gets a `Range`.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import NamedTuple, Protocol
 from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 
 DEEPEST = 1e30
-"""Depths beyond this [m] count as it: they occur in tries of an integrator only, and must not overflow"""
+"""Depth [m] that larger ones are limited to: they occur only in trial steps of an integrator, and must not overflow"""
 
 
 @kernel_interface
 class LayerFormula(Protocol):
-    """The force of one layer. What is asked of it stands in `ContactLaw`."""
+    """The formula of one layer; its contract is in `ContactLaw`."""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """Force [N] and its slopes over depth [N/m] and over rate [N s/m].
+        """Return the force [N] and its slopes over depth [N/m] and over rate [N s/m].
 
         Depth [m] and rate [m/s] are those of the penetration; `impact_speed` [m/s] is the rate at first touch, 0 for a
         contact that began at rest.
@@ -34,30 +34,30 @@ class LayerFormula(Protocol):
 
 
 class Range(NamedTuple):
-    """What a law's own constant may be, in its factory's signature: `edge: Annotated[float, Range(...)] = 0.001`.
+    """Range of a law's own constant, in the signature of its factory: `edge: Annotated[float, Range(...)] = 0.001`.
 
-    It is the parameter `contact.edge` then, and the default what the law is tried with.
+    The constant then is the parameter `contact.edge`, and its default is what tests use.
     """
 
     least: float
     most: float
     meaning: str
-    """With its unit, for who sets the parameter"""
+    """Description of the parameter with its unit, for users"""
 
 
 class Layer(NamedTuple):
     """One layer of a contact law."""
 
     begin: float
-    """Depth at which the layer begins [m]; the first layer begins at 0."""
+    """Depth [m] at which the layer begins; 0 for the first layer"""
     formula: LayerFormula
 
 
 class ContactLaw(NamedTuple):
     """Normal contact force [N] as a function of penetration depth δ [m] and rate δ̇ [m/s], layer by layer.
 
-    The contract of a law, whole. `contract.py` tries every law that a model is made with, and refuses one that breaks a
-    clause; each name is that of its message.
+    The clauses below are the whole contract of a law. `contract.py` tests every law that a model is made with, and
+    rejects one that breaks a clause; its message begins with the name of the clause.
 
     layers: The first layer begins at 0 m, each other one deeper than the one before. All formulas are of one type (the
         kernel is compiled for it), and all or none of them remember the impact. The thickness is > 0.
@@ -85,18 +85,18 @@ class ContactLaw(NamedTuple):
     """
 
     layers: tuple[Layer, ...]
-    """In the order of depth"""
+    """The layers in the order of their depths"""
     thickness: float = math.inf
-    """[m] of what the law models: no depth beyond it makes sense; infinite if the law does not say"""
+    """Thickness [m] of what the law models, beyond which no depth is plausible; infinite if it is not known"""
 
     def static_force(self, depth: float) -> float:
-        """Force [N] at rest at a depth [m]; 0 when apart."""
+        """Return the force [N] at rest at a depth [m]; 0 when apart."""
         return static_force(self, depth)[0]
 
 
 @in_kernel
 def layer_at(law: ContactLaw, depth: float) -> int:
-    """Index of the layer that a depth [m] lies in; -1 when apart. On a layer's beginning: that layer."""
+    """Return the index of the layer at a depth [m]; -1 when apart; on the beginning of a layer, that layer."""
     index = -1
     for layer in law.layers:
         if layer.begin <= depth:
@@ -106,19 +106,31 @@ def layer_at(law: ContactLaw, depth: float) -> int:
 
 @in_kernel
 def static_force(law: ContactLaw, depth: float) -> tuple[float, float, float]:
-    """Force [N] at rest at a depth [m] and its slopes; 0 when apart. On a layer's beginning those of the one before."""
+    """Return force [N] and slopes at rest at a depth [m]; 0 when apart.
+
+    On the beginning of a layer they are those of the layer before.
+    """
+    return law_force(law, depth, 0.0, 0.0)
+
+
+@in_kernel
+def law_force(law: ContactLaw, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+    """Return force [N] and slopes at a depth [m], a rate and an impact speed [m/s], not clamped; 0 when apart.
+
+    On the beginning of a layer they are those of the layer before.
+    """
     index = -1
     for layer in law.layers:
         if layer.begin < depth:
             index += 1
     if index < 0:
         return 0.0, 0.0, 0.0
-    return law.layers[index].formula.force_at(depth, 0.0, 0.0)
+    return law.layers[index].formula.force_at(depth, rate, impact_speed)
 
 
 @in_kernel
 def power_law(stiffness: float, exponent: float, depth: float) -> tuple[float, float]:
-    """Elastic force K δⁿ [N] and its slope [N/m]; both 0 for δ <= 0 (Hertz: n = 1.5)."""
+    """Return the elastic force K δⁿ [N] and its slope [N/m]; both are 0 for δ <= 0 (Hertz: n = 1.5)."""
     if depth <= 0.0:
         return 0.0, 0.0
     depth = min(depth, DEEPEST)

@@ -1,7 +1,7 @@
-"""Whether a contact law keeps its contract (`ContactLaw`): tried out, once for every law that a model is made with.
+"""Numerical tests of the contract of contact laws (`ContactLaw`), made once for every law that a model is made with.
 
-Each layer's formula is asked at depths over decades behind its layer's beginning, up to twice its layer's thickness,
-and at rates of both signs. What lies between the depths is looked through for jumps and kinks by halving.
+The formula of each layer is evaluated at depths over decades beyond the beginning of the layer, up to twice its
+thickness, and at rates of both signs. Between these depths, jumps and kinks are searched for by bisection.
 """
 
 from __future__ import annotations
@@ -16,70 +16,73 @@ from typing import NamedTuple
 from knee_contact_ros.core.contact_laws.base import ContactLaw, LayerFormula
 
 DECADES = tuple(10.0 ** (half / 2.0) for half in range(-18, -3))
-"""Depths behind a layer's beginning [m], 1e-9 to 1e-2: from far below any tolerance to far beyond any knee"""
+"""Depths [m] beyond the beginning of a layer, 1e-9 to 1e-2: from far below any tolerance to far beyond any knee"""
 PARTS = (1e-3, 0.1, 0.5, 0.9, 1.0, 1.1, 1.5, 2.0)
-"""The same as parts of the layer's thickness"""
+"""Depths beyond the beginning of a layer as parts of its thickness"""
 BEFORE = (1e-3, 1e-6, 1e-9)
-"""Depths before a layer's beginning [m]"""
+"""Depths [m] before the beginning of a layer"""
 RATES = (-10.0, -0.1, -1e-3, 1e-3, 0.1, 10.0)
-"""[m/s] Knees touch at up to some 1 m/s."""
+"""Penetration rates [m/s]; knees touch at up to some 1 m/s."""
 IMPACT = 2.0
-"""[m/s] beside 0, which is that of a contact that began at rest"""
+"""Impact speed [m/s] that is tried beside 0, that of a contact that began at rest"""
 FAR_DEPTHS = (-10.0, -0.01, 0.0, 1.0, 1e3, 1e9)
-"""[m] A flight in a tick leads far from the tibia; the search for the static depth ends at 1e9 m."""
+"""Depths [m] that integrators may try: a flight leads far from the tibia, and the static search ends at 1e9 m"""
 FAR_RATES = (-1e4, 0.0, 1e4)
 FAR_IMPACTS = (-1.0, 0.0, 1e4)
 SLOPE_RATES = (-0.1, 0.0, 10.0)
 PULLED = -100.0
-"""Rates [m/s] at which the slope over the depth is held against the force,"""
+"""Rate [m/s] beside `SLOPE_RATES` at which the slope over the depth is compared with the force"""
 LETTING_GO = 0.9
-"""and as a part of the rate at which the force ends: there a damping that grows with the depth has most to say"""
+"""Another such rate, as a part of that at which the force vanishes: there a damping that grows with the depth matters
+most"""
 
 EPSILON = sys.float_info.epsilon
 EQUAL = 1e-9
 """Part of a force, or N, up to which two forces count as equal. Formulas of a few terms err by 1e-15 of their terms; a
 force that is 1e-9 off shifts a depth by less than 1e-9 of it."""
 TRUE = 1e-3
-"""Part of a slope that it may err by. The difference quotient that it is held against errs by 1e-10 for a power of the
+"""Tolerated relative error of a slope. The difference quotient it is compared with errs by 1e-10 for a power of the
 depth, and by 2e-5 where the force grows e-fold every 1000th of the depth. Estimates carry a safety of 8."""
 STEP = 1e-5
-"""Part of the depth to either side for the difference quotient"""
+"""Step of the difference quotient to both sides, as a part of the depth"""
 RESOLVED = 1e4
-"""Units in the last place of a depth that this must be: else nothing can be told"""
+"""Least width of a difference quotient or an interval, in units in the last place of the depth"""
 SMOOTH_FORCE = 1e-4
-"""Part of the force by which its value at an interval's middle may miss the cubic through both ends and their slopes"""
+"""Tolerated deviation of the force in the middle of an interval from the cubic through its ends, relative to the
+force"""
 SMOOTH_SLOPE = 2e-3
-"""Part of the slope by which its value there may miss the mean of both ends. What is smooth misses by less once the
-interval is narrow against its depth; a leap of twice as much stays."""
+"""Tolerated deviation of the slope in the middle of an interval from the mean of its ends, relative to the slope. That
+of a smooth slope is less once the interval is narrow against its depth; that of a leap of twice as much remains."""
 NARROW = 1e-6
-"""Part of its depth from which on an interval is not halved further"""
+"""Width of an interval, as a part of its depth, below which it is not halved further"""
 MOST_HALVINGS = 20_000
-"""In all between two depths; a power of the depth needs up to 40, a force growing e-fold every 500th of it 8000"""
+"""Largest number of intervals between two depths; a power of the depth needs up to 40, a force that grows e-fold every
+500th of the depth 8000"""
 GAP = 1e-9
-"""How far [m] behind and before a layer's beginning a formula must still give what it gives there"""
+"""Distance [m] from the beginning of a layer, on both sides, at which a formula must still give its value there"""
 
 
 State = tuple[float, float, float]
-"""Depth behind the layer's beginning [m], rate and impact speed [m/s]"""
+"""Depth beyond the beginning of the layer [m], rate and impact speed [m/s]"""
 Answer = tuple[float, float, float]
 """Force [N], and its slopes over the depth [N/m] and over the rate [N s/m]"""
 
 
 class Trial(NamedTuple):
-    """The formula of one layer, and where it is tried."""
+    """The formula of one layer, and where it is tested."""
 
     formula: LayerFormula
     begin: float
-    """[m] of the layer"""
+    """Depth [m] at which the layer begins"""
     offsets: Sequence[float]
-    """Depths behind the beginning [m], increasing"""
+    """Depths beyond the beginning of the layer [m], increasing"""
     impacts: Sequence[float]
     """Impact speeds [m/s]"""
     answers: dict[State, Answer]
-    """What it has been asked"""
+    """What the formula has answered so far"""
 
     def at(self, offset: float, rate: float = 0.0, impact_speed: float = 0.0) -> Answer:
-        """Force [N] and slopes [N/m], [N s/m] at a depth behind the layer's beginning [m]; not numbers if it fails."""
+        """Return force [N] and slopes [N/m], [N s/m] at a depth beyond the layer's beginning [m]; NaN if that fails."""
         state = (offset, rate, impact_speed)
         answer = self.answers.get(state)
         if answer is None:
@@ -87,7 +90,7 @@ class Trial(NamedTuple):
         return answer
 
     def ask(self, offset: float, rate: float, impact_speed: float) -> Answer:
-        """Force and slopes at a place, by asking the formula now."""
+        """Return force and slopes as `at` does, by evaluating the formula anew."""
         try:
             force, stiffness, damping = self.formula.force_at(self.begin + offset, rate, impact_speed)
             return float(force), float(stiffness), float(damping)
@@ -95,18 +98,18 @@ class Trial(NamedTuple):
             return math.nan, math.nan, math.nan
 
     def states(self) -> Iterator[State]:
-        """All that is tried in motion."""
+        """Yield all states with a rate other than 0 that are tested."""
         before = (-offset for offset in BEFORE)
         return itertools.product((*before, *self.offsets), RATES, self.impacts)
 
     def where(self, offset: float, rate: float = 0.0, impact_speed: float = 0.0) -> str:
-        """A state in words."""
+        """Describe a state for a message."""
         text = f"at a depth of {self.begin + offset:g} m and a rate of {rate:g} m/s"
         return text if impact_speed == 0.0 else f"{text} (impact speed {impact_speed:g} m/s)"
 
 
 def check(law: ContactLaw) -> None:
-    """Refuse a law that breaks its contract. Each law is tried once; that takes milliseconds.
+    """Reject a law that breaks its contract. Each law is tested once, in milliseconds.
 
     Raises:
         ValueError: one line that says which clause of `ContactLaw` is broken, where, by what, and what is allowed.
@@ -118,11 +121,11 @@ def check(law: ContactLaw) -> None:
 
 
 def broken_clauses(law: ContactLaw) -> list[str]:
-    """What a law breaks of its contract, a line for each clause and layer."""
+    """Return the broken clauses of a law's contract, one line for each clause and layer."""
     try:
         # Named tuples of different types are equal if their numbers are.
         return list(_known(law, tuple(type(layer.formula) for layer in law.layers)))
-    except TypeError:  # its constants cannot be told apart by a hash
+    except TypeError:  # its constants have no hash
         return _broken(law)
 
 
@@ -135,20 +138,20 @@ def _broken(law: ContactLaw) -> list[str]:
     wrong = _layers(law)
     if wrong:
         return [f"layers: {wrong}"]
-    told = []
+    lines = []
     for number, trial in enumerate(_trials(law), start=1):
         name = f"layer {number} ({type(trial.formula).__name__})"
         for clause, broken in CLAUSES.items():
             wrong = broken(trial)
             if wrong:
-                told.append(f"{name}, {clause}: {wrong}")
+                lines.append(f"{name}, {clause}: {wrong}")
             if wrong and clause == "finite":
                 break
         else:
             wrong = _touch(trial) if number == 1 else _joint(law, number - 1)
             if wrong:
-                told.append(f"{name}, {'touch' if number == 1 else 'joint'}: {wrong}")
-    return told
+                lines.append(f"{name}, {'touch' if number == 1 else 'joint'}: {wrong}")
+    return lines
 
 
 def _trials(law: ContactLaw) -> Iterator[Trial]:
@@ -185,8 +188,8 @@ def _finite(trial: Trial) -> str:
         numbers = trial.at(*state)
         if not all(map(math.isfinite, numbers)):
             force, stiffness, damping = numbers
-            found = f"the force is {force:g} N and its slopes are {stiffness:g} N/m and {damping:g} N s/m"
-            return f"{trial.where(*state)} {found}; all must be finite"
+            finding = f"the force is {force:g} N and its slopes are {stiffness:g} N/m and {damping:g} N s/m"
+            return f"{trial.where(*state)} {finding}; all must be finite"
     return ""
 
 
@@ -224,7 +227,7 @@ def _smooth(trial: Trial) -> str:
 
 
 def _leap(trial: Trial, low: float, high: float, rate: float) -> str:
-    """Where force or slope leap between two depths: halves what its ends do not foretell, until it is narrow."""
+    """Describe a leap of force or slope between two depths, by halving intervals that their ends do not predict."""
     intervals, halvings = [(low, high, trial.at(low, rate), trial.at(high, rate))], 0
     while intervals:
         halvings += 1
@@ -246,14 +249,14 @@ def _leap(trial: Trial, low: float, high: float, rate: float) -> str:
 
 
 def _around_beginning(trial: Trial) -> str:
-    """The force just behind a layer's beginning, and just before it, is that at the beginning."""
+    """Describe a leap of the force just beyond the beginning of a layer, or just before it."""
     force, slope, _ = trial.at(0.0)
     for offset in (min(GAP, trial.offsets[0]), -GAP):
         other, other_slope, _ = trial.at(offset)
         most = abs(offset) * (1.0 + TRUE) * max(slope, other_slope) + EQUAL * max(abs(force), 1.0)
         if not abs(other - force) <= most:
-            found = f"the force is {force:g} N, and {offset:g} m off {other:g} N"
-            return f"{trial.where(0.0)} {found}; its slope allows for {most:g} N of difference"
+            finding = f"the force is {force:g} N, and {offset:g} m off {other:g} N"
+            return f"{trial.where(0.0)} {finding}; its slope allows for {most:g} N of difference"
     return ""
 
 
@@ -265,13 +268,13 @@ def _affine(trial: Trial) -> str:
         line = at_rest + slope * rate
         rounding = 8.0 * EPSILON * abs(slope) * RATES[-1]
         if not abs(force - line) <= EQUAL * (abs(at_rest) + abs(slope * rate)) + rounding:
-            found = f"the force is {force:g} N; by the line through {RATES[0]:g} and {RATES[-1]:g} m/s it must be"
-            return f"{trial.where(offset, rate, impact_speed)} {found} {line:g} N"
+            finding = f"the force is {force:g} N; by the line through {RATES[0]:g} and {RATES[-1]:g} m/s it must be"
+            return f"{trial.where(offset, rate, impact_speed)} {finding} {line:g} N"
     return ""
 
 
 def _over_rate(trial: Trial, offset: float, impact_speed: float) -> float:
-    """Slope of the force [N s/m] between the outer rates."""
+    """Return the slope of the force over the rate [N s/m], by the first and the last of `RATES`."""
     slow, fast = RATES[0], RATES[-1]
     return (trial.at(offset, fast, impact_speed)[0] - trial.at(offset, slow, impact_speed)[0]) / (fast - slow)
 
@@ -283,8 +286,8 @@ def _rising(trial: Trial) -> str:
         if not force >= last - EQUAL * abs(last):
             return f"{trial.where(offset)} the force is {force:g} N, less than {last:g} N at {trial.begin + before:g} m"
         if not slope >= (1.0 - EQUAL) * last_slope:
-            found = f"the slope is {slope:g} N/m, less than {last_slope:g} N/m at {trial.begin + before:g} m"
-            return f"{trial.where(offset)} {found}; within a layer it must not fall"
+            finding = f"the slope is {slope:g} N/m, less than {last_slope:g} N/m at {trial.begin + before:g} m"
+            return f"{trial.where(offset)} {finding}; within a layer it must not fall"
         before, last, last_slope = offset, force, slope
     return ""
 
@@ -312,7 +315,7 @@ def _slopes(trial: Trial) -> str:
 
 
 def _over_depth(trial: Trial, offset: float, rate: float, impact_speed: float) -> str:
-    """The slope over the depth and what it should be, if they are not the same."""
+    """Describe a slope over the depth that is not that of the force."""
     ahead, behind = (1.0 + STEP) * offset, (1.0 - STEP) * offset
     width = (trial.begin + ahead) - (trial.begin + behind)
     if width < RESOLVED * math.ulp(trial.begin + offset):
@@ -349,4 +352,4 @@ CLAUSES: dict[str, Callable[[Trial], str]] = {
     "smooth": _smooth,
     "slopes": _slopes,
 }
-"""What is tried layer by layer; each gives what is broken in words, or nothing"""
+"""Tests of a layer by clause; each returns a description of what is broken, or an empty string"""

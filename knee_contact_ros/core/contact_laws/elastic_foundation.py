@@ -27,7 +27,7 @@ def elastic_foundation(
     femoral_radius: float,
     tibial_radius: float,
 ) -> ContactLaw:
-    """Elastic contact of thin cartilage on bone; a power law of exponent 2.
+    """Return the law of an elastic contact of thin cartilage on bone: a power law of exponent 2.
 
     Args:
         youngs_modulus: E of the cartilage [Pa].

@@ -12,23 +12,23 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class HertzFormula(NamedTuple):
-    """F = K δⁿ."""
+    """Formula of an elastic layer: F = K δⁿ."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n"""
+    """Exponent n [-]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """See `LayerFormula`."""
+        """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""
         elastic, slope = power_law(self.stiffness, self.exponent, depth)
         return elastic, slope, 0.0
 
     def remembers_impact(self) -> bool:
-        """See `LayerFormula`."""
+        """Return False: the force does not depend on the impact speed."""
         return False
 
 
 def hertz(*, stiffness: float, exponent: float) -> ContactLaw:
-    """Elastic contact. `stiffness` K [N/mⁿ], `exponent` n (1.5 for two curved solids)."""
+    """Return the law of an elastic contact: `stiffness` K [N/mⁿ], `exponent` n (1.5 for two curved solids)."""
     return ContactLaw((Layer(0.0, HertzFormula(stiffness, exponent)),))

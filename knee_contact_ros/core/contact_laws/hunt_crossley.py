@@ -12,7 +12,7 @@ from knee_contact_ros.core.contact_laws.impact_damping import impact_damped
 
 
 def hunt_crossley(*, stiffness: float, exponent: float, restitution: float, least_impact_speed: float) -> ContactLaw:
-    """Elastic contact that loses a part of an impact, for small losses.
+    """Return the law of an elastic contact that loses a part of an impact, for small losses.
 
     Args:
         stiffness: K [N/mⁿ].
@@ -20,9 +20,5 @@ def hunt_crossley(*, stiffness: float, exponent: float, restitution: float, leas
         restitution: e, speed after over speed before the impact, 0 to 1.
         least_impact_speed: floor under the impact speed v₀ [m/s], > 0; see `impact_damping.py`.
     """
-    return impact_damped(
-        stiffness=stiffness,
-        exponent=exponent,
-        loss=1.5 * (1.0 - restitution),
-        least_impact_speed=least_impact_speed,
-    )
+    loss = 1.5 * (1.0 - restitution)
+    return impact_damped(stiffness, exponent, loss, least_impact_speed)

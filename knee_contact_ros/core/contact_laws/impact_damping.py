@@ -1,6 +1,6 @@
 """Damping that remembers the impact: F = K δⁿ (1 + (χ/K) δ̇) with χ/K = D/v₀, v₀ being the speed of first touch.
 
-The laws that use it differ in the loss number D(e) alone, e being the coefficient of restitution that is asked for. The
+The laws that use it differ only in the loss number D(e), e being the wanted coefficient of restitution. The
 force starts at 0 at first touch. What a free impact delivers depends on D alone, and not on n, K, the mass or v₀: it is
 the root e' of (1 + e') D = ln((1 + D) / (1 - e' D)).
 
@@ -17,31 +17,31 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class ImpactDamped(NamedTuple):
-    """F = K δⁿ (1 + D δ̇/v₀)."""
+    """Formula of a layer whose damping depends on the impact speed: F = K δⁿ (1 + D δ̇/v₀)."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n"""
+    """Exponent n [-]"""
     loss: float
-    """D"""
+    """Loss number D [-]"""
     least_impact_speed: float
     """Floor under v₀ [m/s]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """See `LayerFormula`."""
+        """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""
         loss_over_speed = self.loss / max(impact_speed, self.least_impact_speed)
         elastic, slope = power_law(self.stiffness, self.exponent, depth)
         factor = 1.0 + loss_over_speed * rate
         return elastic * factor, slope * factor, elastic * loss_over_speed
 
     def remembers_impact(self) -> bool:
-        """See `LayerFormula`."""
+        """Return True: the force depends on the impact speed."""
         return True
 
 
-def impact_damped(*, stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
-    """A law F = K δⁿ (1 + D δ̇/v₀), compression > 0.
+def impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
+    """Return the law F = K δⁿ (1 + D δ̇/v₀), positive in compression.
 
     Args:
         stiffness: K [N/mⁿ].

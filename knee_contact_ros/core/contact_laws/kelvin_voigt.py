@@ -12,25 +12,25 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class KelvinVoigtFormula(NamedTuple):
-    """F = K δⁿ + C δ̇."""
+    """Formula of a spring and a dashpot in parallel: F = K δⁿ + C δ̇."""
 
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K [N/mⁿ]"""
     exponent: float
-    """n"""
+    """Exponent n [-]"""
     damping: float
-    """C [N s/m]"""
+    """Damping C [N s/m]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """See `LayerFormula`."""
+        """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""
         elastic, slope = power_law(self.stiffness, self.exponent, depth)
         return elastic + self.damping * rate, slope, self.damping
 
     def remembers_impact(self) -> bool:
-        """See `LayerFormula`."""
+        """Return False: the force does not depend on the impact speed."""
         return False
 
 
 def kelvin_voigt(*, stiffness: float, exponent: float, damping: float) -> ContactLaw:
-    """Spring and dashpot in parallel. `stiffness` K [N/mⁿ], `exponent` n, `damping` C [N s/m]."""
+    """Return the law of a spring and a dashpot in parallel: `stiffness` K [N/mⁿ], `exponent` n, `damping` C [N s/m]."""
     return ContactLaw((Layer(0.0, KelvinVoigtFormula(stiffness, exponent, damping)),))

@@ -6,7 +6,9 @@ import math
 
 
 def relative_radius(femoral_radius: float, tibial_radius: float) -> float:
-    """Radius R [m] of the sphere that meets a plane as a convex femur meets a concave tibia: 1/R = 1/r_F - 1/r_T.
+    """Return the relative radius R [m] of a convex femur on a concave tibia: 1/R = 1/r_F - 1/r_T.
+
+    A sphere of radius R on a plane has the same gap near the contact.
 
     Both radii [m] are > 0. A tibial radius of infinity is a flat plateau.
 
@@ -21,7 +23,7 @@ def relative_radius(femoral_radius: float, tibial_radius: float) -> float:
 
 
 def hertz_stiffness(youngs_modulus: float, poissons_ratio: float, relative_radius: float) -> float:
-    """Stiffness K [N/m^1.5] of Hertz' law: K = 4/3 E* √R, E* = E / (2 (1 - ν²)) for two bodies of one material.
+    """Return the stiffness K [N/m^1.5] of Hertz' law: K = 4/3 E* √R, E* = E / (2 (1 - ν²)) for bodies of one material.
 
     Source: Hertz 1882; Johnson 1985, Contact Mechanics, Eq. 4.23. Valid for solids that are thick against the contact
     radius √(R δ), itself small against R.

@@ -12,31 +12,31 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, power_law
 
 
 class SpringAndDashpot(NamedTuple):
-    """One layer under others: F = F₀ + K (δ - h)ⁿ + C δ̇."""
+    """Formula of a layer below others: F = F₀ + K (δ - h)ⁿ + C δ̇."""
 
     begin: float
-    """h [m]"""
+    """Depth h [m] at which the layer begins"""
     base_force: float
-    """F₀ [N] of the layers above, at h"""
+    """Force F₀ [N] of the layers above at h"""
     stiffness: float
-    """K [N/mⁿ]"""
+    """Stiffness K of this layer [N/mⁿ]"""
     exponent: float
-    """n"""
+    """Exponent n [-]"""
     damping: float
-    """C [N s/m]"""
+    """Damping C [N s/m]"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """See `LayerFormula`."""
+        """Return force [N] and slopes [N/m], [N s/m]; see `LayerFormula.force_at`."""
         elastic, slope = power_law(self.stiffness, self.exponent, depth - self.begin)
         return self.base_force + elastic + self.damping * rate, slope, self.damping
 
     def remembers_impact(self) -> bool:
-        """See `LayerFormula`."""
+        """Return False: the force does not depend on the impact speed."""
         return False
 
 
 def two_layer_elastic(*, stiffness: float, exponent: float, layer_depth: float, stiffness_2: float) -> ContactLaw:
-    """Two springs in layers (Eq. 11). `stiffness` K₁ and `stiffness_2` K₂ [N/mⁿ], `layer_depth` h [m]."""
+    """The law of two elastic layers (Eq. 11): `stiffness` K₁ and `stiffness_2` K₂ [N/mⁿ], `layer_depth` h [m]."""
     return two_layer_viscoelastic(
         stiffness=stiffness,
         exponent=exponent,
@@ -56,9 +56,11 @@ def two_layer_viscoelastic(
     stiffness_2: float,
     damp_first_layer: bool,
 ) -> ContactLaw:
-    """Two layers with a dashpot C [N s/m] in the second (Eq. 12) or, with `damp_first_layer`, in both."""
-    force_at_layer, _ = power_law(stiffness, exponent, layer_depth)
+    """Return the law of two layers with a dashpot of `damping` C [N s/m] in the second one (Eq. 12).
 
+    With `damp_first_layer` it is in both. The other arguments are those of `two_layer_elastic`.
+    """
+    force_at_layer, _ = power_law(stiffness, exponent, layer_depth)
     first_damping = damping if damp_first_layer else 0.0
     cartilage = SpringAndDashpot(
         begin=0.0, base_force=0.0, stiffness=stiffness, exponent=exponent, damping=first_damping,

@@ -1,4 +1,4 @@
-"""A femoral surface over a tibial one, by the name that `tibia.geometry` uses."""
+"""Contact pairs by the names of the tibial surface that the parameter `tibia.geometry` uses."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from knee_contact_ros.core.geometries import Circle, Profile
 
 
 def in_circle(femur: Circle | Profile, radius: float) -> CurveContact:
-    """A femur in a concave circle of `radius` [m]."""
+    """Return the contact of a femur with a concave circle of `radius` [m]."""
     return CurveContact(femur, TibialCircle(radius))
 
 
 def on_profile(femur: Circle | Profile, x: NDArray[np.float64], y: NDArray[np.float64]) -> CurveContact:
-    """A femur on a measured plateau through `x`, `y` [m].
+    """Return the contact of a femur with a measured plateau through `x`, `y` [m].
 
     Raises:
         ValueError: see `TibialProfile`.

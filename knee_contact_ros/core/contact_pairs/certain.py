@@ -1,4 +1,4 @@
-"""A common normal by Newton's method on Eq. 5, where two balls prove that it is the one at the deepest point.
+"""The common normal by Newton's method on Eq. 5, where two balls prove that it is that of the deepest point.
 
 With Δ = d n from the tibial point Q to the femoral point P, and the bone of the femur on the side of n: the ball that
 touches the tibia at Q and has the curvature b lies above it, and that at P with the curvature a holds the femur. Where
@@ -11,44 +11,41 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.femoral_curve import FemoralCurve, bend_on, place_on, slope_on, turned_arc
+from knee_contact_ros.core.contact_pairs.base import Closest, Pose
+from knee_contact_ros.core.contact_pairs.femoral_curve import (
+    FemoralCurve,
+    bend_on,
+    common_normal,
+    place_on,
+    slope_on,
+    turned_arc,
+)
 from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, TibialSurface
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 MOST_STEPS = 10
-"""Of Newton's method; where it needs more, it has gone astray"""
+"""Largest number of Newton's steps; more mean that it does not converge"""
 ROUNDS = 2
-"""Of looking for a start"""
+"""Number of rounds to find a start"""
 FARTHEST = 0.05
-"""[m] A longer step leads nowhere"""
+"""Length [m] of a step above which Newton's method is given up"""
 LAST_STEP = 1e-9
-"""[m] A shorter one leaves an error of the order of its square times the curvatures"""
-
-
-class Pose(NamedTuple):
-    """Where the femur is but for its height."""
-
-    x: float
-    """Of the reference point [m]"""
-    angle: float
-    """The flexion angle [rad]"""
-    sine: float
-    """Of it"""
-    cosine: float
+"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
+curvatures"""
 
 
 class Certain(NamedTuple):
-    """What Newton's method has found."""
+    """Result of Newton's method."""
 
     proven: bool
+    """Whether it is proven that the contact is the deepest one"""
     contact: Closest
-    """Of no meaning if it is not proven"""
+    """The common normal; meaningless if it is not proven"""
 
 
 @never_inlined
 def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Certain:
-    """The common normal in a pose at a height [m]."""
+    """Find the common normal in a pose at a height [m] by Newton's method."""
     i, u, place = _start(curve, tibia, pose)
     length = FARTHEST
     for _ in range(MOST_STEPS):
@@ -56,11 +53,11 @@ def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heigh
         x, y = place_on(arc, u)
         (x_slope, y_slope), (x_bend, y_bend) = slope_on(arc, u), bend_on(arc, u)
         rise, slope, bend = tibia.graph(place)
-        aside, over = pose.x + x - place, height + y - rise
+        dx, dy = pose.x + x - place, height + y - rise
         # Both P'·N and (P - Q)·T shall be 0, with N = (-slope, 1) and T = (1, slope).
-        parallel, beside = y_slope - slope * x_slope, aside + slope * over
+        parallel, beside = y_slope - slope * x_slope, dx + slope * dy
         parallel_u, parallel_place = y_bend - slope * x_bend, -bend * x_slope
-        beside_u, beside_place = x_slope + slope * y_slope, over * bend - 1.0 - slope * slope
+        beside_u, beside_place = x_slope + slope * y_slope, dy * bend - 1.0 - slope * slope
         scale = parallel_u * beside_place - parallel_place * beside_u
         if scale == 0.0:
             break
@@ -80,28 +77,28 @@ def certain_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heigh
 def _judged(
     curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float, i: int, u: float, place: float, found: bool
 ) -> Certain:
-    """The common normal at places of segment i and of the tibia [m], and whether it is proven, if it is `found`."""
+    """Return the common normal at a place u [m] of segment i and one of the tibia [m], and whether it is proven.
+
+    It is not where it was not `found`, as Newton's method did not converge.
+    """
     arc = turned_arc(curve, i, pose.sine, pose.cosine)
     x, y = place_on(arc, u)
     x_slope, y_slope = slope_on(arc, u)
     rise, slope, _ = tibia.graph(place)
-    aside, over = pose.x + x - place, height + y - rise
+    dx, dy = pose.x + x - place, height + y - rise
     norm = math.sqrt(1.0 + slope * slope)
-    distance, normal_x, normal_y = (over - slope * aside) / norm, -slope / norm, 1.0 / norm
+    distance, normal_x, normal_y = (dy - slope * dx) / norm, -slope / norm, 1.0 / norm
     outer, inner = float(curve.balls[i]), tibia.cup(place)
     room, (convex, _) = 1.0 - inner * distance, tibia.curvatures()
     holds = room > 0.0 and inner < outer * room and convex * distance < DEEPEST_PART
     upright = curve.sense * (x_slope + slope * y_slope) > 0.0
-    contact = Closest(
-        depth=-distance, extent=-(x * normal_x + y * normal_y), turning=normal_x * y - normal_y * x, normal_x=normal_x,
-        normal_y=normal_y,
-    )  # fmt: skip
+    contact = common_normal(arc, u, distance, (normal_x, normal_y))
     return Certain(found and 0.0 <= u <= arc.length and holds and upright, contact)
 
 
 @in_kernel
 def _carried_on(curve: FemoralCurve, i: int, u: float) -> tuple[int, float]:
-    """The segment of a place given by one that need not be its own, and its parameter u there [m]."""
+    """Return segment and parameter u [m] of a place that may lie beyond the ends of segment i."""
     while u < 0.0 and i > 0:
         i -= 1
         u += float(curve.cubics[i, 0])
@@ -113,9 +110,9 @@ def _carried_on(curve: FemoralCurve, i: int, u: float) -> tuple[int, float]:
 
 @in_kernel
 def _start(curve: FemoralCurve, tibia: TibialSurface, pose: Pose) -> tuple[int, float, float]:
-    """Where Newton's method begins: femoral segment, place in it [m], and place [m] on the tibia.
+    """Return where Newton's method begins: femoral segment, place in it [m], and place [m] on the tibia.
 
-    It is where the femur would touch a plane with the slope that the tibia has there, nearly.
+    The femur would touch a plane with the slope of the tibia near there.
     """
     cells, slope, row, place = len(curve.lowest), 0.0, 0, pose.x
     for _ in range(ROUNDS):

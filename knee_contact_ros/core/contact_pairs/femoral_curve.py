@@ -1,4 +1,4 @@
-"""A femoral profile in one pose over a tibial surface: the signed distance along the curve, and bounds of it."""
+"""A femoral profile in one pose over a tibial surface: its signed distance along the curve, with bounds."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.contact_pairs.least import Sample, least_between
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface, level_curvatures
 from knee_contact_ros.core.contact_pairs.touching_balls import SHARP, Pieces, least_roundness
@@ -15,20 +16,21 @@ from knee_contact_ros.core.geometries.profile import Profile
 from knee_contact_ros.core.kernel_source import in_kernel
 
 PARTS = 4
-"""Of a segment, one by one of which it is bounded how round the curve is"""
+"""Number of parts of a segment for the bounds of its roundness (`touching_balls`)"""
 ANGLES = 512
-"""At which the lowest point is kept"""
+"""Number of angles for which the lowest point is stored"""
 Cubic = tuple[float, float, float, float]
+"""Coefficients of a cubic, from the constant one to the highest"""
 
 
 class FemoralCurve(NamedTuple):
-    """All segments of a profile, and a tree of blocks of them.
+    """All segments of a profile, with a binary tree of blocks of them.
 
     Block 1 is the whole curve, and blocks 2k and 2k + 1 are the halves of block k, down to single segments.
     """
 
     cubics: Floats
-    """Shape (segments + 1, 10), see `Curve`; in the last row the curve's last point stands as x0, y0"""
+    """Shape (segments + 1, 10), see `Curve`; the last row has the last point of the curve as x0 and y0"""
     blocks: Floats
     """Shape (2 x width, 3): length of the parameter u [m], and upper bounds of the lengths of p' and of p'' [1/m].
 
@@ -37,15 +39,15 @@ class FemoralCurve(NamedTuple):
     sense: float
     """1.0 if the bone lies to the left of the curve, -1.0 if to the right"""
     balls: Floats
-    """Shape (segments,): a ball of this curvature [1/m] that touches in the segment, on the bone's side, holds all of
-    the curve; there is none if it is not > 0 (`touching_balls`)"""
+    """Shape (segments,): a ball of this curvature [1/m] that touches the curve in the segment, on the side of the bone,
+    contains all of the curve; there is no such ball if it is not > 0 (`touching_balls`)"""
     lowest: Floats
-    """Shape (angles, 4): what is lowest on a plane in the middle of equal cells of the full turn: the segment, its
-    parameter u [m], x and y [m]"""
+    """Shape (angles, 4): segment, parameter u [m], x and y [m] of the lowest point, in the middle of equal cells of the
+    full turn"""
 
 
 def femoral_curve(profile: Profile) -> FemoralCurve:
-    """Gather the segments of `profile` and their bounds."""
+    """Return the segments of `profile` with their bounds."""
     cubics = profile.curve.cubics
     count, u = len(cubics), cubics[:, 0]
     axes = cubics[:, 2:6].T, cubics[:, 6:].T
@@ -66,7 +68,7 @@ def femoral_curve(profile: Profile) -> FemoralCurve:
 
 
 def _balls(cubics: Floats, bounds: Floats) -> tuple[float, Floats]:
-    """`FemoralCurve.sense` and `balls`; `bounds` are upper ones of the lengths of p' and p'', segment by segment."""
+    """`FemoralCurve.sense` and `balls`; `bounds` has upper bounds of the lengths of p' and p'' of every segment."""
     u = cubics[:, 0, None] * (np.arange(PARTS) + 0.5) / PARTS
     half = 0.5 * cubics[:, 0, None] / PARTS
     (x0, x1, x2, x3), (y0, y1, y2, y3) = cubics[:, 2:6].T[:, :, None], cubics[:, 6:].T[:, :, None]
@@ -88,14 +90,14 @@ def _balls(cubics: Floats, bounds: Floats) -> tuple[float, Floats]:
 
 
 def _least_curvature(cross: Floats, slowest: Floats, fastest: Floats) -> Floats:
-    """Lower bound of the curvature [1/m] from one of p' x p'' and bounds of the length of p'."""
+    """Return a lower bound of the curvature [1/m] from one of p' x p'' and bounds of the length of p'."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = cross / np.where(cross > 0.0, fastest, slowest) ** 3
     return np.asarray(np.where(slowest > 0.0, np.maximum(bound, -SHARP), -SHARP))
 
 
 def _lowest(profile: Profile) -> Floats:
-    """See `FemoralCurve.lowest`."""
+    """Return `FemoralCurve.lowest`."""
     angles = (np.arange(ANGLES) + 0.5) * (math.tau / ANGLES)
     starts = profile.curve.cubics[:, 1]
     _, x, y, places = np.array([profile.lowest(angle) for angle in angles.tolist()]).T
@@ -105,7 +107,7 @@ def _lowest(profile: Profile) -> Floats:
 
 @in_kernel
 def least_distance(curve: FemoralCurve, block: int, tibia: TibialSurface, begin: float, end: float) -> float:
-    """Lower bound of the signed distance of a block [m], from those of its ends [m]."""
+    """Return a lower bound of the signed distance of a block [m], from the distances of its ends [m]."""
     length = float(curve.blocks[block, 0])
     speed, bend = float(curve.blocks[block, 1]), float(curve.blocks[block, 2])
     convex, _ = level_curvatures(tibia.curvatures(), min(begin, end) - 0.5 * speed * length, 0.0)
@@ -117,9 +119,11 @@ class Arc(NamedTuple):
     """One cubic segment of the curve in the directions of the tibia, relative to the reference point."""
 
     length: float
-    """Of the parameter u [m]"""
+    """Length of the parameter u [m]"""
     x: Cubic
+    """x(u) [m]"""
     y: Cubic
+    """y(u) [m]"""
     speed: float
     """Upper bound of the length of the first derivative p'"""
     bend: float
@@ -128,7 +132,7 @@ class Arc(NamedTuple):
 
 @in_kernel
 def turned_arc(curve: FemoralCurve, i: int, sine: float, cosine: float) -> Arc:
-    """Segment i with the femur turned by the angle with this sine and cosine."""
+    """Return segment i with the femur turned by the angle with this sine and cosine."""
     cubics, block = curve.cubics, len(curve.blocks) // 2 + i
     x0, x1, x2, x3 = float(cubics[i, 2]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
     y0, y1, y2, y3 = float(cubics[i, 6]), float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
@@ -142,7 +146,7 @@ def turned_arc(curve: FemoralCurve, i: int, sine: float, cosine: float) -> Arc:
 
 @in_kernel
 def place_on(arc: Arc, u: float) -> tuple[float, float]:
-    """Place of a parameter, relative to the reference point [m]."""
+    """Return the point at a parameter u [m], relative to the reference point [m]."""
     x0, x1, x2, x3 = arc.x
     y0, y1, y2, y3 = arc.y
     return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
@@ -150,7 +154,7 @@ def place_on(arc: Arc, u: float) -> tuple[float, float]:
 
 @in_kernel
 def slope_on(arc: Arc, u: float) -> tuple[float, float]:
-    """First derivative p' at a parameter."""
+    """Return the first derivative p' at a parameter u [m]."""
     _, x1, x2, x3 = arc.x
     _, y1, y2, y3 = arc.y
     return x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
@@ -158,14 +162,24 @@ def slope_on(arc: Arc, u: float) -> tuple[float, float]:
 
 @in_kernel
 def bend_on(arc: Arc, u: float) -> tuple[float, float]:
-    """Second derivative p'' [1/m] at a parameter."""
+    """Return the second derivative p'' [1/m] at a parameter u [m]."""
     _, _, x2, x3 = arc.x
     _, _, y2, y3 = arc.y
     return 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
 
 
+@in_kernel
+def common_normal(arc: Arc, u: float, distance: float, normal: tuple[float, float]) -> Closest:
+    """Return the common normal at a parameter u [m] with its signed distance [m] and unit normal."""
+    (x, y), (normal_x, normal_y) = place_on(arc, u), normal
+    return Closest(
+        depth=-distance, extent=-(x * normal_x + y * normal_y), turning=normal_x * y - normal_y * x, normal_x=normal_x,
+        normal_y=normal_y,
+    )  # fmt: skip
+
+
 class ArcDistance(NamedTuple):
-    """Signed distance [m] of an arc above a surface as a function of u; see `Problem`.
+    """Signed distance [m] of an arc above a surface as a function of u, as a `Problem`.
 
     By the envelope theorem its slope is p'·n. The normal n turns with the curvature k of the line of equal distance, so
     the second derivative is p''·n - k (p'·t)².
@@ -174,26 +188,22 @@ class ArcDistance(NamedTuple):
     arc: Arc
     tibia: TibialSurface
     x: float
-    """Of the femur's reference point [m]"""
+    """x of the femur's reference point [m]"""
     height: float
-    """[m]"""
+    """Height of the femur's reference point [m]"""
 
     def sample(self, place: float) -> Sample:
-        """See `Problem`; keeps the surface's normal."""
-        u = place
-        x0, x1, x2, x3 = self.arc.x
-        y0, y1, y2, y3 = self.arc.y
-        p_x, p_y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-        distance, n_x, n_y, curvature = self.tibia.foot(self.x + p_x, self.height + p_y)
-        x_slope, y_slope = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
-        x_bend, y_bend = 2.0 * x2 + 6.0 * u * x3, 2.0 * y2 + 6.0 * u * y3
+        """Evaluate distance, slope and second derivative at a parameter [m]; `normal` is that of the surface."""
+        x, y = place_on(self.arc, place)
+        distance, n_x, n_y, curvature = self.tibia.foot(self.x + x, self.height + y)
+        (x_slope, y_slope), (x_bend, y_bend) = slope_on(self.arc, place), bend_on(self.arc, place)
         along, room = x_slope * n_y - y_slope * n_x, 1.0 - curvature * distance
         turning = curvature / room * along * along if room > 0.0 else 0.0
         slope, bend = x_slope * n_x + y_slope * n_y, x_bend * n_x + y_bend * n_y
-        return Sample(place=u, value=distance, slope=slope, bend=bend - turning, normal=(n_x, n_y))
+        return Sample(place=place, value=distance, slope=slope, bend=bend - turning, normal=(n_x, n_y))
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
-        """See `Problem`."""
+        """Return bounds of the second derivative [1/m] between two samples."""
         arc = self.arc
         way = arc.speed * (b.place - a.place)
         middle = 0.5 * (a.value + b.value)
@@ -207,6 +217,6 @@ class ArcDistance(NamedTuple):
 
 @in_kernel
 def bend_along(arc: Arc, u: float, direction: tuple[float, float]) -> float:
-    """Part of the second derivative p'' [1/m] in a direction."""
+    """Return the component of the second derivative p'' [1/m] in a direction."""
     x_bend, y_bend = bend_on(arc, u)
     return x_bend * direction[0] + y_bend * direction[1]

@@ -1,7 +1,8 @@
-"""The smallest value of a function on an interval, found by bounds, so that no second dip can be missed.
+"""The least value of a function on an interval, found with bounds, so that no second minimum can be missed.
 
-An interval is done when the bounds of the second derivative tell that the function is convex in it (one dip, Newton) or
-concave (the smaller end), or that it cannot get below the best value so far. Otherwise it is halved.
+An interval is finished when the bounds of the second derivative prove that the function is convex in it (one minimum,
+by Newton's method) or concave (the smaller end), or that it cannot get below the best value so far. Otherwise it is
+halved.
 """
 
 from __future__ import annotations
@@ -20,38 +21,40 @@ class Sample(NamedTuple):
     slope: float
     bend: float
     normal: tuple[float, float]
-    """For the problem's use: what else it found there"""
+    """Other results of the problem at that place, for its own use"""
 
 
 @kernel_interface
 class Problem(Protocol):
-    """A function of one place, and bounds of it: a named tuple."""
+    """A function of one variable, with bounds of its second derivative: a named tuple."""
 
     def sample(self, place: float) -> Sample:
-        """The function at a place."""
+        """Evaluate the function at a place."""
         ...
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
-        """Lower and upper bound of the second derivative between two samples; the upper one is finite."""
+        """Return a lower and an upper bound of the second derivative between two samples; the upper one is finite."""
         ...
 
 
 NOTHING = Sample(place=math.nan, value=math.inf, slope=0.0, bend=0.0, normal=(0.0, 1.0))
-"""Higher than any sample: the best one so far when there is none"""
+"""A sample higher than any other: the best one before there is one"""
 NEWTON_DONE = 1e-10
-"""A Newton step below this part of the interval is the last: the error that it leaves is about the square of that"""
+"""Length of Newton's last step, as a part of the interval: the error that it leaves is about the square of that"""
 MOST_STEPS = 100
+"""Largest number of Newton's steps"""
 ROUNDING = 2.0**-52
-"""Part of a value that tells no dips apart"""
+"""Part of a value below which two minima are not different"""
 DONE, ONE_DIP, HALVE = 0, 1, 2
-"""What is left to do in an interval"""
+"""What is left to do in an interval: nothing, find its one minimum, or halve it"""
 
 
 @in_kernel
 def least(problem: Problem, begin: float, end: float, best: Sample, resolution: float) -> Sample:
     """Return the lowest sample on [begin, end], or `best` if none is lower.
 
-    Dips of one interval that no bound can tell apart are, below `resolution` (in units of the value), taken as one.
+    Minima of one interval that the bounds cannot separate, and that differ by less than `resolution` (in units of the
+    value), are taken as one.
     """
     first, last = problem.sample(begin), problem.sample(end)
     best = lower_of(best, lower_of(first, last))
@@ -63,7 +66,7 @@ def least(problem: Problem, begin: float, end: float, best: Sample, resolution: 
 
 @allocating
 def _least_of_parts(problem: Problem, first: Sample, last: Sample, best: Sample, resolution: float) -> Sample:
-    """The least value in an interval between two samples that must be halved."""
+    """Return the lowest sample of an interval that must be halved, or `best` if none is lower."""
     intervals = [(first, last)]
     while len(intervals) > 0:
         a, b = intervals.pop()
@@ -84,7 +87,7 @@ def _least_of_parts(problem: Problem, first: Sample, last: Sample, best: Sample,
 
 @in_kernel
 def left_to_do(problem: Problem, a: Sample, b: Sample, best: float, resolution: float) -> int:
-    """What is left to do between two samples to find all that is lower than the `best` value."""
+    """Return what is left to do between two samples to find every value lower than `best`."""
     low, high = problem.bends(a, b)
     if high <= 0.0:
         return DONE
@@ -101,20 +104,20 @@ def left_to_do(problem: Problem, a: Sample, b: Sample, best: float, resolution: 
 
 @in_kernel
 def least_between(a: float, b: float, sag: float) -> float:
-    """Lower bound between two values, of a function that hangs below its chord by at most sag·4u(1-u), u in [0, 1]."""
+    """A lower bound of a function between two values that is below its chord by at most sag·4u(1-u), u in [0, 1]."""
     tilt = 1.0 - 0.25 * abs(b - a) / sag if sag > 0.0 else 0.0
     return min(a, b) - (sag * tilt * tilt if tilt > 0.0 else 0.0)
 
 
 @in_kernel
 def lower_of(one: Sample, other: Sample) -> Sample:
-    """Return the lower of two samples, the first if they are equal."""
+    """Return the lower one of two samples, the first if they are equal."""
     return one if one.value <= other.value else other
 
 
 @in_kernel
 def dip(problem: Problem, a: Sample, b: Sample) -> Sample:
-    """Return the place of slope 0 between a falling and a rising sample, by Newton steps kept in the bracket."""
+    """Return the sample of slope 0 between a falling and a rising one, by Newton's method inside a bracket."""
     enough = NEWTON_DONE * (b.place - a.place)
     place = a.place - a.slope * (b.place - a.place) / (b.slope - a.slope)
     at = a

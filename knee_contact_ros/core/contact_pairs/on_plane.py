@@ -16,33 +16,34 @@ from knee_contact_ros.core.geometries.base import FemoralGeometry
 
 
 class PlaneTouch(NamedTuple):
-    """See `Touch`."""
+    """The contact on a plane at one time, as a `Touch`."""
 
     surface: float
-    """Depth [m] at the height 0"""
+    """Depth [m] at a height of 0"""
     rate: float
-    """Of the depth with the height held [m/s]"""
+    """Rate of the depth at a held height [m/s]"""
     cosine: float
-    """Of the plane's slope"""
+    """Cosine of the plane's slope"""
 
     def touch(self, height: float) -> tuple[float, float, float]:
-        """See `Touch`."""
+        """Return signed depth [m], its rate at a held height [m/s], and n_y; see `Touch.touch`."""
         return self.surface - self.cosine * height, self.rate, self.cosine
 
 
 class _OnPlane(NamedTuple):
-    """What the contact on a plane consists of."""
+    """Fields of `OnPlane`."""
 
     femur: FemoralGeometry
     slope: float
-    """[rad] > 0 when the plane's anterior edge is the higher one; less than a quarter turn"""
+    """Slope of the plane [rad], > 0 if its anterior edge is the higher one; less than a quarter turn"""
     sine: float
-    """Of the slope"""
+    """Sine of the slope"""
     cosine: float
+    """Cosine of the slope"""
 
 
 class OnPlane(_OnPlane):
-    """A femur on a plane."""
+    """A femur on a plane through the origin of the tibia frame."""
 
     __slots__ = ()
 
@@ -52,18 +53,18 @@ class OnPlane(_OnPlane):
         return super().__new__(cls, femur, slope, math.sin(slope), math.cos(slope))
 
     def closest(self, angle: float, x: float, height: float) -> Closest:
-        """See `Kinematics`."""
+        """Return the common normal at an angle [rad] and (x, height) [m]; see `Kinematics.closest`."""
         extent, turning = self.femur.support(angle - self.slope)
         depth = extent + x * self.sine - self.cosine * height
         return Closest(depth=depth, extent=extent, turning=turning, normal_x=-self.sine, normal_y=self.cosine)
 
     def at(self, angle: float, angle_rate: float, x: float, x_rate: float) -> PlaneTouch:
-        """See `Kinematics`."""
+        """Return the contact at an angle [rad] and x [m] with their rates [rad/s], [m/s]; see `Kinematics.at`."""
         extent, turning = self.femur.support(angle - self.slope)
         return PlaneTouch(extent + x * self.sine, turning * angle_rate + x_rate * self.sine, self.cosine)
 
     def next_kink(self, start: float, end: float) -> float:
-        """See `Kinematics`: that of the femur's support."""
+        """The first kink [rad] of the femur's support strictly between two angles [rad]; NaN if there is none."""
         forwards = 1.0 if start < end else -1.0
         kink = self.femur.next_kink(start - self.slope, end - self.slope)
         while forwards * (kink + self.slope - start) <= 0.0:  # by rounding: `start` is a kink itself
@@ -72,18 +73,18 @@ class OnPlane(_OnPlane):
         return kink if forwards * (end - kink) > 0.0 else math.nan
 
     def is_non_convex(self) -> bool:
-        """See `Kinematics`."""
+        """Return False: `next_kink` knows all leaps of the contact."""
         return False
 
     def knot_spacing(self) -> float:
-        """See `Kinematics`."""
+        """Return the turn [rad] between two points where the femur is not smooth."""
         return self.femur.knot_spacing()
 
     def largest_radius(self) -> float:
-        """See `Kinematics`."""
+        """Return an upper bound of the distance [m] of the femur's points from its reference point."""
         return self.femur.largest_radius()
 
     def outline(self, reach: float) -> Floats:
-        """See `ContactPair`."""
+        """Return the ends of the plane, shape (2, 2) [m], at `reach` [m] on both sides."""
         along = np.array([[self.cosine, self.sine]])
         return np.concatenate([-reach * along, reach * along])

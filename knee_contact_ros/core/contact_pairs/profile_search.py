@@ -1,6 +1,6 @@
 """The deepest point of a femoral profile under a tibial surface.
 
-Where its common normal cannot be proven to be the right one (`certain.py`), bounds of blocks of segments leave a few
+Where the common normal by Newton's method is not proven (`certain.py`), bounds of blocks of segments leave a few
 segments, and these are searched.
 """
 
@@ -12,52 +12,39 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
-from knee_contact_ros.core.contact_pairs.base import Closest
-from knee_contact_ros.core.contact_pairs.certain import Pose, certain_contact
+from knee_contact_ros.core.contact_pairs.base import Closest, Pose
+from knee_contact_ros.core.contact_pairs.certain import certain_contact
 from knee_contact_ros.core.contact_pairs.femoral_curve import (
-    Arc,
     ArcDistance,
     FemoralCurve,
+    common_normal,
     least_distance,
-    place_on,
     turned_arc,
 )
-from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
+from knee_contact_ros.core.contact_pairs.least import NOTHING, least
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface
 from knee_contact_ros.core.kernel_source import allocating, in_kernel
 
 RESOLUTION = 1e-9
-"""Two dips of the distance within one segment that the bounds cannot tell apart count as one below this [m]"""
+"""Difference [m] below which two minima in one segment count as one, if the bounds cannot separate them"""
 ROUNDING = 1e-14
-"""Kept from the bounds, as a part of the distances: they are rounded themselves"""
-
-
-class ProfileOver(NamedTuple):
-    """A profile in a pose over a tibial surface; see `Search`."""
-
-    curve: FemoralCurve
-    tibia: TibialSurface
-    pose: Pose
-
-    def deepest(self, height: float) -> Closest:
-        """See `Search`."""
-        certain = certain_contact(self.curve, self.tibia, self.pose, height)
-        return certain.contact if certain.proven else searched_contact(self.curve, self.tibia, self.pose, height)
+"""Rounding of the bounds, as a part of the distances"""
 
 
 class ProfileSearch(NamedTuple):
-    """A profile that is searched for its deepest point; see `Searched`."""
+    """A profile whose deepest point can be found, as a `Searched`."""
 
     curve: FemoralCurve
 
-    def over(self, tibia: TibialSurface, angle: float, x: float) -> ProfileOver:
-        """See `Searched`."""
-        return ProfileOver(self.curve, tibia, Pose(x, angle, math.sin(angle), math.cos(angle)))
+    def deepest(self, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
+        """Return the common normal at the deepest point; see `Searched.deepest`."""
+        certain = certain_contact(self.curve, tibia, pose, height)
+        return certain.contact if certain.proven else searched_contact(self.curve, tibia, pose, height)
 
 
 @allocating
 def searched_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
-    """The common normal at the deepest point of all segments, at a height [m]."""
+    """Return the common normal at the deepest point of all segments, at a height [m]."""
     shortlist = np.empty((len(curve.cubics) - 1, 2), np.float64)
     listed = _fill(shortlist, curve, tibia, pose, height)
     return deepest_of(shortlist[:listed], curve, tibia, pose, height)
@@ -65,10 +52,10 @@ def searched_contact(curve: FemoralCurve, tibia: TibialSurface, pose: Pose, heig
 
 @in_kernel
 def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> Closest:
-    """The common normal at the deepest point of the listed segments, at a height [m].
+    """Return the common normal at the deepest point of the listed segments, at a height [m].
 
-    The list has the shape (segments, 2): the least distance [m] that a segment may have, and the segment; the likeliest
-    ones come first.
+    The list has the shape (segments, 2): a lower bound of the distance [m] of a segment, and its index, in the order of
+    the bounds.
     """
     slack = _rounding(pose.x, height)
     best, answer = NOTHING, Closest(depth=math.nan, extent=math.nan, turning=math.nan, normal_x=0.0, normal_y=1.0)
@@ -78,27 +65,15 @@ def deepest_of(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pos
         arc = turned_arc(curve, int(shortlist[k, 1]), pose.sine, pose.cosine)
         found = least(ArcDistance(arc, tibia, pose.x, height), 0.0, arc.length, best, RESOLUTION)
         if not best.value <= found.value:
-            best, answer = found, _common_normal(arc, found)
+            best, answer = found, common_normal(arc, found.place, found.value, found.normal)
     return answer
-
-
-@in_kernel
-def _common_normal(arc: Arc, sample: Sample) -> Closest:
-    """The common normal at the femur's deepest point."""
-    x, y = place_on(arc, sample.place)
-    normal_x, normal_y = sample.normal
-    turning = normal_x * y - normal_y * x
-    return Closest(
-        depth=-sample.value, extent=-(x * normal_x + y * normal_y), turning=turning, normal_x=normal_x,
-        normal_y=normal_y,
-    )  # fmt: skip
 
 
 @allocating
 def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> int:
-    """List the segments that can hold the deepest point at a height [m], and return their number.
+    """List the segments that may have the deepest point at a height [m], and return their number.
 
-    Blocks of segments are halved as long as they can.
+    Blocks of segments that may have it are halved.
     """
     margin = _rounding(pose.x, height)
     count, width = len(curve.cubics) - 1, len(curve.blocks) // 2
@@ -135,7 +110,7 @@ def _fill(shortlist: Floats, curve: FemoralCurve, tibia: TibialSurface, pose: Po
 
 @in_kernel
 def _insert(shortlist: Floats, listed: int, segment: int, lowest: float) -> None:
-    """Put a segment in its place on the list; the first of two that are equally likely is the first on the curve."""
+    """Insert a segment into the list, in the order of bounds [m], and of segments where these are equal."""
     k = listed
     while k > 0 and (lowest, segment) < (float(shortlist[k - 1, 0]), int(shortlist[k - 1, 1])):
         shortlist[k, 0], shortlist[k, 1] = shortlist[k - 1, 0], shortlist[k - 1, 1]
@@ -145,7 +120,7 @@ def _insert(shortlist: Floats, listed: int, segment: int, lowest: float) -> None
 
 @in_kernel
 def _bounds_of(point: int, curve: FemoralCurve, tibia: TibialSurface, pose: Pose, height: float) -> tuple[float, float]:
-    """Bounds of the signed distance of one of the profile's points [m]."""
+    """Return bounds of the signed distance [m] of one of the profile's points."""
     x, y = float(curve.cubics[point, 2]), float(curve.cubics[point, 6])
     turned_x, turned_y = pose.cosine * x - pose.sine * y, pose.sine * x + pose.cosine * y
     return tibia.bounds(pose.x + turned_x, height + turned_y)
@@ -153,5 +128,5 @@ def _bounds_of(point: int, curve: FemoralCurve, tibia: TibialSurface, pose: Pose
 
 @in_kernel
 def _rounding(x: float, height: float) -> float:
-    """What the bounds may be wrong by [m]."""
+    """Return the rounding error of the bounds [m]."""
     return ROUNDING * (1.0 + abs(x) + abs(height))

@@ -1,4 +1,4 @@
-"""A concave tibial plateau: an arc of a circle (the paper's 95 mm), straight on from both ends."""
+"""A concave tibial plateau: an arc of a circle (95 mm in the paper), continued straight at both ends."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.tibial_surface import Foot
 
 COSINE, SINE = 0.5, math.sqrt(0.75)
-"""Of the arc's half angle, 60 degrees: far beyond any plateau, and the surface stays open to the femur's side"""
+"""Cosine and sine of the arc's half angle, 60 degrees: far beyond any plateau, and the surface stays open upwards"""
 OUTLINE_POINTS = 201
-"""Of a drawing"""
+"""Number of points of an outline"""
 
 
 class _TibialCircle(NamedTuple):
-    """What a tibial circle consists of."""
+    """Fields of a `TibialCircle`."""
 
     radius: float
-    """[m], > 0"""
+    """Radius of the arc [m], > 0"""
 
 
 class TibialCircle(_TibialCircle):
@@ -29,7 +29,7 @@ class TibialCircle(_TibialCircle):
     __slots__ = ()
 
     def __new__(cls, radius: float) -> TibialCircle:
-        """Refuse a radius [m] that is none.
+        """Make the surface of a radius [m].
 
         Raises:
             ValueError: the radius is not a finite positive number.
@@ -39,7 +39,7 @@ class TibialCircle(_TibialCircle):
         return super().__new__(cls, float(radius))
 
     def foot(self, x: float, y: float) -> Foot:
-        """The nearest point of the surface to (x, y) [m], in closed form."""
+        """Return the nearest point of the surface to (x, y) [m], in closed form."""
         below_centre = self.radius - y
         if COSINE * abs(x) >= SINE * below_centre:
             over_tangent = COSINE * y - SINE * abs(x) + (1.0 - COSINE) * self.radius
@@ -49,12 +49,12 @@ class TibialCircle(_TibialCircle):
         return Foot(distance, -x / from_centre, below_centre / from_centre, 1.0 / self.radius)
 
     def bounds(self, x: float, y: float) -> tuple[float, float]:
-        """Signed distance [m] of (x, y) [m]: the bounds coincide."""
+        """Return the signed distance [m] of (x, y) [m] as both of its bounds."""
         distance = self.foot(x, y).distance
         return distance, distance
 
     def graph(self, x: float) -> tuple[float, float, float]:
-        """Height [m], slope and second derivative [1/m] at x [m]."""
+        """Return height [m], slope and second derivative [1/m] at x [m]."""
         end = SINE * self.radius
         on_arc = min(abs(x), end)
         root = math.sqrt(self.radius * self.radius - on_arc * on_arc)
@@ -63,19 +63,19 @@ class TibialCircle(_TibialCircle):
         return height, slope, self.radius * self.radius / (root * root * root) if abs(x) < end else 0.0
 
     def cup(self, x: float) -> float:
-        """Curvature [1/m] of the ball whose arc this is."""
+        """Return the curvature [1/m] of the arc."""
         return 1.0 / self.radius
 
     def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]."""
+        """Return bounds of the curvature [1/m]."""
         return 0.0, 1.0 / self.radius
 
     def least_normal_y(self) -> float:
-        """Vertical part of the normal of the end tangents."""
+        """Return y of the unit normal of the straight ends."""
         return COSINE
 
     def outline(self, reach: float) -> Floats:
-        """Points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
+        """Return points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         x = np.linspace(-reach, reach, OUTLINE_POINTS)
         end = SINE * self.radius
         on_arc = np.minimum(np.abs(x), end)

@@ -1,4 +1,4 @@
-"""A measured tibial plateau: a cubic spline y(x) through its points, straight on from both ends."""
+"""A measured tibial plateau: a cubic spline y(x) through its points, continued straight at both ends."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from knee_contact_ros.core.contact_pairs.touching_balls import Pieces, least_rou
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 RESOLUTION = 1e-9
-"""Two nearest places that the bounds cannot tell apart are taken as one when they differ by less than this [m]"""
+"""Difference [m] below which two nearest places count as one, if the bounds cannot separate them"""
 PARTS = 4
-"""Of a piece, one by one of which it is bounded how round the surface is"""
+"""Number of parts of a piece for the bounds of its roundness (`touching_balls`)"""
 GROWTH = 1.25
-"""The same of parts beyond the measured points, as they become longer"""
+"""Ratio of the lengths of two neighbouring parts beyond the measured points"""
 FAR = 10.0
-"""[m] to which they go; the circle through what lies beyond has no more curvature than 2/FAR"""
+"""Distance [m] to which these parts go; a circle through a point beyond has no more curvature than 2/FAR"""
 MOST_STEPS = 10
-"""Of Newton's method; where it needs more, it has gone astray"""
+"""Largest number of Newton's steps; more mean that it does not converge"""
 LAST_STEP = 1e-9
-"""[m] A shorter one leaves an error of the order of its square times the curvatures"""
+"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
+curvatures"""
 LARGEST_PART = 1.0 - 1e-9
-"""Of the ball's radius that a distance may be: so it is no matter of rounding"""
+"""Largest distance over the radius of a ball for a proof, so that rounding does not matter"""
 OUTLINE_POINTS = 201
-"""Of a drawing, besides the measured ones"""
+"""Number of points of an outline, besides the measured ones"""
 
 
 class _TibialProfile(NamedTuple):
-    """What a tibial profile consists of."""
+    """Fields of a `TibialProfile`."""
 
     pieces: Floats
     """Shape (points + 1, 7): base x, c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - base [m], y'' there,
@@ -44,7 +45,7 @@ class _TibialProfile(NamedTuple):
     column's curvature [1/m] that touches from above in the piece lies above all of the surface (`touching_balls`).
     """
     steepest: float
-    """Upper bound of the slope's size"""
+    """Upper bound of the absolute slope"""
     least_bend: float
     """Smallest y'' [1/m], <= 0"""
     largest_bend: float
@@ -81,7 +82,7 @@ class TibialProfile(_TibialProfile):
         return super().__new__(cls, np.column_stack([pieces, _balls(pieces)]), *_bounds(inner, widths))
 
     def foot(self, x: float, y: float) -> Foot:
-        """The nearest point of the surface to (x, y) [m]: by Newton's method where a ball proves it, or by a search."""
+        """The nearest point of the surface to (x, y) [m], by Newton's method if a ball proves it, else by a search."""
         place = _foot_by_newton(self.pieces, self.convex, x, y)
         if math.isnan(place):
             problem = SquaredDistance(
@@ -94,10 +95,10 @@ class TibialProfile(_TibialProfile):
         return Foot(((y - height) - slope * (x - place)) / norm, -slope / norm, 1.0 / norm, bend / (norm * norm * norm))
 
     def bounds(self, x: float, y: float) -> tuple[float, float]:
-        """Bounds of the signed distance [m] of (x, y) [m], close where one Newton step comes close to the foot.
+        """Bounds of the signed distance [m] of (x, y) [m], which are close if one Newton step ends near the foot.
 
-        Balls that touch the surface there, with the radius of the largest curvature on either side, lie on their side
-        altogether. So the distances of their centres are known, and that of the point differs by its way to them.
+        Balls that touch the surface there, with the radius of the largest curvature on either side, do not cross the
+        surface. So the distances of their centres are known, and that of the point differs by its distance from them.
         """
         height, slope, bend = height_at(self.pieces, x)
         above = y - height
@@ -105,29 +106,29 @@ class TibialProfile(_TibialProfile):
         height, slope, _ = height_at(self.pieces, place)
         squared_norm = 1.0 + slope * slope
         norm = math.sqrt(squared_norm)
-        aside, over = x - place, y - height
-        along, across = (aside + slope * over) / norm, (over - slope * aside) / norm
+        dx, dy = x - place, y - height
+        along, across = (dx + slope * dy) / norm, (dy - slope * dx) / norm
         lower, upper = _from_ball(self.concave, along, across), _from_ball(self.convex, along, across)
         return max(lower, above * self.least_normal_y()) if above > 0.0 else lower, upper
 
     def graph(self, x: float) -> tuple[float, float, float]:
-        """Height [m], slope and second derivative [1/m] at x [m]."""
+        """Return height [m], slope and second derivative [1/m] at x [m]."""
         return height_at(self.pieces, x)
 
     def cup(self, x: float) -> float:
-        """Curvature [1/m] of a ball that touches from above at x [m] and lies above all of the surface."""
+        """Return the curvature [1/m] of a ball that touches from above at x [m] and lies above all of the surface."""
         return float(self.pieces[_piece_at(self.pieces, x), 6])
 
     def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]."""
+        """Return bounds of the curvature [1/m]."""
         return self.convex, self.concave
 
     def least_normal_y(self) -> float:
-        """Vertical part of the normal of the steepest place."""
+        """Return y of the unit normal at the steepest place."""
         return 1.0 / math.sqrt(1.0 + self.steepest * self.steepest)
 
     def outline(self, reach: float) -> Floats:
-        """Points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
+        """Return points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
         first, last = _ends(self.pieces)
         low, high = max(-reach, first), min(reach, last)
         x = np.unique(np.concatenate([np.linspace(low, high, OUTLINE_POINTS), self.pieces[:, 0]]))
@@ -136,30 +137,30 @@ class TibialProfile(_TibialProfile):
 
 
 class SquaredDistance(NamedTuple):
-    """Half the squared distance from a point as a function of x along a plateau; see `Problem`."""
+    """Half the squared distance [m²] from a point as a function of x along a plateau, as a `Problem`."""
 
     pieces: Floats
-    """See `_TibialProfile`"""
+    """This field and the three that follow are those of `TibialProfile`."""
     steepest: float
     least_bend: float
     largest_bend: float
     x: float
-    """[m]"""
+    """x of the point [m]"""
     y: float
-    """[m]"""
+    """y of the point [m]"""
 
     def sample(self, place: float) -> Sample:
-        """See `Problem`."""
+        """Evaluate the function and its derivatives at a place [m]; `normal` has height [m] and y'' [1/m] there."""
         height, slope, bend = height_at(self.pieces, place)
-        aside, over = place - self.x, height - self.y
-        value = 0.5 * (aside * aside + over * over)
+        dx, dy = place - self.x, height - self.y
+        value = 0.5 * (dx * dx + dy * dy)
         return Sample(
-            place=place, value=value, slope=aside + over * slope, bend=1.0 + slope * slope + over * bend,
+            place=place, value=value, slope=dx + dy * slope, bend=1.0 + slope * slope + dy * bend,
             normal=(height, bend),
         )  # fmt: skip
 
     def bends(self, a: Sample, b: Sample) -> tuple[float, float]:
-        """See `Problem`."""
+        """Return bounds of the second derivative between two samples."""
         middle = 0.5 * (a.normal[0] + b.normal[0]) - self.y
         room = 0.5 * self.steepest * (b.place - a.place)
         low, high = _products(middle - room, middle + room, self.least_bend, self.largest_bend)
@@ -170,7 +171,7 @@ class SquaredDistance(NamedTuple):
 
 @never_inlined
 def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
-    """Place [m] of the nearest point to (x, y) [m]; not a number where that is not proven.
+    """Return the place [m] of the nearest point to (x, y) [m] by Newton's method; NaN where that is not proven.
 
     A point above is nearest to where a ball around it touches, if the ball that touches there from above and lies above
     all of the surface is larger; a point below if the surface bends away from it by less than a ball around it.
@@ -178,11 +179,11 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
     place = x
     for _ in range(MOST_STEPS):
         height, slope, bend = height_at(pieces, place)
-        over = height - y
-        rise = 1.0 + slope * slope + over * bend
+        dy = height - y
+        rise = 1.0 + slope * slope + dy * bend
         if not rise > 0.0:
             break
-        step = (x - place - over * slope) / rise
+        step = (x - place - dy * slope) / rise
         place += step
         if abs(step) < LAST_STEP:
             i = _piece_at(pieces, place)
@@ -195,7 +196,7 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
 
 @never_inlined
 def _foot_by_search(problem: SquaredDistance) -> float:
-    """Place [m] of the nearest point; it cannot be further to the side than the one below."""
+    """Return the place [m] of the nearest point, which is no further to the side than the distance along y."""
     x, y = problem.x, problem.y
     reach = abs(y - height_at(problem.pieces, x)[0])
     first, last = _ends(problem.pieces)
@@ -207,13 +208,13 @@ def _foot_by_search(problem: SquaredDistance) -> float:
 
 @in_kernel
 def _nearest(problem: SquaredDistance, begin: float, end: float, reach: float, best: Sample) -> Sample:
-    """The nearest place from `begin` to `end`, if there are any, or `best` if none is nearer."""
+    """Return the nearest place from `begin` to `end` [m], or `best` if none is nearer or they are in reverse order."""
     return least(problem, begin, end, best, RESOLUTION * reach) if begin <= end else best
 
 
 @in_kernel
 def height_at(pieces: Floats, x: float) -> tuple[float, float, float]:
-    """Height [m], slope and second derivative [1/m] at x [m]."""
+    """Return height [m], slope and second derivative [1/m] at x [m]."""
     i = _piece_at(pieces, x)
     c0, c1, c2, c3 = float(pieces[i, 1]), float(pieces[i, 2]), float(pieces[i, 3]), float(pieces[i, 4])
     u = x - float(pieces[i, 0])
@@ -222,7 +223,7 @@ def height_at(pieces: Floats, x: float) -> tuple[float, float, float]:
 
 @in_kernel
 def _piece_at(pieces: Floats, x: float) -> int:
-    """The piece that a place [m] belongs to."""
+    """Return the index of the piece at a place [m]."""
     first, last = _ends(pieces)
     if not x >= first:
         return 0
@@ -239,27 +240,27 @@ def _piece_at(pieces: Floats, x: float) -> int:
 
 @in_kernel
 def _ends(pieces: Floats) -> tuple[float, float]:
-    """Smallest and largest measured x [m]."""
+    """Return the smallest and the largest measured x [m]."""
     return float(pieces[0, 0]), float(pieces[len(pieces) - 1, 0])
 
 
 @in_kernel
 def _from_ball(curvature: float, along: float, across: float) -> float:
-    """Signed distance from a circle [m] of a point `along` its tangent and `across` it [m] from where it is touched."""
+    """The signed distance [m] from a circle of a point `along` its tangent and `across` it [m] from the touch."""
     squared = along * along + across * across
-    aside, over = curvature * along, 1.0 - curvature * across
-    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(aside * aside + over * over))
+    x, y = curvature * along, 1.0 - curvature * across  # from the centre, in radii
+    return (2.0 * across - curvature * squared) / (1.0 + math.sqrt(x * x + y * y))
 
 
 @in_kernel
 def _products(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Smallest and largest product of a number from a to b with one from c to d."""
+    """Return the smallest and the largest product of a number from a to b with one from c to d."""
     return min(a * c, a * d, b * c, b * d), max(a * c, a * d, b * c, b * d)
 
 
 @in_kernel
 def _bends_between(pieces: Floats, a: Sample, b: Sample) -> tuple[float, float]:
-    """Smallest and largest second derivative [1/m] between two samples that no end of the profile divides."""
+    """Return the range of the second derivative [1/m] between two samples with no end of the profile in between."""
     first, last = _ends(pieces)
     if b.place <= first or a.place >= last:
         return 0.0, 0.0
@@ -274,7 +275,7 @@ def _bends_between(pieces: Floats, a: Sample, b: Sample) -> tuple[float, float]:
 
 
 def _bounds(inner: Floats, widths: Floats) -> tuple[float, float, float, float, float]:
-    """Bounds of slope, second derivative and curvature as in `_TibialProfile`; `inner` has shape (4, segments)."""
+    """Bounds of slope, second derivative and curvature as in `TibialProfile`; `inner` has shape (4, segments)."""
     _, c1, c2, c3 = inner
     slopes = np.abs([c1, c1 + c2 * widths, c1 + widths * (2.0 * c2 + 3.0 * c3 * widths)])  # Bezier control points
     bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * widths])
@@ -284,7 +285,7 @@ def _bounds(inner: Floats, widths: Floats) -> tuple[float, float, float, float, 
 
 
 def _balls(pieces: Floats) -> Floats:
-    """The last column of `_TibialProfile.pieces` from the others: the bound from below of the surface turned over."""
+    """The last column of `TibialProfile.pieces` from the others, by `least_roundness` of the reversed surface."""
     nodes = pieces[1:, 0]
     inner = nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(PARTS) / PARTS
     shortest = float(np.diff(nodes).min()) / PARTS
@@ -315,12 +316,16 @@ def _balls(pieces: Floats) -> Floats:
 
 
 def _range_with_0(values: Floats) -> tuple[float, float]:
-    """Smallest and largest of the values and 0."""
+    """Return the smallest and the largest of the values and 0."""
     return min(0.0, float(values.min())), max(0.0, float(values.max()))
 
 
 def _usable(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Different points in ascending x; refuses what is no plateau."""
+    """Return the different points in ascending x.
+
+    Raises:
+        ValueError: see `TibialProfile`.
+    """
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ValueError("a tibial profile point is not finite")
     repeated = 1 + np.flatnonzero((np.diff(x) == 0.0) & (np.diff(y) == 0.0))

@@ -1,8 +1,8 @@
-"""What a tibial surface is to a contact pair: its signed distance, and bounds of it.
+"""Tibial surfaces: their signed distance and bounds of it.
 
-The surface is the graph of a function of x, C1, and straight from some place on to either side. So it parts the plane
-into above and below, the signed distance (> 0 above) changes by no more than the way of the point, and a ball that
-touches the surface from above with a radius of at most 1/largest curvature lies above it altogether (Blaschke).
+The surface is the graph of a C1 function of x, which is straight far away on both sides. So it divides the plane into
+above and below, the signed distance (> 0 above) changes by no more than the way of the point, and a ball that touches
+the surface from above with a radius of at most 1/largest curvature lies above all of it (Blaschke).
 """
 
 from __future__ import annotations
@@ -34,41 +34,41 @@ class SignedDistance(Protocol):
     """The part of a tibial surface that the kernel calls."""
 
     def foot(self, x: float, y: float) -> Foot:
-        """The nearest point of the surface to (x, y) [m]."""
+        """Return the nearest point of the surface to (x, y) [m]."""
         ...
 
     def bounds(self, x: float, y: float) -> tuple[float, float]:
-        """Lower and upper bound of the signed distance [m] of a point (x, y) [m]; quicker than `foot`."""
+        """Return a lower and an upper bound of the signed distance [m] of a point (x, y) [m]; quicker than `foot`."""
         ...
 
     def graph(self, x: float) -> tuple[float, float, float]:
-        """Height [m], slope and second derivative [1/m] of the surface at x [m]."""
+        """Return height [m], slope and second derivative [1/m] of the surface at x [m]."""
         ...
 
     def cup(self, x: float) -> float:
-        """Curvature [1/m], >= 0, of a ball that touches from above at x [m] and lies above all of the surface."""
+        """The curvature [1/m], >= 0, of a ball that touches from above at x [m] and lies above all of the surface."""
         ...
 
     def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0."""
+        """Return bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0."""
         ...
 
     def least_normal_y(self) -> float:
-        """Lower bound of the vertical part of the unit normal, > 0."""
+        """Return a lower bound of y of the unit normal, > 0."""
         ...
 
 
 class TibialSurface(SignedDistance, Protocol):
-    """A tibial surface in the tibia frame, with the femur above it: a named tuple."""
+    """A tibial surface in the tibia frame, below the femur: a named tuple."""
 
     def outline(self, reach: float) -> Floats:
-        """Points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
+        """Return points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         ...
 
 
 @in_kernel
 def level_curvatures(curvatures: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
-    """Bounds of the curvature [1/m] of the lines of equal signed distance between two distances [m].
+    """Return bounds of the curvature [1/m] of the lines of equal signed distance between two distances [m].
 
     `curvatures` are those of the surface. A line at a distance d over a curvature k has the curvature k/(1 - k d). The
     upper bound is infinite where the nearest point may not be the only one.

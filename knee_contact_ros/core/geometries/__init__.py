@@ -1,4 +1,4 @@
-"""The femoral geometries by the name that `femur.geometry` uses."""
+"""Femoral geometries by the names that the parameter `femur.geometry` uses."""
 
 from __future__ import annotations
 

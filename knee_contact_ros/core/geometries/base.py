@@ -1,8 +1,8 @@
-"""What a femoral geometry is to a plane: its support function.
+"""Femoral geometries: their support functions, by which they touch a plane.
 
 With the femur turned by θ, the lowest point of its surface lies h(θ) below the reference point,
 h(θ) = max over the curve of -(sin θ pₓ + cos θ p_y), and h'(θ) = -x of that lowest point relative to the reference
-point (Eq. 7 of the paper in closed form). So depth = h(θ) - y with no search, and its rate is exact.
+point (Eq. 7 of the paper in closed form). So the depth is h(θ) - y without a search, and its rate is exact.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ class Support(Protocol):
         ...
 
     def next_kink(self, start: float, end: float) -> float:
-        """First angle [rad] strictly between two, seen from `start`, at which dh/dangle jumps; nan if none.
+        """The first angle [rad] strictly between `start` and `end` at which dh/dangle jumps; NaN if there is none.
 
-        There the lowest point leaps over a dent.
+        There the lowest point leaps over a dent. `start` may be the larger one of the two.
         """
         ...
 
     def knot_spacing(self) -> float:
-        """Turn [rad] between two places where the surface is not smooth (a spline's points); infinite if it is."""
+        """The mean turn [rad] between two points where the surface is not smooth (of a spline); infinite if it is."""
         ...
 
     def largest_radius(self) -> float:
-        """Bound of the distance [m] of the surface's points from the reference point."""
+        """Return an upper bound of the distance [m] of the surface's points from the reference point."""
         ...
 
 
@@ -41,5 +41,5 @@ class FemoralGeometry(Support, Protocol):
     """A femoral surface in the sagittal plane, about its reference point: a named tuple."""
 
     def outline(self) -> Floats:
-        """Points along the surface, shape (n, 2) [m] in the femur frame, for drawing."""
+        """Return points along the surface, shape (n, 2) [m] in the femur frame, for drawing."""
         ...

@@ -14,25 +14,25 @@ class Circle(NamedTuple):
     """A circle centred at the reference point: its depth does not depend on the flexion angle."""
 
     radius: float
-    """[m]"""
+    """Radius of the circle [m]"""
 
     def support(self, angle: float) -> tuple[float, float]:
-        """Return the radius and 0, whatever the angle [rad]."""
+        """Return the radius [m] and 0 [m/rad], which do not depend on the angle [rad]."""
         return self.radius, 0.0
 
     def next_kink(self, start: float, end: float) -> float:
-        """See `Support`: none."""
+        """Return NaN: a circle has no kinks."""
         return math.nan
 
     def knot_spacing(self) -> float:
-        """See `Support`: smooth everywhere."""
+        """Return infinity: a circle is smooth everywhere."""
         return math.inf
 
     def largest_radius(self) -> float:
-        """See `Support`."""
+        """Return the radius [m]."""
         return self.radius
 
     def outline(self) -> Floats:
-        """Points around the circle, shape (n, 2) [m], for drawing."""
+        """Return points around the circle, shape (n, 2) [m], for drawing."""
         angles = np.linspace(0.0, math.tau, 181)
         return self.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -1,48 +1,38 @@
-"""Where the lowest point of a turning profile leaps over a dent, from one bump to the next: kinks of its support.
+"""Kinks of a profile's support, where its lowest point leaps over a dent from one bump to the next.
 
-While the lowest point glides along a bump, the curve bends the same way all along the glide. Between two angles whose
-lowest points are parted by a place that bends the other way, it has leapt; bisection finds the angle.
+While the lowest point glides along a bump, the curve bends to the same side all along. If the curve between the lowest
+points of two angles bends to the other side somewhere, the lowest point has leapt; bisection finds the angle.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.kernel_source import in_kernel
 
 CELLS = 2048
-"""Angles at which the lowest point is looked at first"""
+"""Number of angles at which the lowest point is computed first"""
 RESOLUTION = 1e-13
-"""Of a kink's angle [rad]"""
+"""Error of the angle of a kink [rad]"""
 LEAP = 1e-6
-"""Shorter leaps of the lowest point [m] are none"""
+"""Least length [m] of a leap of the lowest point"""
 FLAT = 1e-6
-"""Curvature [1/m] that is none: a straight piece bends to either side by rounding"""
-
-
-class Segment(NamedTuple):
-    """Coefficients of one cubic segment, x(u) = x0 + u (x1 + u (x2 + u x3)), u from 0 to `length` [m]."""
-
-    length: float
-    x: tuple[float, float, float, float]
-    y: tuple[float, float, float, float]
-    start: float
-    """Of the segment on the whole curve, as a sum of chords [m]"""
+"""Curvature [1/m] that counts as none: a straight piece bends to either side by rounding"""
 
 
 Lowest = Callable[[float], tuple[float, float, float, float]]
-"""Angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
+"""A function from an angle [rad] to the lowest point: depth, x, y and place on the curve [m]."""
 
 
 @in_kernel
 def next_kink(kinks: Floats, start: float, end: float) -> float:
-    """First of the `kinks` or of their repetitions by whole turns, strictly between two angles [rad]; nan if none.
+    """The first of the `kinks`, or of their repetitions by whole turns, strictly between two angles [rad], or NaN.
 
-    `kinks` increase from 0 to 2π; `start` may be the larger of the two angles, and the first is that next to it.
+    `kinks` increase from 0 to 2π; `start` may be the larger of the two angles, and the first kink is the one next to
+    it.
     """
     count, forwards = len(kinks), start < end
     way = 1 if forwards else -1
@@ -54,12 +44,12 @@ def next_kink(kinks: Floats, start: float, end: float) -> float:
     return math.nan
 
 
-def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]:
-    """Angles in [0, 2π) [rad] at which the lowest point of a curve leaps."""
+def find_kinks(cubics: Floats, lowest: Lowest) -> tuple[float, ...]:
+    """Return the angles in [0, 2π) [rad] at which the lowest point of a curve leaps; `cubics` as in `Curve`."""
     edges = [math.tau * i / CELLS for i in range(CELLS + 1)]
     places = [lowest(angle)[3] for angle in edges]
     forwards = sum(math.copysign(1.0, b - a) for a, b in pairwise(places) if a != b) > 0.0
-    glides = _Glides(segments, forwards)
+    glides = _Glides(cubics.tolist(), forwards)
     found = []
     for (a, b), (from_place, to_place) in zip(pairwise(edges), pairwise(places), strict=True):
         found += _leaps(glides, lowest, (a, from_place), (b, to_place))
@@ -67,12 +57,15 @@ def find_kinks(segments: Sequence[Segment], lowest: Lowest) -> tuple[float, ...]
 
 
 class _Glides:
-    """Tells whether the curve bends the same way from one place to another."""
+    """Tells whether the lowest point can glide from one place of the curve to another."""
 
-    def __init__(self, segments: Sequence[Segment], forwards: bool) -> None:
+    def __init__(self, cubics: list[list[float]], forwards: bool) -> None:
         self.forwards = forwards
-        self.length = segments[-1].start + segments[-1].length
-        self.bends = [(segment.start, segment.length, _bend(segment)) for segment in segments]
+        self.bends = [
+            (start, length, (2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)))
+            for length, start, _, x1, x2, x3, _, y1, y2, y3 in cubics
+        ]
+        """Start and length of every segment [m], and coefficients of p' x p'' along it: the highest terms cancel"""
 
     def possible(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
@@ -90,7 +83,7 @@ class _Glides:
 
 
 def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[float, float]) -> list[float]:
-    """Angles between a and b, each with its place on the curve, at which the lowest point leaps."""
+    """Angles at which the lowest point leaps between a and b, which are an angle [rad] and its place [m] each."""
     if glides.possible(a[1], b[1]):
         return []
     middle = 0.5 * (a[0] + b[0])
@@ -101,14 +94,8 @@ def _leaps(glides: _Glides, lowest: Lowest, a: tuple[float, float], b: tuple[flo
     return _leaps(glides, lowest, a, between) + _leaps(glides, lowest, between, b)
 
 
-def _bend(segment: Segment) -> tuple[float, float, float]:
-    """Coefficients of p' x p'' along a segment: a quadratic, for the cubic's highest terms cancel."""
-    (_, x1, x2, x3), (_, y1, y2, y3) = segment.x, segment.y
-    return 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)
-
-
 def _least(bend: tuple[float, float, float], begin: float, end: float, sign: float) -> float:
-    """The value of `bend` on an interval that is the least in the sense of `sign`."""
+    """Return the value of the quadratic `bend` on an interval that is the least after multiplication by `sign`."""
     c0, c1, c2 = bend
     places = [begin, end]
     if c2 != 0.0 and begin < -0.5 * c1 / c2 < end:

@@ -1,9 +1,9 @@
 """A femoral condyle as a cubic spline through measured points, its support function in closed form.
 
 On one spline segment, h is stationary where the tangent is parallel to the plane: a quadratic in the segment's
-parameter. The largest value over the segments and their ends is the support of the whole curve, so a dent between noisy
-points can never be taken for the contact. Which segments can hold the largest value is tabulated once over the angle,
-and so is the support itself where there are no dents.
+parameter. The largest value over the segments and their ends is the support of the whole curve, so that a dent between
+noisy points is never taken for the contact. The segments that can have the largest value are tabulated once over the
+angle, and so is the support itself where there are no dents.
 """
 
 from __future__ import annotations
@@ -15,34 +15,39 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
-from knee_contact_ros.core.geometries.kinks import Segment, find_kinks, next_kink
+from knee_contact_ros.core.geometries.kinks import find_kinks, next_kink
 from knee_contact_ros.core.geometries.support_table import CELLS, support_table, tabulated
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 
 class Curve(NamedTuple):
-    """The segments of a profile, and which of them can be the lowest at which angle."""
+    """The segments of a profile, and the candidates for the lowest point at each angle."""
 
     cubics: Floats
-    """Shape (n, 10): length of the parameter u and place on the curve [m], x0 to x3, y0 to y3; see `Segment`"""
+    """Shape (n, 10): a segment x(u) = x0 + u (x1 + u (x2 + u x3)), y(u) likewise, in each row.
+
+    The columns are the length of the parameter u [m], the place of the segment on the curve as a sum of chords [m], x0
+    to x3 and y0 to y3.
+    """
     first: Integers
-    """Shape (CELLS + 1,): where a cell's part of `candidates` begins; it ends where the next one begins"""
+    """Shape (CELLS + 1,): indices at which the cells' parts of `candidates` begin; each ends where the next one
+    begins"""
     candidates: Integers
-    """Segments that may hold the lowest point, cell by cell"""
+    """Indices of segments that may have the lowest point, cell by cell"""
 
 
 class _Profile(NamedTuple):
-    """What a profile consists of."""
+    """Fields of a `Profile`."""
 
     curve: Curve
     table: Floats
-    """Of polynomials, see `support_table`"""
+    """Polynomials of the support; see `support_table`"""
     kinks: Floats
     """Angles in [0, 2π) [rad], increasing, at which dh/dangle jumps"""
     turn_between_points: float
-    """On average [rad]"""
+    """Mean change of direction [rad] between two points"""
     largest_reach: float
-    """Bound of the points' distance from the reference point [m]"""
+    """Upper bound of the distance of the curve from the reference point [m]"""
 
 
 class Profile(_Profile):
@@ -61,17 +66,11 @@ class Profile(_Profile):
         points = _usable(np.stack([np.asarray(x, float), np.asarray(y, float)]))
         cubics = _fitted(points)
         curve = Curve(cubics, *_candidates(cubics))
-        kinks = find_kinks(_segments(cubics), lambda angle: lowest_point(curve, angle))
+        kinks = find_kinks(cubics, lambda angle: lowest_point(curve, angle))
         directions = np.unwrap(np.arctan2(*np.diff(points)[::-1]))
         table = support_table(cubics, curve.first, curve.candidates)
-        return super().__new__(
-            cls, curve, table, np.array(kinks), float(np.abs(np.diff(directions)).mean()), _reach(cubics)
-        )
-
-    @property
-    def segments(self) -> tuple[Segment, ...]:
-        """The cubic segments in their order."""
-        return _segments(self.curve.cubics)
+        turn, reach = float(np.abs(np.diff(directions)).mean()), float(np.hypot(*_control_points(cubics)).max())
+        return super().__new__(cls, curve, table, np.array(kinks), turn, reach)
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
@@ -79,23 +78,23 @@ class Profile(_Profile):
         return (depth, slope) if not math.isnan(depth) else _support(self.curve, angle)
 
     def next_kink(self, start: float, end: float) -> float:
-        """See `Support`."""
+        """Return the first kink [rad] strictly between two angles [rad]; see `Support.next_kink`."""
         return next_kink(self.kinks, start, end)
 
     def knot_spacing(self) -> float:
-        """See `Support`."""
+        """Return the mean change of direction [rad] between two points of the spline."""
         return self.turn_between_points
 
     def largest_radius(self) -> float:
-        """See `Support`."""
+        """Return an upper bound of the distance of the curve from the reference point [m]."""
         return self.largest_reach
 
     def lowest(self, angle: float) -> tuple[float, float, float, float]:
-        """Lowest point at an angle [rad]: its depth h, its x and y in the femur frame, its place on the curve [m]."""
+        """Depth h, x and y in the femur frame, and place on the curve of the lowest point at an angle [rad]; [m]."""
         return lowest_point(self.curve, angle)
 
     def outline(self, points_per_segment: int = 4) -> Floats:
-        """Points along the curve, shape (n, 2) [m], for drawing."""
+        """Return points along the curve, shape (n, 2) [m] in the femur frame, for drawing."""
         part = np.linspace(0.0, 1.0, points_per_segment, endpoint=False)
         length, _, *coefficients = self.curve.cubics.T[:, :, None]
         u = part * length
@@ -103,27 +102,26 @@ class Profile(_Profile):
         return np.stack([axis.ravel() for axis in axes], axis=1)
 
 
-def _reach(cubics: Floats) -> float:
-    """Bound of the points' distance from the origin [m]: a cubic lies in the hull of its Bézier points."""
+def _control_points(cubics: Floats) -> Floats:
+    """Return the Bézier points x and y [m] of every segment, which lies in their hull; shape (2, 4, segments)."""
     length, _, *coefficients = cubics.T
-    hull = [
-        np.stack([c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0,
-                  c0 + length * (c1 + length * (c2 + length * c3))])
+    return np.array([
+        [c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0,
+         c0 + length * (c1 + length * (c2 + length * c3))]
         for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
-    ]  # fmt: skip
-    return float(np.hypot(*hull).max())
+    ])  # fmt: skip
 
 
 @never_inlined
 def _support(curve: Curve, angle: float) -> tuple[float, float]:
-    """See `Support`, in closed form."""
+    """Return support h [m] and dh/dangle [m/rad] in closed form."""
     depth, x, y, _ = lowest_point(curve, angle)
     return depth, math.sin(angle) * y - math.cos(angle) * x
 
 
 @never_inlined
 def lowest_point(curve: Curve, angle: float) -> tuple[float, float, float, float]:
-    """Lowest point at an angle [rad]: its depth h, its x and y in the femur frame, its place on the curve [m]."""
+    """Return depth h, x and y in the femur frame, and place on the curve of the lowest point at an angle [rad]; [m]."""
     sine, cosine = math.sin(angle), math.cos(angle)
     cell = int(angle % math.tau * (CELLS / math.tau)) % CELLS
     first, end = int(curve.first[cell]), int(curve.first[cell + 1])
@@ -137,7 +135,7 @@ def lowest_point(curve: Curve, angle: float) -> tuple[float, float, float, float
 
 @in_kernel
 def _lowest(cubics: Floats, i: int, sine: float, cosine: float) -> tuple[float, float, float, float]:
-    """Lowest point of a turned segment: its depth below the reference point, its x, y, and its place on the curve."""
+    """Return depth, x, y and place on the curve [m] of the lowest point of one segment."""
     length, start = float(cubics[i, 0]), float(cubics[i, 1])
     x0, x1, x2, x3 = float(cubics[i, 2]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
     y0, y1, y2, y3 = float(cubics[i, 6]), float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
@@ -157,7 +155,7 @@ def _lowest(cubics: Floats, i: int, sine: float, cosine: float) -> tuple[float, 
 
 @in_kernel
 def _stationary(constant: float, linear: float, square: float) -> tuple[float, float]:
-    """Real roots of constant + linear u + square u² = 0, without cancellation; nan for one that there is not."""
+    """Return the real roots of constant + linear u + square u² = 0, without cancellation; NaN for a missing one."""
     discriminant = linear * linear - 4.0 * square * constant
     if discriminant < 0.0:
         return math.nan, math.nan
@@ -166,7 +164,11 @@ def _stationary(constant: float, linear: float, square: float) -> tuple[float, f
 
 
 def _usable(points: Floats) -> Floats:
-    """Different points, shape (2, n); refuses what is no profile."""
+    """Return the different ones of points of shape (2, n).
+
+    Raises:
+        ValueError: see `Profile`.
+    """
     if not np.isfinite(points).all():
         raise ValueError("a profile point is not finite")
     repeated = np.all(points[:, 1:] == points[:, :-1], axis=0)
@@ -177,7 +179,7 @@ def _usable(points: Floats) -> Floats:
 
 
 def _fitted(points: Floats) -> Floats:
-    """The segments through points of shape (2, n + 1), as `Curve.cubics`."""
+    """Return the segments through points of shape (2, n + 1), as in `Curve.cubics`."""
     from scipy.interpolate import CubicSpline  # 0.9 s to import, which a circle need not pay
 
     chords = np.hypot(*np.diff(points))
@@ -187,19 +189,12 @@ def _fitted(points: Floats) -> Floats:
     return np.ascontiguousarray(rows)
 
 
-def _segments(cubics: Floats) -> tuple[Segment, ...]:
-    """The rows of `Curve.cubics` one by one."""
-    return tuple(
-        Segment(length, (x0, x1, x2, x3), (y0, y1, y2, y3), start)
-        for length, start, x0, x1, x2, x3, y0, y1, y2, y3 in cubics.tolist()
-    )
-
-
 def _candidates(cubics: Floats) -> tuple[Integers, Integers]:
-    """`Curve.first` and `Curve.candidates`: per cell of angle, the segments that may hold the lowest point in it.
+    """Return `Curve.first` and `Curve.candidates`: the segments that may have the lowest point in each cell of angles.
 
     Between the middle of a cell and its ends, the support of one segment gains on that of another at most half the
-    width times the distance between them (h' = -x). What lies further behind than that in the middle cannot win.
+    width times the distance between them (h' = -x). A segment that is further behind in the middle cannot be the
+    lowest.
     """
     half_width = math.pi / CELLS
     angles = (2.0 * np.arange(CELLS, dtype=np.float64) + 1.0) * half_width
@@ -213,7 +208,7 @@ def _candidates(cubics: Floats) -> tuple[Integers, Integers]:
 
 
 def _depths(cubics: Floats, angles: Floats) -> Floats:
-    """Support of every segment [m], shape (angles, segments)."""
+    """Return the support of every segment [m] at angles [rad], shape (angles, segments)."""
     length, x, y = cubics[:, 0], cubics[:, 2:6].T[:, None, :], cubics[:, 6:].T[:, None, :]
     c0, c1, c2, c3 = -(np.sin(angles)[:, None] * x + np.cos(angles)[:, None] * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -226,12 +221,7 @@ def _depths(cubics: Floats, angles: Floats) -> Floats:
 
 
 def _bounding_circles(cubics: Floats) -> tuple[Floats, Floats]:
-    """Centre (segments, 2) and radius (segments,) [m] of a circle around each segment's Bezier control points."""
-    controls = []
-    for segment in _segments(cubics):
-        u = segment.length
-        for c0, c1, c2, c3 in (segment.x, segment.y):
-            controls.append([c0, c0 + u * c1 / 3, c0 + u * (2 * c1 + u * c2) / 3, c0 + u * (c1 + u * (c2 + u * c3))])
-    points = np.array(controls).reshape(len(cubics), 2, 4)
+    """Return centres (segments, 2) and radii (segments,) [m] of circles around the segments' Bézier points."""
+    points = np.ascontiguousarray(np.moveaxis(_control_points(cubics), 2, 0))
     centres = points.mean(axis=2)
     return centres, np.asarray(np.hypot(*np.moveaxis(points - centres[:, :, None], 1, 0)).max(axis=1))

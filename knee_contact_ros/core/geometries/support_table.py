@@ -1,9 +1,9 @@
-"""A profile's support function as polynomials of the angle, where its lowest point glides along convex segments.
+"""Support function of a profile as polynomials of the angle, where the lowest point glides along convex segments.
 
-In a cell of angles whose candidates lie side by side and bend the same way, the lowest point is where the tangent is
-parallel to the plane, and there is one such place. So its segment changes where the tangents of the spline's points are
+In a cell of angles whose candidates lie side by side and bend to the same side, the lowest point is the only place
+where the tangent is parallel to the plane. So its segment changes where the tangent in a point of the spline is
 parallel to the plane, and on each segment h' = -x is smooth. It is interpolated at Chebyshev's points, and h is its
-integral. Where anything of this does not hold, as over a dent, there is no polynomial.
+integral. Where any of this does not hold, as over a dent, there is no polynomial.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.core.kernel_source import in_kernel
 
 CELLS = 2048
-"""Over the full turn"""
+"""Number of cells of the full turn"""
 PER_RADIAN = CELLS / math.tau
+"""Cells per radian"""
 FARTHEST = 1e6
-"""Angle [rad] beyond which its place in a turn is not known well enough"""
+"""Angle [rad] beyond which rounding leaves its place in a turn too inexact for a polynomial"""
 DEGREE = 6
-"""Of the polynomials of h"""
+"""Degree of the polynomials of h"""
 CLOSE = 1e-16
-"""Error of h' [m] up to which a polynomial is one; that of h is less by the width of a cell"""
+"""Largest error of h' [m] of a polynomial; that of h is smaller by the width of a cell"""
 
 
 @in_kernel
 def tabulated(table: Floats, angle: float) -> tuple[float, float]:
-    """Support h [m] and dh/dangle [m/rad] at an angle [rad]; h is not a number where there is no polynomial."""
+    """Return support h [m] and dh/dangle [m/rad] at an angle [rad]; h is NaN where there is no polynomial."""
     if not abs(angle) < FARTHEST:
         return math.nan, math.nan
     part = angle * PER_RADIAN
@@ -47,11 +48,11 @@ def tabulated(table: Floats, angle: float) -> tuple[float, float]:
 
 
 def support_table(cubics: Floats, begins: Integers, candidates: Integers) -> Floats:
-    """The table of a curve; see `Curve` for its parts, of which `begins` is `first`.
+    """Return the table of a curve; see `Curve` for the arguments, of which `begins` is `first`.
 
-    Shape (n, DEGREE + 3). A row has a polynomial of t, which goes from -1/2 to 1/2 through a cell of angles: up to
-    which t, the row that follows then, and c0 to c6 of h [m]; c0 is not a number where there is none. The first `CELLS`
-    rows are the cells' first ones.
+    Its shape is (n, DEGREE + 3). A row has a polynomial of t, which goes from -1/2 to 1/2 through a cell of angles: the
+    largest t that it is valid for, the row to use beyond that, and the coefficients c0 to c6 of h [m]; c0 is NaN where
+    there is no polynomial. The first `CELLS` rows are the first ones of the cells.
     """
     turned, glides = _glides(cubics, begins, candidates)
     cells, segments = np.repeat(np.arange(CELLS), np.diff(begins)), candidates
@@ -62,9 +63,9 @@ def support_table(cubics: Floats, begins: Integers, candidates: Integers) -> Flo
 
 
 def _glides(cubics: Floats, begins: Integers, candidates: Integers) -> tuple[Floats, NDArray[np.bool_]]:
-    """Angles at which the curve's points are lowest on their bump; and cells whose candidates are one convex arc.
+    """Return the angles at which the curve's points are lowest, and which cells' candidates form one convex arc.
 
-    Shapes (segments + 1,) and (CELLS,).
+    The angles are in cells. Shapes (segments + 1,) and (CELLS,).
     """
     length, (x1, x2, x3), (y1, y2, y3) = cubics[:, 0], cubics[:, 3:6].T, cubics[:, 7:].T
     hull = [
@@ -90,9 +91,9 @@ def _glides(cubics: Floats, begins: Integers, candidates: Integers) -> tuple[Flo
 def _stretches(
     turned: Floats, count: int, cells: Integers, segments: Integers
 ) -> tuple[Integers, Integers, Floats, Floats]:
-    """Parts of cells, in their order, in which one of their candidates is lowest: its segment, and from t to t.
+    """Return the parts of cells in which one candidate is the lowest: cell, segment, first and last t, in their order.
 
-    Segment -1 is the curve's first point, and `count` its last one.
+    Segment -1 is the first point of the curve, and `count` its last point.
     """
     one, other = ((turned[segments + k] - (cells + 0.5) + 0.5 * CELLS) % CELLS - 0.5 * CELLS for k in (0, 1))
     parts = [(cells, segments, np.minimum(one, other), np.maximum(one, other))]
@@ -112,7 +113,7 @@ def _stretches(
 def _polynomials(
     cubics: Floats, cells: Integers, segments: Integers, start: Floats, end: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Coefficients of h for each of these, shape (n, DEGREE + 1), and whether they are close from t to t."""
+    """The coefficients of h for parts of cells, shape (n, DEGREE + 1), and whether they are exact enough there."""
     nodes = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
     inverse = np.linalg.inv(np.vander(nodes, increasing=True))
     slopes = _support_of(cubics, cells, segments, nodes + np.zeros((len(cells), 1)))[1] @ inverse.T
@@ -125,7 +126,7 @@ def _polynomials(
 
 
 def _support_of(cubics: Floats, cells: Integers, segments: Integers, t: Floats) -> tuple[Floats, Floats]:
-    """Support h [m] and dh/dangle [m/rad] of one segment, as if it went on beyond its ends; shapes of `t`, (n, k)."""
+    """Return support h [m] and dh/dangle [m/rad] of segments, continued beyond their ends; shapes (n, k) as of `t`."""
     inner = np.clip(segments, 0, len(cubics) - 1)
     length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[inner].T[:, :, None]
     angle = (cells[:, None] + 0.5 + t) / PER_RADIAN
@@ -139,7 +140,7 @@ def _support_of(cubics: Floats, cells: Integers, segments: Integers, t: Floats) 
 
 
 def _gathered(cells: Integers, start: Floats, end: Floats, coefficients: Floats) -> Floats:
-    """The table of parts of cells; a cell that they do not fill has no polynomial."""
+    """Return the table of parts of cells; a cell that they do not fill has no polynomial."""
     found, rows, counts = np.unique(cells, return_index=True, return_counts=True)
     joined = np.append(cells[1:] != cells[:-1], True) | np.append(end[:-1] == start[1:], True)
     full = np.logical_and.reduceat(joined, rows) & (start[rows] <= -0.5) & (end[rows + counts - 1] >= 0.5)

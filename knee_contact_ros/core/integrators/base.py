@@ -1,4 +1,4 @@
-"""What one step of an integrator is: from a state, over a duration, under one smooth formula of the contact law."""
+"""One step of an integrator: from a state, over a duration, under one smooth formula of the contact law."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ class StateError(NamedTuple):
 
 NO_ERROR = StateError(0.0, 0.0)
 LARGEST_RADIUS = 0.2
-"""Radius of curvature [m] of a contact that glides, femur and tibia taken together."""
+"""Largest radius of curvature [m] of femur and tibia together over which a contact glides; else it has leapt."""
 
 
 class Motion(NamedTuple):
-    """What a step computes with: all of it holds from one event to the next."""
+    """What a step computes with, which is the same from one event to the next."""
 
     interval: Interval
     modes: ContactModes
     mode: ContactMode
     impact_speed: float
-    """Rate [m/s] at which the present contact began"""
+    """Penetration rate [m/s] at which the present contact began"""
     mass: float
-    """[kg]"""
+    """Mass of the femur [kg]; 0 for the first-order level"""
     known: int
-    """The boundary on which the step is made to end: not being inside it there is no news; else `NOWHERE`"""
+    """The boundary on which the step is made to end, whose crossing at the end is not reported; else `NOWHERE`"""
 
 
 class Stage(NamedTuple):
     """The contact at a point inside a step or at its end."""
 
     depth: float
-    """[m] signed: < 0 apart"""
+    """Signed depth [m]: < 0 apart"""
     rate: float
-    """[m/s]"""
+    """Rate of the depth [m/s]"""
     force: float
-    """[N] of the layer's formula, not clamped"""
+    """Force [N] of the layer's formula, not clamped"""
     stiffness: float
-    """Slope of the force over depth there [N/m]; 0 in flight"""
+    """Slope of the force over depth [N/m]; 0 in flight"""
     surface_rate: float
     """Rate of the depth [m/s] if the height were held"""
 
@@ -61,33 +61,33 @@ class Crossing(NamedTuple):
     """The boundary that a step crosses first, and where."""
 
     boundary: int
-    """`NOWHERE` if it stays inside its mode"""
+    """The boundary, or `NOWHERE` if the step stays inside its mode"""
     fraction: float
-    """Part of the step, 0 to 1"""
+    """Place of the crossing as a part of the step, 0 to 1"""
 
 
 INSIDE = Crossing(NOWHERE, 1.0)
 
 
 class Step(NamedTuple):
-    """A step's end, its estimated local error and what it has met."""
+    """The end of a step, its estimated local error and the first boundary that it has crossed."""
 
     state: FemurState
     error: StateError
     """Estimated local error; 0 where the step is exact or its error is estimated elsewhere"""
     begin: Stage
-    """The contact at its beginning"""
+    """The contact at the beginning of the step"""
     end: Stage
-    """The contact at its end"""
+    """The contact at the end of the step"""
     crossing: Crossing
     stiffness: float
     """Slope of the force along the height over the height [N/m], typical of the step: it carries errors over it"""
     damping: float
-    """The same over the velocity [N s/m], likewise"""
+    """Slope of the force along the height over the velocity [N s/m], typical of the step"""
     cosine: float
-    """n_y at its beginning"""
+    """n_y at the beginning of the step"""
     leapt: float
-    """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within the step; 0 if none"""
+    """Change of the depth's rate [m/s] by a leap of the contact from one bump to another in the step; 0 if none"""
     evaluations: int
     solved: bool
     """False if a stage's equation was not solved; the step must then be repeated with a smaller duration."""
@@ -95,7 +95,7 @@ class Step(NamedTuple):
 
 @in_kernel
 def earlier(crossing: Crossing, motion: Motion, stage: Stage, s: float, fraction: float) -> Crossing:
-    """The first crossing of a step, given the one found so far and a stage at s [s], a `fraction` of the step."""
+    """The first crossing of a step, given the first one so far and a stage at s [s], a `fraction` of the step."""
     known = motion.known if fraction == 1.0 else NOWHERE
     if crossing.boundary != NOWHERE and crossing.fraction <= fraction:
         return crossing
@@ -108,7 +108,7 @@ def earlier(crossing: Crossing, motion: Motion, stage: Stage, s: float, fraction
 def first_crossing(
     motion: Motion, s: float, h: float, fractions: tuple[float, ...], stages: tuple[Stage, ...]
 ) -> Crossing:
-    """The first crossing of a step of `h` [s] from s [s] on, given its stages in the order of their fractions of it."""
+    """The first crossing of a step of `h` [s] from s [s] on, given its stages in the order of their fractions."""
     crossing = INSIDE
     for i in range(len(stages)):
         crossing = earlier(crossing, motion, stages[i], s + fractions[i] * h, fractions[i])
@@ -119,41 +119,32 @@ def first_crossing(
 def largest_leap(
     motion: Motion, h: float, begin: Stage, fractions: tuple[float, ...], stages: tuple[Stage, ...]
 ) -> float:
-    """The largest `leap` [m/s] between two neighbouring stages of a step of `h` [s], which are given likewise."""
+    """Return the largest `leap` [m/s] between two neighbouring stages of a step of `h` [s], given in their order."""
     if not motion.interval.pair.is_non_convex():
         return 0.0
     largest, before, from_fraction = 0.0, begin, 0.0
     for i in range(len(stages)):
         duration = (fractions[i] - from_fraction) * h
-        found = leap(before.surface_rate, stages[i].surface_rate, motion.interval.angle_rate, duration)
-        largest, before, from_fraction = max(largest, found), stages[i], fractions[i]
+        leapt = leap(before.surface_rate, stages[i].surface_rate, motion.interval.angle_rate, duration)
+        largest, before, from_fraction = max(largest, leapt), stages[i], fractions[i]
     return largest
 
 
 @in_kernel
 def force_on(motion: Motion, depth: float, rate: float) -> tuple[float, float, float]:
-    """Force [N] of the present layer's formula and its slopes."""
+    """Return the force [N] of the present layer's formula and its slopes over depth [N/m] and rate [N s/m]."""
     return motion.modes.law.layers[motion.mode.layer].formula.force_at(depth, rate, motion.impact_speed)
 
 
 @in_kernel
 def acceleration_of(motion: Motion, force: float) -> float:
-    """Acceleration [m/s²] under a sum of forces [N]; 0 without mass, where there is no such thing."""
+    """Return the acceleration [m/s²] by a sum of forces [N]; 0 for a contact without mass, which has none."""
     return force / motion.mass if motion.mass > 0.0 else 0.0
 
 
 @in_kernel
-def knowing(motion: Motion, boundary: int) -> Motion:
-    """A motion that ends on a boundary."""
-    return Motion(
-        interval=motion.interval, modes=motion.modes, mode=motion.mode, impact_speed=motion.impact_speed,
-        mass=motion.mass, known=boundary,
-    )  # fmt: skip
-
-
-@in_kernel
 def leap(before: float, after: float, angle_rate: float, duration: float) -> float:
-    """Change of the depth's rate [m/s] by a leap of the contact from bump to bump within a `duration` [s]; 0 if none.
+    """Return the change of the depth's rate [m/s] by a leap of the contact between bumps in a `duration` [s]; else 0.
 
     `before` and `after` [m/s] are the rates at a held height. A contact that glides changes its rate by the radius of
     curvature times the turn: beyond `LARGEST_RADIUS` it has leapt.
@@ -164,7 +155,7 @@ def leap(before: float, after: float, angle_rate: float, duration: float) -> flo
 
 @in_kernel
 def staying(state: FemurState, contact: Stage) -> Step:
-    """A step of no duration."""
+    """Return a step of no duration in a contact."""
     return Step(
         state=state, error=NO_ERROR, begin=contact, end=contact, crossing=INSIDE, stiffness=0.0, damping=0.0,
         cosine=1.0, leapt=0.0, evaluations=0, solved=True,
@@ -173,9 +164,6 @@ def staying(state: FemurState, contact: Stage) -> Step:
 
 @in_kernel
 def no_step(state: FemurState) -> Step:
-    """In place of a step that is not to be taken any more."""
+    """Return a step of no duration that is not `solved`, in place of one that a tick cannot afford."""
     nothing = Stage(depth=0.0, rate=0.0, force=0.0, stiffness=0.0, surface_rate=0.0)
-    return Step(
-        state=state, error=NO_ERROR, begin=nothing, end=nothing, crossing=INSIDE, stiffness=0.0, damping=0.0,
-        cosine=1.0, leapt=0.0, evaluations=0, solved=False,
-    )  # fmt: skip
+    return staying(state, nothing)._replace(solved=False)

@@ -38,37 +38,38 @@ IN_ORDER = (C3, C2, C4, C5, 1.0)
 """Where the implicit stages lie in parts of the step, the second of them first"""
 MAX_NEWTON = 30
 DEPTH_SHARE = 1e-4
-"""Share of the depth at which Newton's method has arrived at most: the force, too, must be met"""
+"""Largest share of the depth at which Newton's method has converged: the force must be exact, too"""
 LEAST_CORRECTION = 1e-16
-"""[m] that rounding of a height allows"""
+"""Smallest correction [m] that the rounding of a height allows"""
 FIRST_DEPTH = 1e-6
-"""[m] from which Newton's method finds the depth of a contact without mass and damping"""
+"""Depth [m] at which Newton's method begins for a contact without mass and damping that is apart"""
 
 
 class Solved(NamedTuple):
-    """An implicit stage."""
+    """The solution of an implicit stage."""
 
     velocity: float
-    """[m/s]"""
+    """Velocity of the femur [m/s]"""
     acceleration: float
-    """[m/s²]"""
+    """Acceleration of the femur [m/s²]"""
     stage: Stage
     stiffness: float
     """Slope of the force along the height over the height [N/m]"""
     damping: float
-    """The same over the velocity [N s/m]"""
+    """Slope of the force along the height over the velocity [N s/m]"""
     evaluations: int
     arrived: bool
+    """Whether Newton's method has converged"""
     left: float
-    """Of the depth [m]: what Newton's method has left, by the curve of the contact law"""
+    """Error of the depth [m] that Newton's method has left because the contact law is not linear"""
 
 
 @never_inlined
 def esdirk4_step(motion: Motion, s: float, state: FemurState, h: float, resolution: float, most: int) -> Step:
     """Take one step of `h` [s] under one layer's formula.
 
-    `resolution` [m] is the change of depth below which Newton's method has arrived (its next correction would be
-    smaller by orders of magnitude). Once the step has taken `most` evaluations its stages are not solved any more.
+    `resolution` [m] is the change of depth below which Newton's method has converged (its next correction would be
+    smaller by orders of magnitude). Once the step has taken `most` evaluations, no more stages are solved.
     """
     y, v, m = state.height, state.velocity, ESDIRK4
     d = h * m.diagonal
@@ -114,9 +115,10 @@ def solve_stage(
     motion: Motion, s: float, height: float, velocity: float, diagonal: float, guess: float, resolution: float,
     most: int,
 ) -> Solved:  # fmt: skip
-    """Solve a stage at s [s]: its height is `height` + `diagonal` times its velocity, and so on with the acceleration.
+    """Solve an implicit stage at s [s] by Newton's method from the acceleration `guess` [m/s²].
 
-    Newton's method from the acceleration `guess` [m/s²], for `most` evaluations, but one at least.
+    The height of the stage is `height` [m] plus `diagonal` [s] times its velocity, and the velocity is `velocity` [m/s]
+    plus `diagonal` times its acceleration. At most `most` evaluations are taken, but one at least.
     """
     touch, load = touch_at(motion.interval, s), load_at(motion.interval, s)
     unknown = velocity + diagonal * guess

@@ -1,7 +1,7 @@
-"""Fehlberg's explicit pair of orders 4 and 5; the solution that goes on is the one of 4th order.
+"""Fehlberg's explicit pair of orders 4 and 5; the solution that is continued is the one of 4th order.
 
-See `tableaus.py` for its source. Six evaluations give a step and a sharp estimate of its error, a
-quarter of what the implicit method takes: it is used wherever the contact is not stiff against the step.
+See `tableaus.py` for its source. Six evaluations give a step and a sharp estimate of its error, a quarter of what the
+implicit method takes: it is used wherever the contact is not stiff against the step.
 """
 
 from __future__ import annotations
@@ -29,41 +29,42 @@ _, C2, C3, C4, _, C6 = FEHLBERG.nodes
 IN_ORDER = (C2, C3, C6, C4, 1.0)
 """Where the second, third, sixth and fourth stage and the end lie, in parts of the step"""
 SINGULAR = 10.0
-"""Where a layer begins, the force is the 1.5th power of the way from there. Both orders fail alike: for t^1.5 they are
-8.2e-4 and 9.0e-4 off, for (1 - t)^1.5 1.6e-3 and 1.4e-3, so their difference is a tenth of the error"""
+"""Factor on the error estimate where a layer begins: the force is the 1.5th power of the way from there, and both
+orders fail alike. For t^1.5 they are 8.2e-4 and 9.0e-4 off, for (1 - t)^1.5 1.6e-3 and 1.4e-3, so that their difference
+is a tenth of the error"""
 
 
 class Slope(NamedTuple):
     """Contact and acceleration at a stage."""
 
     acceleration: float
-    """[m/s²]"""
+    """Acceleration of the femur [m/s²]"""
     stage: Stage
     stiffness: float
     """Slope of the force along the height over the height [N/m]"""
     damping: float
-    """The same over the velocity [N s/m]"""
+    """Slope of the force along the height over the velocity [N s/m]"""
     cosine: float
-    """n_y"""
+    """n_y of the contact normal"""
 
 
 class Stride(NamedTuple):
-    """A step of this method."""
+    """A step of Fehlberg's method."""
 
     state: FemurState
     error: StateError
-    """Estimated local error"""
+    """Estimated local error of the state"""
     middle: Slope
-    """At the middle; its slopes carry an error over the step at second order"""
+    """The stage in the middle, whose slopes carry an error over the step at second order"""
     end: Slope
     crossing: Crossing
     leapt: float
-    """See `Step`"""
+    """Change of the depth's rate [m/s] by a leap of the contact; see `Step.leapt`"""
 
 
 @never_inlined
 def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
-    """Take one step of `h` [s] under one layer's formula, with its estimated error."""
+    """Take one step of `h` [s] from s [s] on under one layer's formula, with its estimated error."""
     begin = slope_at(motion, s, state.height, state.velocity)
     stride = fehlberg_stride(motion, s, state, h, begin)
     return Step(
@@ -75,7 +76,7 @@ def fehlberg_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
 
 @always_inlined
 def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: Slope) -> Stride:
-    """A step with the contact at its beginning known."""
+    """Take one step of `h` [s] from s [s] on, with the contact at its beginning already known as `one`."""
     y, v, m = state.height, state.velocity, FEHLBERG
     a = one.acceleration
     v2 = v + h * m.second[0] * a
@@ -109,13 +110,13 @@ def fehlberg_stride(motion: Motion, s: float, state: FemurState, h: float, one: 
 
 @in_kernel
 def begins_layer(motion: Motion, begin: float, end: float) -> bool:
-    """Whether a step from one depth [m] to another covers more than its distance from the layer's beginning."""
+    """Whether a step between two depths [m] is longer than its distance from the beginning of the layer."""
     return abs(end - begin) >= min(begin, end) - motion.modes.law.layers[motion.mode.layer].begin
 
 
 @in_kernel
 def slope_at(motion: Motion, s: float, height: float, velocity: float) -> Slope:
-    """Evaluate the contact at s [s] in a state."""
+    """Evaluate contact and acceleration at s [s] for a height [m] and a velocity [m/s]."""
     depth, surface_rate, cosine = touch_at(motion.interval, s).touch(height)
     rate = surface_rate - cosine * velocity
     force, stiffness, damping = force_on(motion, depth, rate)

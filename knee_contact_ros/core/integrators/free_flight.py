@@ -1,4 +1,4 @@
-"""The femur without contact force: exact, for the load is linear in time."""
+"""Free flight of the femur, without contact force: exact, because the load is linear in time."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 
 PARTS = 4
-"""Of a flight, at whose ends the contact is looked at"""
+"""Number of parts of a flight, at whose ends the contact is evaluated"""
 MAX_PEAK = 10
-"""Tries to find the highest or lowest point between two stages."""
+"""Largest number of stages for finding an extreme between two stages."""
 PEAK_RATE = 1e-9
-"""Rate [m/s] at which it is found."""
+"""Rate [m/s] below which an extreme counts as found."""
 
 LAUNCH_ROUNDING = 2e-12
-"""Part of the way flown that the rounding of the event before it may amount to."""
+"""Error of a flight, as a part of its way, by the rounding of the event before it."""
 
 
 class Look(NamedTuple):
-    """The contact at a place of a flight, with the slopes of the force that it would give."""
+    """The contact at a time of a flight, with the slopes of the force that the surfaces would exert."""
 
     stage: Stage
     stiffness: float
-    """[N/m]"""
+    """Slope of the force over the depth [N/m]; 0 when apart"""
     damping: float
-    """[N s/m]"""
+    """Slope of the force over the rate [N s/m]; 0 when apart"""
 
 
 @never_inlined
 def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
-    """Fly for `h` [s]. While the surfaces overlap, the force that the contact would give is watched.
+    """Fly for `h` [s] from s [s] on. While the surfaces overlap, the force that they would exert is monitored.
 
     The surfaces may meet and part again between two stages (a turning profile brushes the plateau, or the load presses
     for a moment): where the depth has a maximum between them, it becomes a stage too, and so does the place where the
@@ -58,10 +58,10 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
         turn = turning(motion, h, low, high, before.stage.rate, look.stage.rate)
         if low < turn < high:
             between = in_flight(motion, s, state, turn * h)
-            crossing, looks = looked_at(crossing, motion, s, state, h, low, turn, before, between)
-            before, low, stages = between, turn, stages + 1 + looks
-        crossing, looks = looked_at(crossing, motion, s, state, h, low, high, before, look)
-        before, low, stages = look, high, stages + 1 + looks
+            crossing, extra = looked_at(crossing, motion, s, state, h, low, turn, before, between)
+            before, low, stages = between, turn, stages + 1 + extra
+        crossing, extra = looked_at(crossing, motion, s, state, h, low, high, before, look)
+        before, low, stages = look, high, stages + 1 + extra
     end = flight(motion.interval, motion.mass, s, state, h)
     error = StateError(launch_rounding(state, end), 0.0)
     return Step(
@@ -72,9 +72,9 @@ def free_flight_step(motion: Motion, s: float, state: FemurState, h: float) -> S
 
 @in_kernel
 def turning(motion: Motion, h: float, low: float, high: float, before: float, after: float) -> float:
-    """Where the depth's rate is largest or least between two parts of a flight, from its values [m/s] there.
+    """Return where the depth's rate is extreme between two parts of a flight, from its values [m/s] at these.
 
-    A load that is linear in time bends the rate like a parabola; not a number where the load stays.
+    Under a load that is linear in time the rate is a parabola; NaN for a constant load.
     """
     duration, load_rate = (high - low) * h, motion.interval.load_rate
     if load_rate == 0.0 or duration <= 0.0:
@@ -87,35 +87,35 @@ def looked_at(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
     low: float, high: float, before: Look, look: Look,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """The first crossing so far, up to a look at the part `high` of a flight; `before` is the one at `low`.
+    """Return the first crossing up to the contact `look` at the part `high` of a flight; `before` is that at `low`.
 
     Surfaces that overlap may part and meet again in between, which begins another contact, or press for a moment. The
-    second number is that of stages in between.
+    second number is that of additional stages in between.
     """
-    looks, overlaps, rate, rising = 0, motion.mode.layer >= 0, look.stage.rate, before.stage.rate
+    extra, overlaps, rate, rising = 0, motion.mode.layer >= 0, look.stage.rate, before.stage.rate
     deepest = rising > 0.0 > rate and has_deeper(motion.modes, motion.mode)
     if (overlaps and rising < 0.0 < rate) or deepest:
-        crossing, looks = towards_extreme(crossing, motion, s, state, h, low, high, rising, rate, math.nan)
+        crossing, extra = towards_extreme(crossing, motion, s, state, h, low, high, rising, rate, math.nan)
     if overlaps and low < high and crossing.boundary == NOWHERE:
         at_once = (rate - rising) / ((high - low) * h) - 0.5 * (low + high) * h * bend(motion)
         rising, falling = change(motion, before, low * h, at_once), change(motion, look, high * h, at_once)
         if rising > 0.0 > falling:
             crossing, more = towards_extreme(crossing, motion, s, state, h, low, high, rising, falling, at_once)
-            looks += more
-    return earlier(crossing, motion, look.stage, s + high * h, high), looks
+            extra += more
+    return earlier(crossing, motion, look.stage, s + high * h, high), extra
 
 
 @in_kernel
 def bend(motion: Motion) -> float:
-    """How fast the depth's acceleration changes in a flight [m/s³], but for the surfaces."""
+    """Return the rate of the depth's acceleration in a flight [m/s³], without what the surfaces add."""
     return motion.interval.load_rate / motion.mass
 
 
 @in_kernel
 def change(motion: Motion, look: Look, t: float, at_once: float) -> float:
-    """The force's rate [N/s] at t [s] of a flight that begins with the acceleration `at_once` [m/s²] of the depth.
+    """Return the rate of the force [N/s] at t [s] of a flight that begins with the acceleration `at_once` [m/s²].
 
-    The depth's rate [m/s] where that is not a number.
+    That is the acceleration of the depth; if it is NaN, the rate of the depth [m/s] is returned instead.
     """
     if math.isnan(at_once):
         return look.stage.rate
@@ -124,7 +124,7 @@ def change(motion: Motion, look: Look, t: float, at_once: float) -> float:
 
 @never_inlined
 def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Look:
-    """The contact after flying for `t` [s] from s [s] on."""
+    """Return the contact after a flight of `t` [s] from s [s] on."""
     there = flight(motion.interval, motion.mass, s, state, t)
     depth, surface_rate, cosine = touch_at(motion.interval, s + t).touch(there.height)
     rate = surface_rate - cosine * there.velocity
@@ -137,7 +137,7 @@ def in_flight(motion: Motion, s: float, state: FemurState, t: float) -> Look:
 
 @in_kernel
 def flight(interval: Interval, mass: float, s: float, state: FemurState, t: float) -> FemurState:
-    """Height and velocity after flying for `t` [s] from s [s] on."""
+    """Return height and velocity after a flight of `t` [s] from s [s] on."""
     load, load_rate = load_at(interval, s), interval.load_rate
     return FemurState(
         state.height + t * (state.velocity - t * (0.5 * load + load_rate * t / 6.0) / mass),
@@ -147,7 +147,7 @@ def flight(interval: Interval, mass: float, s: float, state: FemurState, t: floa
 
 @in_kernel
 def launch_rounding(begin: FemurState, end: FemurState) -> float:
-    """Error [m] of a flight's end by the rounding of the event before it."""
+    """Return the error [m] at the end of a flight by the rounding of the event before it."""
     return LAUNCH_ROUNDING * abs(end.height - begin.height)
 
 
@@ -156,18 +156,18 @@ def towards_extreme(
     crossing: Crossing, motion: Motion, s: float, state: FemurState, h: float,
     low: float, high: float, rising: float, falling: float, at_once: float,
 ) -> tuple[Crossing, int]:  # fmt: skip
-    """Look at stages that close in on the extreme of depth or force between two, where its `change` is 0 (Illinois).
+    """Evaluate stages towards the extreme of depth or force between two stages, where its `change` is 0 (Illinois).
 
     `low` and `high` are the parts of the step, `rising` and `falling` the changes there, for a minimum with the
     other sign. Returns the first crossing so far, and the number of stages.
     """
-    last, looks = 0.0, 0
+    last, extra = 0.0, 0
     for _ in range(MAX_PEAK):
         middle = low + (high - low) * rising / (rising - falling)
         if not low < middle < high:
             break
         look = in_flight(motion, s, state, middle * h)
-        looks += 1
+        extra += 1
         crossing = earlier(crossing, motion, look.stage, s + middle * h, middle)
         value = change(motion, look, middle * h, at_once)
         if abs(value) <= PEAK_RATE or (crossing.fraction == middle and not math.isnan(at_once)):
@@ -180,4 +180,4 @@ def towards_extreme(
             high, falling = middle, value
             rising = 0.5 * rising if again else rising
         last = value
-    return crossing, looks
+    return crossing, extra

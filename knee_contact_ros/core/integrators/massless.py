@@ -22,26 +22,26 @@ from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import load_at, touch_at
 
 SIMPSON = 0.1
-"""Part of the difference from Simpson's rule that the error of a step is at least: the pair's own estimate goes through
-0 on its way from one sign to the other, and one step in ten errs by more than six times that much. By more than five
-times the larger of both none of 3000 did."""
+"""Least error of a step, as a part of its difference from Simpson's rule: the pair's own estimate passes through 0
+between its two signs, and one step in ten errs by more than six times as much. Of 3000 steps none erred by more than
+five times the larger of both."""
 
 
 class Flow(NamedTuple):
-    """What the contact without mass does at a height."""
+    """Motion and contact of a femur without mass at a height."""
 
     velocity: float
-    """Of the femur [m/s]"""
+    """Velocity of the femur [m/s]"""
     stage: Stage
     stiffness: float
     """Slope of the force along the height over the height [N/m]"""
     damping: float
-    """The same over the velocity [N s/m]"""
+    """Slope of the force along the height over the velocity [N s/m]"""
 
 
 @never_inlined
 def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step:
-    """Take one step of `h` [s] under one layer's formula, with its estimated error. The velocity before is not used."""
+    """Take one step of `h` [s] from s [s] on under one layer's formula; the velocity of `state` is not used."""
     y, m = state.height, FEHLBERG
     one = flow_at(motion, s, y)
     v = one.velocity
@@ -73,7 +73,7 @@ def massless_step(motion: Motion, s: float, state: FemurState, h: float) -> Step
 
 @in_kernel
 def flow_at(motion: Motion, s: float, height: float) -> Flow:
-    """The velocity that carries the load at s [s]."""
+    """Return the velocity at which the contact balances the load at s [s] and a height [m]."""
     depth, surface_rate, cosine = touch_at(motion.interval, s).touch(height)
     at_rest, stiffness, damping = force_on(motion, depth, 0.0)
     force = load_at(motion.interval, s) / cosine

@@ -1,6 +1,6 @@
-"""The Runge-Kutta methods as tables of numbers (Butcher's tableaus), and the sums over stages that all steps take.
+"""The Runge-Kutta methods as tables of numbers (Butcher's tableaus), and the sums over stages that all steps compute.
 
-A stage's row are its weights of the stages before it. The stages themselves are written one after another in
+The row of a stage has its weights of the stages before it. The stages themselves are written one after another in
 `fehlberg.py`, `massless.py` and `esdirk4.py`: see `docs/decisions/0037-one-kernel.md` for what a loop over them costs.
 """
 
@@ -15,31 +15,31 @@ class Pair(NamedTuple):
     """An explicit method of 6 stages with an estimate of its error."""
 
     nodes: tuple[float, ...]
-    """Where the stages lie, in parts of the step"""
+    """Times of the stages, as parts of the step"""
     second: tuple[float, ...]
-    """Row of the second stage, and so on"""
+    """Row of the second stage; the following fields are those of the other stages"""
     third: tuple[float, ...]
     fourth: tuple[float, ...]
     fifth: tuple[float, ...]
     sixth: tuple[float, ...]
     weights: tuple[float, ...]
-    """Of the stages 1, 3, 4 and 5 in the solution that goes on"""
+    """Weights of the stages 1, 3, 4 and 5 in the solution that is continued"""
     error: tuple[float, ...]
-    """Those of 1, 3, 4, 5 and 6, less those in the solution of one order more"""
+    """Weights of the stages 1, 3, 4, 5 and 6, less those in the solution of the next order"""
 
 
 class Implicit(NamedTuple):
-    """A method whose stages but the first are implicit in themselves."""
+    """A method whose stages, except the first, are implicit in themselves."""
 
     nodes: tuple[float, ...]
     diagonal: float
-    """Weight of every implicit stage in itself"""
+    """Weight of every implicit stage in its own equation"""
     second: tuple[float, ...]
     third: tuple[float, ...]
     fourth: tuple[float, ...]
     fifth: tuple[float, ...]
     last: tuple[float, ...]
-    """Of the stages 1, 3, 4 and 5: the last stage is the end of the step"""
+    """Row of the last stage, for the stages 1, 3, 4 and 5; the last stage is the end of the step"""
 
 
 FEHLBERG = Pair(
@@ -67,7 +67,7 @@ ESDIRK4 = Implicit(
 
 @always_inlined
 def weighted(weights: tuple[float, ...], slopes: tuple[float, ...]) -> float:
-    """The sum of slopes with their weights."""
+    """Return the sum of slopes times their weights."""
     total = weights[0] * slopes[0]
     for i in range(1, len(weights)):
         total += weights[i] * slopes[i]
@@ -76,11 +76,11 @@ def weighted(weights: tuple[float, ...], slopes: tuple[float, ...]) -> float:
 
 @always_inlined
 def ahead(start: float, h: float, weights: tuple[float, ...], slopes: tuple[float, ...]) -> float:
-    """Where a stage lies that starts from `start`, over `h` [s]."""
+    """Return the value of a stage: `start` plus `h` [s] times the weighted slopes."""
     return start + h * weighted(weights, slopes)
 
 
 @always_inlined
 def onward(start: float, h: float, weights: tuple[float, ...], slopes: tuple[float, ...], newest: float) -> float:
-    """The same, with the slope of the last weight added last: all else is known while it is still being computed."""
+    """Return `ahead` with the `newest` slope added last, so that the other terms can be computed before it is known."""
     return ahead(start, h, weights[:-1], slopes) + h * weights[-1] * newest

@@ -1,4 +1,4 @@
-"""The levels of the model by the name that `fidelity.level` uses."""
+"""Levels of the model by the names that the parameter `fidelity.level` uses."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""A tick at its level: the one that is asked for or, with `AUTO`, the cheapest one that meets the tolerance.
+"""A tick at its level: the requested one or, with `AUTO`, the cheapest one that meets the tolerance.
 
-It is picked by estimates alone. What a simpler level would leave out is foreseen from the slopes of the contact at the
-end of the last tick, at no evaluation; only a level that promises enough is computed, and only if its own estimate then
-agrees is it the answer. What a simpler level has left out is the error that the next tick begins with, whichever level
-that is.
+That level is picked by error estimates alone. What a simpler level would leave out is predicted from the slopes of the
+contact at the end of the last tick, without an evaluation. A level is computed only if its predicted error is small
+enough, and its result is the answer only if its own estimate confirms that. What a simpler level has left out is the
+error that the next tick begins with, at whichever level.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from knee_contact_ros.core.scene import AUTO, FIRST_ORDER, PRESCRIBED_HEIGHT, QU
 from knee_contact_ros.core.stepping import EXPLICIT, MOST_EXPLICIT, THROWN
 
 DESCEND = 0.4
-"""Part of the tolerance within which a simpler level must be, to be gone down to: it does not go to and fro"""
+"""Part of the tolerance that a simpler level than the last one must meet, so that levels do not alternate"""
 
 LASTING = 0.1
-"""The same where nothing is ever forgotten"""
+"""Part of the tolerance that a simpler level must meet where the contact never forgets an error"""
 LAYERED = 0.1
-"""The same where the next layer may not forget"""
+"""Part of the tolerance that a simpler level must meet where another layer may not forget an error"""
 SMALL = 0.05
-"""Part of the depth that an error may be which the linearised contact tells"""
+"""Part of the depth up to which the linearised contact is trusted with an error"""
 ABOUT_TO_END = 0.5
-"""Part of its load that a tick must keep: how fast a contact lets go decides on its flight"""
+"""Part of its first load that the last load of a tick must exceed: how fast a contact ends decides on its flight"""
 
 
 @always_inlined
 def advance(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the femur over an interval; `spent` are the evaluations that the tick has cost already."""
+    """Carry the femur over an interval; `spent` is the number of evaluations that the tick has taken already."""
     level = scene.level
     if level == PRESCRIBED_HEIGHT:
         return follow(scene, interval, start)
@@ -55,7 +55,7 @@ def advance(scene: Scene, interval: Interval, start: RunState, spent: int) -> Ti
 
 @in_kernel
 def goes_straight_to_dynamic(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """Whether a tick is computed by the dynamic level alone, and first of all."""
+    """Whether a tick that begins in contact is computed by the dynamic level without trying another one."""
     if scene.level == PRESCRIBED_HEIGHT or math.isnan(start.impact_speed):
         return False
     return not (tries_quasi_static(scene, interval, start) or tries_first_order(scene, interval, start))
@@ -63,7 +63,7 @@ def goes_straight_to_dynamic(scene: Scene, interval: Interval, start: RunState) 
 
 @in_kernel
 def tries_quasi_static(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """Whether the quasi-static level is computed: because it is asked for, or promises enough."""
+    """Whether the quasi-static level is to be computed: it is requested, or its predicted error is small enough."""
     if scene.level != AUTO:
         return scene.level == QUASI_STATIC
     return may_be_simpler(interval, start) and quasi_static_leaves_out(scene, interval, start) <= scene.tolerance
@@ -71,7 +71,7 @@ def tries_quasi_static(scene: Scene, interval: Interval, start: RunState) -> boo
 
 @in_kernel
 def tries_first_order(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """The same of the first-order level."""
+    """Whether the first-order level is to be computed: it is requested, or its predicted error is small enough."""
     if scene.level != AUTO:
         return scene.level == FIRST_ORDER
     simpler = may_be_simpler(interval, start) and dynamic_is_stiff(scene, interval, start)
@@ -80,16 +80,16 @@ def tries_first_order(scene: Scene, interval: Interval, start: RunState) -> bool
 
 @in_kernel
 def may_be_simpler(interval: Interval, start: RunState) -> bool:
-    """Whether a simpler level could answer at all."""
+    """Whether the contact of an interval allows for a level simpler than the dynamic one."""
     return not (bumpy(interval) or lets_go(interval) or start.stiffness <= 0.0)
 
 
 @in_kernel
 def meets(scene: Scene, start: RunState, result: TickResult) -> bool:
-    """Whether an answer keeps the tolerances; well inside, if it is a simpler level's than the last tick's.
+    """Whether an answer meets the tolerances, by a margin if it is of a simpler level than the last one.
 
-    What a simpler level leaves out of a contact that hardly forgets is there for all later ticks, too; and the next
-    layer may not damp. None sees how the contact goes over from one to the other.
+    What a simpler level leaves out of a contact that hardly forgets is an error of all later ticks, too; and another
+    layer may not damp. No simpler level resolves how the contact passes from one layer to another.
     """
     law = scene.modes.law
     if len(law.layers) > 1 and layer_at(law, start.depth) != layer_at(law, result.depth):
@@ -107,14 +107,14 @@ def meets(scene: Scene, start: RunState, result: TickResult) -> bool:
 
 @in_kernel
 def bumpy(interval: Interval) -> bool:
-    """Whether the contact goes over bumps within the tick, which the simpler levels see at its ends only."""
+    """Whether the contact passes kinks or points of a profile in the tick, of which simpler levels see the ends."""
     until, _ = stretch_from(interval, 0.0)
     return until < interval.duration or abs(interval.angle_rate) * interval.duration > interval.pair.knot_spacing()
 
 
 @in_kernel
 def quasi_static_leaves_out(scene: Scene, interval: Interval, start: RunState) -> float:
-    """Depth [m] by which the quasi-static level is foreseen to be wrong: by the dashpot, and by what is going on."""
+    """Predict the error of the depth [m] of the quasi-static level, by the dashpot and by the present transient."""
     dashpot = start.damping * abs(interval.load_rate) / (start.stiffness * start.stiffness)
     lag = abs(start.excess - start.damping * start.sinking) / start.stiffness
     forgotten = 1.0 + interval.duration * decay_rate(start.stiffness, start.damping, scene.mass)
@@ -123,7 +123,7 @@ def quasi_static_leaves_out(scene: Scene, interval: Interval, start: RunState) -
 
 @in_kernel
 def first_order_leaves_out(scene: Scene, start: RunState) -> float:
-    """Depth [m] by which the first-order level is foreseen to be wrong; infinite where inertia makes the knee swing."""
+    """Predict the error of the depth [m] of the first-order level; infinite where inertia makes the knee oscillate."""
     if start.damping * start.damping <= 4.0 * start.stiffness * scene.mass:
         return math.inf
     return EXPECTED * scene.mass * abs(start.excess) / (start.damping * start.damping)
@@ -131,13 +131,13 @@ def first_order_leaves_out(scene: Scene, start: RunState) -> float:
 
 @in_kernel
 def lets_go(interval: Interval) -> bool:
-    """Whether the load lets the contact go in a tick or is about to: only the dynamic level flies."""
+    """Whether the load stops pressing in a tick or is about to: only the dynamic level has flights."""
     begin, end = interval.start_load, load_at(interval, interval.duration)
     return begin <= 0.0 or end <= ABOUT_TO_END * begin
 
 
 @in_kernel
 def dynamic_is_stiff(scene: Scene, interval: Interval, start: RunState) -> bool:
-    """Whether the dynamic level would need implicit steps, which cost more than those of the first-order level."""
+    """Whether the dynamic level would need implicit steps, which cost more than the steps of the first-order level."""
     swift = spectral_radius(start.stiffness, start.damping, scene.mass)
     return swift * interval.duration > EXPLICIT * MOST_EXPLICIT

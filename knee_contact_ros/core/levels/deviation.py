@@ -1,9 +1,9 @@
-"""How far a simpler level is from the dynamic one: the motion that it leaves out, by the linearised contact.
+"""Deviation of a simpler level from the dynamic one: the motion that it leaves out, by the linearised contact.
 
 With x = level's height - dynamic height, M ẍ + C ẋ + K x = p, where p [N] is what the level left out of Eq. 13: the
-inertia of its own motion, and for the quasi-static level the dashpot's force too. p/K, where x would come to rest, is
-taken as linear over the tick. Where no load presses, the dynamic femur flies and x grows freely; how it lands from
-there is no matter of a linear contact any more (`adrift.py`).
+inertia of its own motion, and for the quasi-static level the force of the dashpot too. p/K, where x would come to rest,
+is taken as linear over the tick. Where no load presses, the dynamic femur flies and x grows freely; its landing is
+beyond a linearised contact (`adrift.py`).
 """
 
 from __future__ import annotations
@@ -27,60 +27,60 @@ from knee_contact_ros.core.error_estimate import (
 from knee_contact_ros.core.kernel_source import in_kernel
 
 SOFTEST = 1e-8
-"""K h²/M below which the spring does not count in a tick"""
+"""K h²/M below which the spring has no effect in a tick"""
 ROUGH = 0.2
-"""Part of the change of x's place of rest in a tick that is not known, and of the swing that is left of x at its end"""
+"""Unknown part of the change of p/K in a tick, and of the oscillation of x that is left at its end"""
 UNKNOWN_INERTIA = 0.8
-"""Part of the inertia that is left out that is not known: it is a tick's mean"""
+"""Unknown part of the inertia that is left out, of which only the mean over a tick is known"""
 LOOSE = 0.03
-"""The same of x itself: K and C are taken as constant"""
+"""Unknown part of x itself, as K and C are taken as constant"""
 BENT = 0.5
-"""The same over its part of the depth: K goes with the depth"""
+"""Unknown part of x over its part of the depth, as K changes with the depth"""
 ANOTHER = 1.0 / 3.0
-"""Part of a slope of the contact by which it differs where it is another one"""
+"""Part of K or C by which they must change in a tick to be taken as others at its end"""
 IN_STEP = 0.5
-"""Radians of a swing up to which its phase is known"""
+"""Phase error of an oscillation [rad] up to which its phase counts as known"""
 ANY_PHASE = 2.5
-"""So many times its expected size a swing may have become by others of any phase: 1 in 500 is larger"""
+"""Factor by which an oscillation may have grown by others of unknown phase: 1 in 500 is larger"""
 LAUNCHED = 0.2
-"""The same of a flight's beginning or end, and of what a load does to it"""
+"""Unknown part of the beginning or end of a flight, and of what the load does in it"""
 
 FASTEST = 10.0
-"""Speed at which a contact is left, over that of its way to there in a tick, unless the load's work gives less"""
+"""Speed at which a contact ends, over its mean speed in the tick, unless the work of the load gives less"""
 
 
 class LeftOut(NamedTuple):
-    """What the linearised deviation follows over a tick."""
+    """Quantities of a tick that the linearised deviation depends on."""
 
     stiffness: float
-    """K [N/m] along the height, of the tick's middle"""
+    """K [N/m] along the height, in the middle of the tick"""
     damping: float
-    """C [N s/m], likewise"""
+    """C [N s/m] along the height, in the middle of the tick"""
     end_stiffness: float
-    """[N/m] at its end"""
+    """K [N/m] at the end of the tick"""
     end_damping: float
-    """[N s/m] likewise"""
+    """C [N s/m] at the end of the tick"""
     begin_rest: float
-    """p/K [m] at the tick's beginning"""
+    """p/K [m] at the beginning of the tick"""
     end_rest: float
-    """The same at its end"""
+    """p/K [m] at the end of the tick"""
     way: float
-    """Of the level [m] in the tick, beyond that of its velocity at the beginning"""
+    """Way of the level [m] in the tick, beyond that of its velocity at the beginning"""
     gain: float
-    """Of its velocity [m/s]"""
+    """Change of the level's velocity [m/s] in the tick"""
     inertia: float
-    """Its mean acceleration times the mass [N]"""
+    """Mean acceleration of the level times the mass [N]"""
     begin_load: float
-    """[N] at the tick's beginning"""
+    """Load [N] at the beginning of the tick"""
     end_load: float
-    """[N] at its end"""
+    """Load [N] at the end of the tick"""
     depth: float
-    """Of the level in its layer [m] at the tick's end"""
+    """Depth of the level in its layer [m] at the end of the tick"""
 
 
 @in_kernel
 def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
-    """The deviation after a tick of `h` [s]."""
+    """Return the deviation after a tick of `h` [s], from that at its beginning."""
     if left_out.begin_load <= 0.0 or left_out.end_load <= 0.0:
         return fly(error, left_out, mass, h)
     if min(left_out.begin_load, left_out.end_load) + left_out.inertia <= 0.0:
@@ -89,10 +89,7 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     drift = (left_out.end_rest - left_out.begin_rest) / h
     lag = left_out.damping / spring * drift
     behind = lagging(error.velocity, left_out, mass, h)
-    away = CarriedError(
-        height=error.height - behind - left_out.begin_rest + lag, velocity=error.velocity - drift, hh=error.hh,
-        hv=error.hv, vv=error.vv,
-    )  # fmt: skip
+    away = error._replace(height=error.height - behind - left_out.begin_rest + lag, velocity=error.velocity - drift)
     held = holding(spring, left_out.damping, mass)
     swing = abs(away.velocity) / held
     away = out_of_step(away, left_out, spring, mass, h)
@@ -101,12 +98,9 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
         moved = either(moved, propagated(away, left_out.end_stiffness, left_out.end_damping, mass, h))
     still_swings = math.sqrt(moved.height * moved.height + moved.velocity * moved.velocity / (held * held))
     doubted = SPREAD * math.sqrt(max(moved.hh + moved.vv / (held * held), 0.0))
-    moved = CarriedError(
-        height=moved.height + left_out.end_rest - lag, velocity=moved.velocity + drift, hh=moved.hh, hv=moved.hv,
-        vv=moved.vv,
-    )  # fmt: skip
+    moved = moved._replace(height=moved.height + left_out.end_rest - lag, velocity=moved.velocity + drift)
     unknown = max(ROUGH * still_swings - doubted, 0.0) + unknown_way(error, moved, left_out)
-    if swing > left_out.depth:  # It comes apart meanwhile, and lands as it may.
+    if swing > left_out.depth:  # The surfaces come apart meanwhile, and land somehow.
         unknown += swing
     moved = with_push(moved, spring * unknown, spring, left_out.damping, mass, h)
     if behind > 0.0:
@@ -118,7 +112,7 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
 
 @in_kernel
 def unknown_way(error: CarriedError, moved: CarriedError, left_out: LeftOut) -> float:
-    """How far [m] a deviation that goes from one to another may be wrong, by where it rests and by K and C."""
+    """Return how far [m] a deviation may be wrong because p/K is not linear and K and C are not constant."""
     size = abs(moved.height) + abs(error.height)
     bent = BENT * size * min(1.0, size / max(left_out.depth, TINY))
     return ROUGH * abs(left_out.end_rest - left_out.begin_rest) + LOOSE * size + bent
@@ -126,13 +120,13 @@ def unknown_way(error: CarriedError, moved: CarriedError, left_out: LeftOut) -> 
 
 @in_kernel
 def changes(middle: float, end: float) -> bool:
-    """Whether a slope of the contact is another one at a tick's end than in its middle."""
+    """Whether K or C at the end of a tick differs much from that in its middle."""
     return abs(end - middle) > ANOTHER * middle
 
 
 @in_kernel
 def out_of_step(away: CarriedError, left_out: LeftOut, spring: float, mass: float, h: float) -> CarriedError:
-    """A swing about the place of rest, as one of any phase where nobody can tell that at the tick's end."""
+    """Return a deviation from rest, as one of any phase if its phase at the end of the tick is not known."""
     frequency = math.sqrt(spring / mass)
     if h * frequency <= IN_STEP or left_out.damping >= 2.0 * frequency * mass:
         return away
@@ -141,38 +135,32 @@ def out_of_step(away: CarriedError, left_out: LeftOut, spring: float, mass: floa
         return away
     square = away.height * away.height + away.velocity * away.velocity / (frequency * frequency)
     added = ANY_PHASE * ANY_PHASE * square / (SPREAD * SPREAD)
-    return CarriedError(
-        height=0.0, velocity=0.0, hh=away.hh + added, hv=away.hv, vv=away.vv + added * frequency * frequency
-    )
+    return away._replace(height=0.0, velocity=0.0, hh=away.hh + added, vv=away.vv + added * frequency * frequency)
 
 
 @in_kernel
 def pulled_back(error: CarriedError, left_out: LeftOut, spring: float) -> bool:
-    """Whether the linearised contact draws the femur back to the level by more than the load, which no contact does."""
+    """Whether the linearised contact pulls the femur towards the level with more than the load, as no contact does."""
     pull = EXPECTED * abs(spring * error.height + left_out.damping * error.velocity)
     return pull > min(left_out.begin_load, left_out.end_load)
 
 
 @in_kernel
 def carried_off(left_out: LeftOut) -> LeftOut:
-    """A tick in which the surface goes away faster than the load presses the femur after it, seen from the surface."""
-    return LeftOut(
-        stiffness=left_out.stiffness, damping=left_out.damping, end_stiffness=left_out.end_stiffness,
-        end_damping=left_out.end_damping, begin_rest=left_out.begin_rest, end_rest=left_out.end_rest, way=0.0, gain=0.0,
-        inertia=0.0, begin_load=left_out.begin_load + left_out.inertia, end_load=left_out.end_load + left_out.inertia,
-        depth=left_out.depth,
-    )  # fmt: skip
+    """Return a tick in which the surface recedes faster than the load can move the femur, seen from the surface."""
+    begin, end = left_out.begin_load + left_out.inertia, left_out.end_load + left_out.inertia
+    return left_out._replace(way=0.0, gain=0.0, inertia=0.0, begin_load=begin, end_load=end)
 
 
 @in_kernel
 def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
-    """The deviation after a tick of `h` [s] in which nothing presses, or not throughout."""
+    """Return the deviation after a tick of `h` [s] in which the load does not press throughout."""
     lift, launch = lifted(left_out.begin_load, left_out.end_load, mass, h)
     way, gain = left_out.way, left_out.gain
     unknown_way = 2.0 * LAUNCHED * (abs(way) + abs(lift))
     unknown_gain = LAUNCHED * (abs(gain) + abs(launch))
     if left_out.begin_load > 0.0:
-        # The contact that lets go throws the femur after the level that it carries, the faster the softer it becomes.
+        # A contact that ends throws the femur after the level that it carries, the faster the softer it becomes.
         thrown = abs(way) / h
         fastest = min(FASTEST * thrown, math.sqrt(left_out.begin_load * abs(way) / mass))
         unknown_way, unknown_gain = unknown_way + abs(way), unknown_gain + max(thrown, fastest)
@@ -184,16 +172,15 @@ def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Carrie
         unknown_way, height = unknown_way + height, 0.0
         if velocity > 0.0:
             unknown_gain, velocity = unknown_gain + 0.5 * velocity, -0.5 * velocity
-    flown = CarriedError(height=height, velocity=velocity, hh=flown.hh, hv=flown.hv, vv=flown.vv)
-    return with_bound(flown, unknown_way, unknown_gain)
+    return with_bound(flown._replace(height=height, velocity=velocity), unknown_way, unknown_gain)
 
 
 @in_kernel
 def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
-    """By how much [m] the femur falls behind a level that sinks away from it, at most in `h` [s]; `velocity` is theirs.
+    """Return how far [m] at most the femur falls behind a level that sinks away from it in `h` [s].
 
-    The dashpot would hold it back by more than presses it, but the contact does not pull: the load alone must speed the
-    femur up.
+    `velocity` [m/s] is that of the level relative to the femur. The linearised dashpot would pull the femur along
+    with more than the load, but the contact does not pull: only the load accelerates the femur.
     """
     load = 0.5 * (left_out.begin_load + left_out.end_load)
     if left_out.damping * -velocity <= load:
@@ -204,7 +191,7 @@ def lagging(velocity: float, left_out: LeftOut, mass: float, h: float) -> float:
 
 @in_kernel
 def lifted(begin: float, end: float, mass: float, h: float) -> tuple[float, float]:
-    """How far [m] below, and how much slower [m/s], loads of a tick [N] leave a level than a femur that is let go."""
+    """How far [m] and how fast [m/s] a level falls behind a femur that the loads [N] of a tick pull away, both <= 0."""
     if begin <= 0.0:
         return (2.0 * begin + end) * h * h / (6.0 * mass), 0.5 * (begin + end) * h / mass
     flying = h * end / (end - begin) if end < 0.0 else 0.0

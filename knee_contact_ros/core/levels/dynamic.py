@@ -1,7 +1,7 @@
 """Forward dynamics of the femur over one tick (Eq. 13): M ÿ = -L(t) + F(δ, δ̇), with error control and events.
 
 A step computes with the formula of one mode of the contact law. When it has crossed a boundary of the mode it is
-shortened until it ends on the boundary, and the next mode goes on from there: no step crosses a kink or a jump.
+shortened until it ends on the boundary, and the next mode continues from there: no step crosses a kink or a jump.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
 from knee_contact_ros.core.kernel_source import always_inlined, in_kernel, never_inlined
 from knee_contact_ros.core.levels.flight import AIRBORNE, flies_freely, flying_tick
-from knee_contact_ros.core.levels.smooth import smooth_tick
+from knee_contact_ros.core.levels.smooth import not_begun, smooth_tick
 from knee_contact_ros.core.prescribed import Interval, load_at, stretch_from, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import (
@@ -56,26 +56,24 @@ from knee_contact_ros.core.stepping import (
     Landing,
     StepperState,
     controlled_step,
-    creep_lost_in,
     doubtful_push,
     impact_doubt,
     looks_for_doubt,
-    lost_in,
     motion_in,
-    spending,
 )
+from knee_contact_ros.core.unresolved_motion import lost_creep, lost_swing
 
 RELEASED = 0.05
-"""Part of a velocity's error that is not known where the contact lets go: how it swings there depends on its size"""
+"""Unknown part of the velocity's error where a contact ends, as the end of an oscillation depends on its size"""
 LOST = 1.75
-"""Speed of a swing that a step has lost, at most, over what its ends tell of it: springs are taken as straight"""
+"""Largest speed of an oscillation that a step has damped away, over its estimate, which takes springs as linear"""
 
 
 @always_inlined
 def dynamic_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the femur over the interval, or answer with the static solution at its end if that takes too much.
+    """Carry the femur over the interval; the result is not `converged` if that takes too many evaluations.
 
-    `spent` are the evaluations that the tick has cost already.
+    `spent` is the number of evaluations that the tick has taken already.
     """
     if flies_freely(interval, start, scene.mass):
         return flying_tick(interval, start, scene.mass, spent)
@@ -85,7 +83,7 @@ def dynamic_tick(scene: Scene, interval: Interval, start: RunState, spent: int) 
 
 @never_inlined
 def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """A tick by steps of any length and kind, from event to event."""
+    """Compute a tick by steps of any length and kind, from event to event."""
     stepper = StepperState(
         s=0.0, state=start.state, error=start.error, try_step=start.try_step, spectral_radius=0.0,
         impact_speed=start.impact_speed, impact_error=start.impact_error, evaluations=spent, events=0, given_up=False,
@@ -108,7 +106,7 @@ def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> T
 def begin_stretch(
     scene: Scene, interval: Interval, stepper: StepperState, s: float
 ) -> tuple[StepperState, ContactMode]:
-    """Go on at s [s] with the angle's new rate or the surface's new bump; return the mode there."""
+    """Continue at s [s], where the rate of the surface has jumped; return the mode there."""
     state = FemurState(stepper.state.height + stepper.state.velocity * (s - stepper.s), stepper.state.velocity)
     depth, surface_rate, cosine = touch_at(interval, s).touch(state.height)
     rate = surface_rate - cosine * state.velocity
@@ -116,19 +114,16 @@ def begin_stretch(
     if math.isnan(impact_speed) and depth_ahead(depth, rate) >= 0.0:
         impact_speed, impact_error = rate, velocity_reach(stepper.error)
     entry = enter(scene.modes, depth, rate, load_at(interval, s), impact_speed)
-    evaluations = stepper.evaluations + (1 if entry.mode.layer >= 0 else 0)
-    stepper = StepperState(
-        s=s, state=state, error=stepper.error, try_step=stepper.try_step,
-        spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed, impact_error=impact_error,
-        evaluations=evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
+    stepper = stepper._replace(
+        s=s, state=state, spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed,
+        impact_error=impact_error, evaluations=stepper.evaluations + (1 if entry.mode.layer >= 0 else 0),
     )  # fmt: skip
     return stepper, entry.mode
 
 
 @in_kernel
 def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
-    """Largest rate [1/s] of the contact in a mode; `cosine` is n_y."""
+    """Return the spectral radius [1/s] of the contact in a mode; `cosine` is n_y."""
     if not entry.mode.pressing:
         return 0.0
     return spectral_radius(cosine * cosine * entry.stiffness, cosine * cosine * entry.damping, scene.mass)
@@ -138,7 +133,7 @@ def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
 def step_on(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, ContactMode]:
-    """Take a step towards `until` [s]; return the mode behind it."""
+    """Take a step towards `until` [s]; return the mode after it."""
     stepper, step, h = controlled_step(scene, interval, stepper, mode, until)
     boundary = NOWHERE
     while h > 0.0 and step.crossing.boundary != NOWHERE and not stepper.given_up:
@@ -155,7 +150,8 @@ def step_on(
 def accepted(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, h: float, until: float
 ) -> StepperState:
-    """Go to the end of a step."""
+    """Return the tick at the end of a step of `h` [s], with its error carried there."""
+    evaluations = stepper.evaluations
     if mode.pressing:
         square = step.cosine * step.cosine
         begin, end = square * step.begin.stiffness, square * step.end.stiffness
@@ -164,44 +160,37 @@ def accepted(
         error = with_step(error, step.error, unknown, holding(step.stiffness, step.damping, scene.mass))
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
         stepper = touching_anew(scene, stepper, step)
-        unsigned = LOST * lost_in(scene, interval, stepper, step, h) + doubtful_push(scene, stepper, mode, step, h)
-        crept = creep_lost_in(scene, interval, stepper, step, h)
+        load = load_at(interval, stepper.s)
+        swung = lost_swing(step, load, interval.load_rate, scene.mass, h)
+        unsigned = LOST * swung + doubtful_push(scene, stepper, mode, step, h)
+        crept = lost_creep(step, load, scene.mass, h)
         error = with_bound(error, crept, unsigned) if crept + unsigned > 0.0 else error
         swift = spectral_radius(step.stiffness, step.damping, scene.mass)
         if h > 0.0:
-            stepper = spending(stepper, 2 * looks_for_doubt(scene, stepper), False)
+            evaluations += 2 * looks_for_doubt(scene, stepper)
     else:
         error, swift = with_bound_aside(carry_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
-    return StepperState(
-        s=until if h == until - stepper.s else stepper.s + h, state=step.state, error=error, try_step=stepper.try_step,
-        spectral_radius=swift, impact_speed=stepper.impact_speed, impact_error=stepper.impact_error,
-        evaluations=stepper.evaluations, events=stepper.events, given_up=stepper.given_up, most=stepper.most,
-        landing=stepper.landing,
-    )  # fmt: skip
+    s = until if h == until - stepper.s else stepper.s + h
+    return stepper._replace(s=s, state=step.state, error=error, spectral_radius=swift, evaluations=evaluations)
 
 
 @in_kernel
 def touching_anew(scene: Scene, stepper: StepperState, step: Step) -> StepperState:
-    """A tick with what is not known of the contact's begin, where the exact one may have parted since."""
+    """The tick with a larger error of the impact speed where the exact surfaces may have parted and met again."""
     if not scene.modes.law.layers[0].formula.remembers_impact():
         return stepper
     begin, end = step.begin, step.end
     if not begin.rate < 0.0 < end.rate or min(begin.depth, end.depth) > reach(stepper.error, math.inf):
         return stepper
     speed = abs(stepper.impact_speed) + max(-begin.rate, end.rate) + velocity_reach(stepper.error)
-    return StepperState(
-        s=stepper.s, state=stepper.state, error=stepper.error, try_step=stepper.try_step,
-        spectral_radius=stepper.spectral_radius, impact_speed=stepper.impact_speed,
-        impact_error=max(stepper.impact_error, speed), evaluations=stepper.evaluations, events=stepper.events,
-        given_up=stepper.given_up, most=stepper.most, landing=stepper.landing,
-    )  # fmt: skip
+    return stepper._replace(impact_error=max(stepper.impact_error, speed))
 
 
 @never_inlined
 def behind_boundary(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, boundary: int
 ) -> tuple[StepperState, ContactMode]:
-    """Go on behind a boundary that a step has ended on; return the mode there."""
+    """Continue beyond a boundary that a step has ended on; return the mode there."""
     end = step.end
     impact_speed, impact_error = stepper.impact_speed, stepper.impact_error
     landing = stepper.landing
@@ -224,19 +213,17 @@ def behind_boundary(
     error = saltation(stepper.error, end.rate, jump, off, scene.mass, interval.duration)
     if following.layer < 0:
         error = with_doubt(error, RELEASED * velocity_reach(error))
-    stepper = StepperState(
-        s=stepper.s, state=stepper.state, error=bounded(error), try_step=stepper.try_step,
-        spectral_radius=swiftness_in(scene, entry, cosine),
+    stepper = stepper._replace(
+        error=bounded(error), spectral_radius=swiftness_in(scene, entry, cosine),
         impact_speed=math.nan if following.layer < 0 else impact_speed, impact_error=impact_error,
-        evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, given_up=stepper.given_up,
-        most=stepper.most, landing=landing,
+        evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, landing=landing,
     )  # fmt: skip
     return stepper, following
 
 
 @in_kernel
 def lateness(interval: Interval, stepper: StepperState, rate: float, mass: float) -> float:
-    """How long [s] a femur that is farther away than the one that touches now, at a `rate` [m/s], may need yet."""
+    """Return the time [s] by which the exact femur may touch later than this one, which touches at a `rate` [m/s]."""
     gap = reach(stepper.error, math.inf)
     load = min(load_at(interval, stepper.s), load_at(interval, interval.duration))
     late = gap / max(abs(rate), TINY)
@@ -249,7 +236,7 @@ def lateness(interval: Interval, stepper: StepperState, rate: float, mass: float
 
 @in_kernel
 def most_evaluations(scene: Scene) -> int:
-    """Evaluations that the steps of a tick may take, so that there are some left for an answer."""
+    """Return the largest number of evaluations for the steps of a tick, which leaves some for a static answer."""
     return scene.budget - RESERVE if scene.budget > 0 else MAX_EVALUATIONS
 
 
@@ -257,13 +244,13 @@ def most_evaluations(scene: Scene) -> int:
 def dynamic_result(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, adrift: Adrift
 ) -> TickResult:
-    """The contact at the end of the interval."""
+    """Return the contact at the end of the interval."""
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     rate, load = surface_rate - cosine * stepper.state.velocity, load_at(interval, interval.duration)
     force, stiffness, damping, evaluations, held = 0.0, 0.0, 0.0, stepper.evaluations, math.inf
     error, force_error = bounded(stepper.error), 0.0
     if stepper.landing.latest > interval.duration:
-        # The exact solution may still be on its way, with the velocity that it came with.
+        # The exact femur may not have touched yet, and still has the velocity of its flight.
         way = (stepper.landing.latest - interval.duration) * stepper.landing.rate
         error = bounded(with_bound(error, way + max(depth, 0.0), abs(stepper.landing.rate - rate)))
     if mode.pressing:
@@ -275,7 +262,7 @@ def dynamic_result(
             error = with_push(error, doubt, stiffness, damping, scene.mass, interval.duration)
         held = holding(cosine * cosine * stiffness, cosine * cosine * damping, scene.mass)
         force_error = cosine * force_reach(error, stiffness, damping, 0.0, held) + doubt
-    found = reach(error, held) if mode.pressing else AIRBORNE * reach(error, held)
+    estimate = reach(error, held) if mode.pressing else AIRBORNE * reach(error, held)
     return TickResult(
         run_state=RunState(
             state=stepper.state, error=error, try_step=stepper.try_step, impact_speed=stepper.impact_speed,
@@ -284,30 +271,24 @@ def dynamic_result(
             adrift=adrift,
         ),
         depth=depth, rate=rate, force=force if scene.modes.allow_tension else max(force, 0.0),
-        error_estimate=found, force_error_estimate=force_error, evaluations=evaluations,
+        error_estimate=estimate, force_error_estimate=force_error, evaluations=evaluations,
         reached=interval.duration, converged=True, height=stepper.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 
 @in_kernel
 def unresolved(interval: Interval, stepper: StepperState, start: RunState) -> TickResult:
-    """How far the motion has come in a tick that was given up; there is no answer yet (`backlog.py`)."""
+    """Return where the motion has come to in a tick that was given up; `backlog.py` makes an answer of it."""
     depth, surface_rate, cosine = touch_at(interval, stepper.s).touch(stepper.state.height)
     if not abs(depth) < math.inf:
-        return TickResult(
-            run_state=start, depth=start.depth, rate=0.0, force=0.0, error_estimate=math.inf,
-            force_error_estimate=math.inf, evaluations=stepper.evaluations, reached=0.0, converged=False, height=0.0,
-            fidelity=DYNAMIC,
-        )  # fmt: skip
+        return not_begun(start, stepper.evaluations)
     rate = surface_rate - cosine * stepper.state.velocity
-    # At its very beginning the surface has not kicked the femur yet: the bounds of what it does count that once.
+    # At s = 0 the surface has not kicked the femur yet: the bounds of its motion count that kick once.
     sinking = rate / cosine if stepper.s > 0.0 else start.sinking
     return TickResult(
-        run_state=RunState(
+        run_state=start._replace(
             state=stepper.state, error=bounded(stepper.error), try_step=stepper.try_step,
-            impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, fidelity=start.fidelity,
-            stiffness=start.stiffness, damping=start.damping, excess=start.excess, sinking=sinking, depth=depth,
-            adrift=start.adrift,
+            impact_speed=stepper.impact_speed, impact_error=stepper.impact_error, sinking=sinking, depth=depth,
         ),
         depth=depth, rate=rate, force=0.0, error_estimate=math.inf, force_error_estimate=math.inf,
         evaluations=stepper.evaluations, reached=stepper.s, converged=False, height=stepper.state.height,

@@ -1,7 +1,7 @@
-"""Ticks of a flight so far above the tibia that nothing can touch on the way: no look at the surfaces before the end.
+"""Ticks of a flight so high above the tibia that nothing can touch: the surfaces are evaluated only at the end.
 
-Neither surface can come closer than the femur moves: the height by what load and velocity do, and each point of the
-surface by the translation and, about the reference point, by the turn.
+The surfaces come closer by no more than the femur moves: its height by load and velocity, and each point of its
+surface by the translation and by the rotation about the reference point.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, TickResult
 
 AIRBORNE = 1.25
-"""Of a flight's error more is published: it is that of one velocity, which many steps have no part in any more"""
+"""Safety factor on the published error of a flight: it is that of one velocity, and not a mean over many steps"""
 
 
 @in_kernel
 def flies_freely(interval: Interval, start: RunState, mass: float) -> bool:
-    """Whether femur and tibia, apart at the beginning, cannot meet in the interval."""
+    """Whether femur and tibia are apart at the beginning of the interval and cannot meet in it."""
     if not math.isnan(start.impact_speed):
         return False
     h, load = interval.duration, max(abs(interval.start_load), abs(load_at(interval, interval.duration)))
@@ -31,17 +31,16 @@ def flies_freely(interval: Interval, start: RunState, mass: float) -> bool:
 
 @never_inlined
 def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) -> TickResult:
-    """Fly over the interval. `spent` are the evaluations that the tick has cost already."""
+    """Carry the femur in free flight over the interval; `spent` is the number of evaluations taken so far."""
     h = interval.duration
     state = flight(interval, mass, 0.0, start.state, h)
     error = bounded(with_bound(carry_in_flight(start.error, h), launch_rounding(start.state, state), 0.0))
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
     return TickResult(
-        run_state=RunState(
-            state=state, error=error, try_step=start.try_step, impact_speed=start.impact_speed,
-            impact_error=start.impact_error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
-            sinking=rate / cosine, depth=depth, adrift=start.adrift,
+        run_state=start._replace(
+            state=state, error=error, fidelity=DYNAMIC, stiffness=0.0, damping=0.0, excess=-load_at(interval, h),
+            sinking=rate / cosine, depth=depth,
         ),
         depth=depth, rate=rate, force=0.0, error_estimate=AIRBORNE * reach(error, math.inf), force_error_estimate=0.0,
         evaluations=spent, reached=h, converged=True, height=state.height, fidelity=DYNAMIC,

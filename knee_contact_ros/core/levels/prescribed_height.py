@@ -9,15 +9,15 @@ from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import RunState, Scene, TickResult, at_height
 
 MAX_LOCATE = 60
-"""Tries to find the moment of touch."""
+"""Largest number of bisections to find the time of touch."""
 
 
 @in_kernel
 def follow(scene: Scene, interval: Interval, start: RunState) -> TickResult:
-    """The contact at the end of an interval in which the height goes from the last one to the prescribed one.
+    """Return the contact at the end of an interval in which the height changes linearly to the prescribed one.
 
-    Exact: pose and velocity are prescribed. A law that remembers its impact speed gets the one at the touch inside the
-    interval, if femur and tibia were apart at its beginning.
+    It is exact: pose and velocity are prescribed. A law that depends on the impact speed is given that of the touch
+    inside the interval, if femur and tibia were apart at its beginning.
     """
     height = start.state.height
     velocity = (interval.end_height - height) / interval.duration
@@ -33,14 +33,14 @@ def follow(scene: Scene, interval: Interval, start: RunState) -> TickResult:
 
 @in_kernel
 def contact_on_way(interval: Interval, height: float, velocity: float, s: float) -> tuple[float, float]:
-    """Depth [m] and its rate [m/s] at s [s] on a way that begins at `height` [m]."""
+    """The depth [m] and its rate [m/s] at s [s] for a motion from `height` [m] with constant `velocity` [m/s]."""
     depth, rate, cosine = touch_at(interval, s).touch(height + velocity * s)
     return depth, rate - cosine * velocity
 
 
 @in_kernel
 def moment_of_touch(interval: Interval, height: float, velocity: float) -> float:
-    """When [s] the depth turns positive in an interval at whose end it is (bisection to rounding)."""
+    """Return the time [s] at which the depth becomes positive, which it is at the interval's end (bisection)."""
     low, high = 0.0, interval.duration
     for _ in range(MAX_LOCATE):
         middle = 0.5 * (low + high)

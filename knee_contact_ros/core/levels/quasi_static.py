@@ -1,4 +1,4 @@
-"""The quasi-static level: n_y F(δ, 0) = max(L, 0), an equation for the depth at the tick's end and nothing else."""
+"""The quasi-static level: n_y F(δ, 0) = max(L, 0), an equation for the depth at the end of the tick alone."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ from knee_contact_ros.core.stepping import NEWTON_SHARE, doubt_of_impact
 
 @never_inlined
 def quasi_static_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """The static contact at the end of an interval, in doubt by the motion that it leaves out."""
+    """Return the static contact at the end of an interval, with the error of the motion that it leaves out.
+
+    `spent` is the number of evaluations that the tick has taken already.
+    """
     h, load_rate = interval.duration, interval.load_rate
     begin_depth, surface_rate, cosine = touch_at(interval, 0.0).touch(start.state.height)
     begin_sinking = load_rate / start.stiffness if start.stiffness > 0.0 else 0.0
@@ -84,16 +87,16 @@ def quasi_static_tick(scene: Scene, interval: Interval, start: RunState, spent: 
 
 @in_kernel
 def rest(push: float, stiffness: float, other: float) -> float:
-    """Where a force [N] leads the contact [m] by its stiffness [N/m], or by another where it has none."""
+    """Return the displacement [m] by a force [N] at a stiffness [N/m], or at the other one where that is 0."""
     spring = stiffness if stiffness > 0.0 else other
     return push / spring if spring > 0.0 else 0.0
 
 
 @in_kernel
 def way_across(law: ContactLaw, begin: float, end: float) -> float:
-    """How far [m] a contact that goes from one depth [m] to another goes beyond a layer's boundary; 0 if it meets none.
+    """Return how far [m] a contact goes beyond a layer's boundary between two depths [m]; 0 if it crosses none.
 
-    On the other side the dynamic femur finds another dashpot, and may stay there.
+    In the other layer the dynamic femur meets another dashpot, and may stay behind.
     """
     before, after = layer_at(law, max(begin, 0.0)), layer_at(law, end)
     if before == after:
@@ -103,15 +106,14 @@ def way_across(law: ContactLaw, begin: float, end: float) -> float:
 
 @in_kernel
 def lag_of(start: RunState) -> float:
-    """How far [m] above a tick's beginning the static contact is, by its elastic force: it may be another level's."""
+    """The height [m] of the static contact above the state at a tick's beginning, which may be of another level."""
     return (start.excess - start.damping * start.sinking) / start.stiffness if start.stiffness > 0.0 else 0.0
 
 
 @in_kernel
 def deviation_at_start(start: RunState, velocity: float) -> CarriedError:
-    """Deviation of this level at a tick's beginning, where it has a `velocity` [m/s]."""
+    """Return the deviation of this level at the beginning of a tick, where it has a `velocity` [m/s]."""
     error = start.error
-    return CarriedError(
-        height=lag_of(start) + error.height, velocity=velocity - start.state.velocity + error.velocity, hh=error.hh,
-        hv=error.hv, vv=error.vv,
-    )  # fmt: skip
+    return error._replace(
+        height=lag_of(start) + error.height, velocity=velocity - start.state.velocity + error.velocity
+    )

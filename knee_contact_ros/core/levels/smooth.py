@@ -1,8 +1,8 @@
-"""The smooth ticks of forward dynamics, which are nearly all: in contact throughout, in one layer, and not stiff.
+"""Smooth ticks of forward dynamics, which nearly all ticks are: in contact throughout, in one layer, and not stiff.
 
 A few equal explicit steps carry the femur over the interval, with the error control of `dynamic.py` at the first and
-the last of them. Where anything else turns up, this gives up and leaves the tick to it. Beginning, step and end are
-functions of their own, which `compiled/lanes.py` calls for several knees in step.
+the last of them. If the tick is not smooth after all, it is left to `dynamic.py`. Beginning, step and end are separate
+functions, which `compiled/lanes.py` calls for several knees at a time.
 """
 
 from __future__ import annotations
@@ -34,60 +34,60 @@ from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import EXPLICIT, local_ratio
 
 FINEST = 10.0
-"""Most steps of a tick that are tried here: fewer cost less than implicit ones"""
+"""Largest number of steps of a smooth tick: implicit steps cost less than more"""
 
 
 class Way(NamedTuple):
-    """A smooth tick on its way."""
+    """State of a smooth tick between two steps."""
 
     state: FemurState
     error: CarriedError
     slope: Slope
-    """The contact there"""
+    """Contact and acceleration in that state"""
     largest: StateError
     """The largest estimated errors of its steps so far"""
     leapt: float
     """Their largest leap [m/s]; see `Step`"""
     ratio: float
-    """Error of a step over its tolerance"""
+    """Error of the last checked step over its tolerance"""
     held: float
-    """Rate [1/s] by which the contact at the beginning holds a velocity's error back"""
+    """Rate [1/s] at which the contact of the beginning limits an error of the velocity; see `holding`"""
     part: float
     """Duration of a step [s]"""
     parts: float
-    """Number of steps"""
+    """Number of steps in the tick"""
     smooth: bool
-    """Whether it is one as yet"""
+    """Whether the tick is smooth so far"""
 
 
 @always_inlined
 def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -> TickResult:
-    """Carry the femur over the interval by explicit steps; not `converged`, with what it cost, if it is no smooth tick.
+    """Carry the femur over the interval by explicit steps; the result is not `converged` if the tick is not smooth.
 
-    `spent` are the evaluations that the tick has cost already.
+    `spent` is the number of evaluations that the tick has taken already.
     """
     until, _ = stretch_from(interval, 0.0)
     remembers = scene.modes.law.layers[0].formula.remembers_impact()
     if until < interval.duration or math.isnan(start.impact_speed) or remembers:
-        return not_smooth(start, spent)
-    way, mode, looks = begun(scene, interval, start)
-    spent += looks
+        return not_begun(start, spent)
+    way, mode, extra = begun(scene, interval, start)
+    spent += extra
     if not way.smooth:
-        return not_smooth(start, spent)
+        return not_begun(start, spent)
     parts = int(way.parts)
     if scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE:
-        return not_smooth(start, spent)
+        return not_begun(start, spent)
     for i in range(parts):
         way = strode(scene, interval, start, mode, way, float(i), False)
         spent += EVALUATIONS
         if not way.smooth:
-            return not_smooth(start, spent)
+            return not_begun(start, spent)
     return arrived(scene, interval, start, way, spent)
 
 
 @always_inlined
 def begun(scene: Scene, interval: Interval, start: RunState) -> tuple[Way, ContactMode, int]:
-    """The contact at the beginning, and the steps that are to carry it from there; its mode; evaluations."""
+    """The tick at its beginning, with duration and number of its steps; the mode of its contact; and evaluations."""
     h, state = interval.duration, start.state
     depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
     rate, load = surface_rate - cosine * state.velocity, interval.start_load
@@ -112,9 +112,9 @@ def begun(scene: Scene, interval: Interval, start: RunState) -> tuple[Way, Conta
 def strode(
     scene: Scene, interval: Interval, start: RunState, mode: ContactMode, way: Way, number: float, plain: bool
 ) -> Way:
-    """The way behind its step of this number, counted from 0.
+    """Return the tick after one more step, the one with this number, counted from 0.
 
-    A `plain` one has hardly a branch: it is not smooth either where its error needs more than a series.
+    A `plain` step has hardly a branch: where its error needs more than a series, the tick counts as not smooth.
     """
     motion = Motion(
         interval=interval, modes=scene.modes, mode=mode, impact_speed=start.impact_speed, mass=scene.mass,
@@ -142,24 +142,22 @@ def strode(
     else:
         error = curved(error, end.stage.depth, middle.stiffness, middle.damping, mass, h)
     smooth = stride.crossing.boundary == NOWHERE and ratio <= 1.0 and (known or not plain)
-    return Way(
-        state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, held=way.held, part=h,
-        parts=way.parts, smooth=smooth,
-    )  # fmt: skip
+    return way._replace(
+        state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, smooth=smooth
+    )
 
 
 @always_inlined
 def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: int) -> TickResult:
-    """The contact at the end of the interval."""
+    """Return the contact at the end of the interval."""
     factor = 0.9 / math.sqrt(math.sqrt(max(way.ratio, 1e-4)))
     slope, end, try_step = way.slope, way.slope.stage, way.part * factor
     error, held = bounded(way.error), holding(slope.stiffness, slope.damping, scene.mass)
     return TickResult(
-        run_state=RunState(
+        run_state=start._replace(
             state=way.state, error=error, try_step=max(start.try_step, try_step) if way.parts == 1.0 else try_step,
-            impact_speed=start.impact_speed, impact_error=start.impact_error, fidelity=DYNAMIC,
-            stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
-            sinking=end.rate / slope.cosine, depth=end.depth, adrift=start.adrift,
+            fidelity=DYNAMIC, stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
+            sinking=end.rate / slope.cosine, depth=end.depth,
         ),
         depth=end.depth, rate=end.rate, force=end.force if scene.modes.allow_tension else max(end.force, 0.0),
         error_estimate=reach(error, held),
@@ -169,9 +167,9 @@ def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: 
 
 
 @in_kernel
-def not_smooth(start: RunState, spent: int) -> TickResult:
-    """Word that a tick is none of this kind, with what it has cost."""
+def not_begun(start: RunState, spent: int) -> TickResult:
+    """Return a result that is not `converged` and where nothing has moved, with the evaluations taken so far."""
     return TickResult(
-        run_state=start, depth=0.0, rate=0.0, force=0.0, error_estimate=0.0, force_error_estimate=0.0,
-        evaluations=spent, reached=0.0, converged=False, height=0.0, fidelity=DYNAMIC,
+        run_state=start, depth=start.depth, rate=0.0, force=0.0, error_estimate=math.inf,
+        force_error_estimate=math.inf, evaluations=spent, reached=0.0, converged=False, height=0.0, fidelity=DYNAMIC,
     )  # fmt: skip

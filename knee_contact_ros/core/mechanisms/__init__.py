@@ -1,4 +1,4 @@
-"""The knee mechanisms by the name that the parameter uses."""
+"""Knee mechanisms by the names that the parameter `translation.mechanism` uses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from knee_contact_ros.core.mechanisms.table import Table
 
 
 def parallel_mechanism() -> Table:
-    """The translation of the parallel mechanism with the published geometry."""
+    """Return the translation of the parallel mechanism with its published geometry."""
     return ParallelMechanism().table
 
 

@@ -1,4 +1,4 @@
-"""What a knee mechanism is: the anterior-posterior translation that goes with flexion."""
+"""Knee mechanisms: the anterior-posterior translation that goes with flexion."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ class Mechanism(Protocol):
         ...
 
     def largest_slope(self) -> float:
-        """Bound of |dx/dangle| [m/rad] over all angles."""
+        """Return an upper bound of |dx/dangle| [m/rad] over all angles."""
         ...

@@ -15,38 +15,40 @@ from numpy.typing import NDArray
 
 Vector = tuple[float, float, float]
 CLOSED = 1e-14
-"""Largest error of a closed mechanism [m]: some hundred rounding errors of coordinates of 0.1 m."""
+"""Largest error [m] of a closed mechanism: some hundred rounding errors of coordinates of 0.1 m."""
 ITERATIONS = 25
+"""Largest number of Newton's iterations"""
 WORST_CONDITION = 1e6
-"""Of the equations' derivatives; the default knee stays below 6000. Beyond, the constraints do not guide the femur."""
+"""Largest condition number of the equations' derivatives; the default knee stays below 6000. Beyond it, the constraints
+do not guide the femur."""
 
 
 class Condyle(NamedTuple):
     """A sphere of the femur that touches a plane of the tibia."""
 
     centre: Vector
-    """Femur frame [m]."""
+    """Centre of the sphere in the femur frame [m]."""
     radius: float
-    """[m]"""
+    """Radius of the sphere [m]"""
     contact: Vector
-    """Any point of the plane, tibia frame [m]."""
+    """Any point of the plane in the tibia frame [m]."""
     normal: Vector
-    """From the plane to the sphere, tibia frame; any length."""
+    """Normal of the plane towards the sphere, in the tibia frame; of any length."""
 
 
 class Fibre(NamedTuple):
     """A ligament fibre of constant length."""
 
     femur: Vector
-    """Attachment, femur frame [m]."""
+    """Attachment in the femur frame [m]."""
     tibia: Vector
-    """Attachment, tibia frame [m]."""
+    """Attachment in the tibia frame [m]."""
     length: float
-    """[m]"""
+    """Distance of the attachments [m]"""
 
 
 class Knee(NamedTuple):
-    """Five constraints on six degrees of freedom: one is left."""
+    """A knee with five constraints on six degrees of freedom, so that one is left."""
 
     medial: Condyle
     lateral: Condyle
@@ -54,21 +56,21 @@ class Knee(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Where the femur is at a flexion angle, relative to its frame being the tibia's."""
+    """Pose of the femur in the tibia frame, apart from the flexion angle."""
 
     x: float
-    """Anterior [m]."""
+    """Anterior translation [m]."""
     y: float
-    """Superior [m]."""
+    """Superior translation [m]."""
     z: float
-    """Lateral [m]."""
+    """Lateral translation [m]."""
     abduction: float
-    """Of the tibia [rad]."""
+    """Abduction of the tibia [rad]."""
     internal_rotation: float
-    """Of the tibia [rad]."""
+    """Internal rotation of the tibia [rad]."""
 
     def rotation(self, flexion: float) -> NDArray[np.float64]:
-        """The matrix R, shape (3, 3), that turns directions of the femur frame into the tibia frame."""
+        """Return the matrix R, shape (3, 3), that turns directions of the femur frame into the tibia frame."""
         (sf, cf), (sa, ca), (si, ci) = ((math.sin(a), math.cos(a)) for a in (flexion, *self[3:]))
         return np.array(
             [
@@ -80,7 +82,7 @@ class Pose(NamedTuple):
 
 
 class Closure:
-    """The five equations of a knee, ready to be solved at any flexion angle."""
+    """The five closure equations of a knee, which can be solved at any flexion angle."""
 
     def __init__(self, knee: Knee) -> None:
         """Take the geometry.
@@ -101,7 +103,7 @@ class Closure:
         self._normals = normals / sizes[:, None]
 
     def solve(self, flexion: float, guess: Pose) -> Pose:
-        """The pose at a flexion angle [rad], by Newton's method from a guess nearby.
+        """Return the pose at a flexion angle [rad], by Newton's method from a guess nearby.
 
         Raises:
             ValueError: the five constraints cannot be met near the guess, or leave the femur loose there.

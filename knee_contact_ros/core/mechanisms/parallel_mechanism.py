@@ -41,24 +41,24 @@ internally rotated at full extension. It jams at 109 deg of flexion.
 """
 
 START, STOP = -0.3, 1.75
-"""Flexion range that is solved [rad]: -17 to 100 deg."""
+"""Range of flexion [rad] that is solved: -17 to 100 deg."""
 STEP = 0.025
 """Largest step of the grid [rad]."""
 LARGEST_JUMP = 0.02
-"""How far a pose may lie from the straight continuation of the two before it [m and rad].
+"""Largest distance of a pose from the linear continuation of the two before it [m and rad].
 
-The default knee stays below 0.001. More means that Newton's method has found another way of assembling the parts.
+The default knee stays below 0.001. A larger one means that Newton's method has found another assembly of the parts.
 """
 
 
 class ParallelMechanism:
-    """Translation of the medial sphere's centre, which is the reference point of a circular condyle.
+    """Translation of the centre of the medial sphere, which is the reference point of a circular condyle.
 
-    A model gets the `table` of it.
+    A model uses its `table`.
     """
 
     def __init__(self, knee: Knee = SANCISI_2017, start: float = START, stop: float = STOP) -> None:
-        """Solve the mechanism from full extension outwards over `start` < 0 < `stop` [rad]; straight beyond.
+        """Solve the mechanism from full extension to `start` < 0 and `stop` > 0 [rad]; the table is straight beyond.
 
         Raises:
             ValueError: the geometry is impossible, or cannot be assembled or moved over the whole range.
@@ -73,15 +73,7 @@ class ParallelMechanism:
         self._poses = tuple(poses.values())
         anterior = np.array([_anterior(knee, angle, pose) for angle, pose in poses.items()])
         self.table = Table(self._angles, anterior - _anterior(knee, 0.0, extension))
-        """The translation as a `Mechanism`"""
-
-    def translation(self, angle: float) -> tuple[float, float]:
-        """Return x [m], anterior positive and 0 at full extension, and dx/dangle [m/rad] at a flexion angle [rad]."""
-        return self.table.translation(angle)
-
-    def largest_slope(self) -> float:
-        """See `Mechanism`."""
-        return self.table.largest_slope()
+        """The translation as a `Mechanism`; x is 0 at full extension"""
 
     def pose(self, angle: float) -> Pose:
         """Solve for the whole pose of the femur at a flexion angle [rad] inside the range, to the last digit.
@@ -95,7 +87,7 @@ class ParallelMechanism:
         return self._closure.solve(angle, self._poses[nearest])
 
     def _follow(self, extension: Pose, end: float) -> dict[float, Pose]:
-        """Poses by flexion angle from full extension to `end` [rad], each started from the two before it."""
+        """Return poses by flexion angle from full extension to `end` [rad], each solved from the two before it."""
         angles: NDArray[np.float64] = np.linspace(0.0, end, 1 + int(np.ceil(abs(end) / STEP)))
         poses = [extension]
         for angle in angles[1:].tolist():
@@ -109,5 +101,5 @@ class ParallelMechanism:
 
 
 def _anterior(knee: Knee, angle: float, pose: Pose) -> float:
-    """The x of the medial sphere's centre in the tibia frame [m]."""
+    """Return x of the medial sphere's centre in the tibia frame [m]."""
     return pose.x + float(pose.rotation(angle)[0] @ np.array(knee.medial.centre))

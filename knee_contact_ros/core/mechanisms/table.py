@@ -11,11 +11,11 @@ import numpy as np
 from knee_contact_ros.core.arrays import Floats, count_up_to
 
 LARGEST = 0.1
-"""Translations beyond this [m] are longer than a tibial plateau: most likely a table in mm."""
+"""Largest translation [m]: a larger one is longer than a tibial plateau, and most likely in mm."""
 
 
 class Cubic(NamedTuple):
-    """x(u) = c0 + u (c1 + u (c2 + u c3)) [m], u [rad] from `start` on."""
+    """A cubic x(u) = c0 + u (c1 + u (c2 + u c3)) [m] of the angle u [rad] from `start` on."""
 
     start: float
     c0: float
@@ -25,18 +25,18 @@ class Cubic(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """What a table consists of."""
+    """Fields of a `Table`."""
 
     pieces: Floats
-    """Shape (points + 1, 5): a `Cubic` in each row; the outer two are straight"""
+    """Shape (points + 1, 5): a `Cubic` in each row; the first and the last one are straight"""
     angles: Floats
-    """Shape (points,) [rad]: where each piece but the first begins"""
+    """Shape (points,) [rad]: angles at which the pieces begin, except the first one"""
     steepest_slope: float
-    """Bound of |dx/dangle| [m/rad]"""
+    """Upper bound of |dx/dangle| [m/rad]"""
 
 
 class Table(_Table):
-    """The natural cubic spline through the points, straight beyond its ends: C2 at every angle.
+    """Translation by a natural cubic spline through points, straight beyond its ends: C2 at every angle.
 
     A natural spline has no curvature at its ends, so the straight continuation joins it smoothly.
     """
@@ -64,12 +64,12 @@ class Table(_Table):
         return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3)
 
     def largest_slope(self) -> float:
-        """See `Mechanism`."""
+        """Return an upper bound of |dx/dangle| [m/rad] over all angles."""
         return self.steepest_slope
 
 
 def _steepest(pieces: Sequence[Cubic], widths: Sequence[float]) -> float:
-    """Bound of the slope: that of a cubic lies in the hull of its Bézier points."""
+    """Return an upper bound of the slope, which lies in the hull of its Bézier points."""
     hull = [
         (piece.c1, piece.c1 + piece.c2 * width, piece.c1 + width * (2.0 * piece.c2 + 3.0 * piece.c3 * width))
         for piece, width in zip(pieces, (0.0, *widths, 0.0), strict=True)
@@ -78,7 +78,11 @@ def _steepest(pieces: Sequence[Cubic], widths: Sequence[float]) -> float:
 
 
 def _check(angle: Floats, x: Floats) -> None:
-    """Refuse what is no table of translations."""
+    """Reject points that are no table of translations.
+
+    Raises:
+        ValueError: see `Table`.
+    """
     if angle.ndim != 1 or angle.shape != x.shape:
         raise ValueError("a translation table needs as many translations as angles")
     if angle.size < 2:
@@ -92,7 +96,7 @@ def _check(angle: Floats, x: Floats) -> None:
 
 
 def _pieces(angle: list[float], x: list[float]) -> tuple[Cubic, ...]:
-    """The cubics between the points, with a straight piece before and after them."""
+    """Return the cubics between the points, with a straight piece before and after them."""
     widths = [right - left for left, right in pairwise(angle)]
     chords = [(right - left) / width for (left, right), width in zip(pairwise(x), widths, strict=True)]
     bends = _second_derivatives(widths, chords)
@@ -115,7 +119,7 @@ def _pieces(angle: list[float], x: list[float]) -> tuple[Cubic, ...]:
 
 
 def _second_derivatives(widths: list[float], chords: list[float]) -> list[float]:
-    """Second derivatives at the points [m/rad²], 0 at both ends: the tridiagonal system of slopes that join."""
+    """Return second derivatives at the points [m/rad²], 0 at both ends, from the tridiagonal system of equal slopes."""
     diagonals: list[float] = []
     sums: list[float] = []
     for (left, right), (before, after) in zip(pairwise(widths), pairwise(chords), strict=True):
