@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 
 import click
@@ -19,7 +18,7 @@ from studies.cohorts.page import TITLE, measured_on, sections
 from studies.cohorts.peers import OURS, PEERS, Peer
 from studies.cohorts.problem import Cohort, Floats, cohort, truth
 from studies.cohorts.search import Setting
-from studies.cohorts.worker import WorkerError, Workers
+from studies.cohorts.worker import Workers, search_setting
 from studies.report import save
 
 SEARCH_CASES = 256
@@ -28,14 +27,14 @@ BEST = 2
 
 
 def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Floats) -> list[Finalist]:
-    """Every method of every tool with its setting; one process per tool, one after the other."""
+    """Search the setting of every method of every tool, in one process per tool, one after the other."""
     found = []
     for peer in peers:
         for method in peer.methods():
             try:
-                setting = workers.of(peer.driver)[0].call("search", method.key, knees, depths)
-            except WorkerError as error:
-                click.echo(f"{method.key}: {error}", err=True)
+                setting = workers.of(peer.driver)[0].submit(search_setting, method.key, knees, depths).result()
+            except Exception as error:  # whatever a tool raises; its cause is the traceback in the process
+                click.echo(f"{method.key}: {error.__cause__ or error}", err=True)
                 setting = Setting(method.key, math.nan, math.inf, math.nan, math.nan)
             click.echo(f"{method.key}: {setting.value:.2g}, {setting.error:.1e} m, {setting.per_tick * 1e6:.3g} us")
             found.append(Finalist(peer, method, setting))
@@ -43,17 +42,12 @@ def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Flo
 
 
 def finalists(found: Sequence[Finalist]) -> list[Finalist]:
-    """The quickest of every tool, with and without error control."""
-
-    def kind(one: Finalist) -> tuple[str, str]:
-        return one.method.tool, one.method.control
-
-    able = [one for one in found if not math.isnan(one.setting.per_tick)]
-    best = []
-    order = list(dict.fromkeys(map(kind, able)))
-    for _, group in groupby(sorted(able, key=lambda one: order.index(kind(one))), kind):
-        best += sorted(group, key=lambda one: one.setting.per_tick)[:BEST]
-    return best
+    """Choose the quickest methods of every tool, with and without error control."""
+    kinds: dict[tuple[str, str], list[Finalist]] = {}
+    for one in found:
+        if not math.isnan(one.setting.per_tick):
+            kinds.setdefault((one.method.tool, one.method.control), []).append(one)
+    return [one for kind in kinds.values() for one in sorted(kind, key=lambda one: one.setting.per_tick)[:BEST]]
 
 
 @click.command()
@@ -67,8 +61,8 @@ def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Pa
     peers = [OURS, *(peer for peer in PEERS if peer.installed and (not names or peer.name in names))]
     knees = cohort(max(cases))
     depths = truth(knees)
-    given = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
-    command = " ".join(["python -m studies.cohorts", *given])
+    options = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
+    command = " ".join(["python -m studies.cohorts", *options])
     measured: list[list[Timed]] = []
     workers = Workers()
     try:

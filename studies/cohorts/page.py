@@ -47,13 +47,13 @@ HEADER = (
 
 
 def measured_on() -> str:
-    """Machine, versions, and what else the machine did."""
+    """Machine, versions of the tools, and what else the machine did."""
     names = ("numpy", "scipy", "numba", "CyRK", "numbalsoda", "diffrax", "jax")
     return f"{describe(names)}, {business()}"
 
 
 def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], ticks: int, rounds: int) -> list[Section]:
-    """All of the page."""
+    """All sections of the page."""
     few = min(one.cases for one in measured[-1])
     tables = [_table(each, ticks) for each in measured]
     first = []
@@ -100,7 +100,7 @@ def _setting(value: float) -> str:
 
 
 def _table(measured: Sequence[Timed], ticks: int) -> Section:
-    """Of one size of the cohort."""
+    """The table of one size of the cohort, under its verdict."""
     ours = _quickest([one for one in measured if one.finalist.method.tool == OUR_TOOL])
     peers = [one for one in measured if one.finalist.peer != OURS and one.error <= LIMIT]
     rows = []
@@ -118,7 +118,7 @@ def _table(measured: Sequence[Timed], ticks: int) -> Section:
 
 
 def _times(one: Timed, cores: int) -> Floats:
-    """That count: the processor's on one core, the clock's on several."""
+    """Times [s] that count: the processor's on one core, the clock's on several."""
     return one.processor if cores == 1 else one.times[cores]
 
 

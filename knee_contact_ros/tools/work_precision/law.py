@@ -5,18 +5,20 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable
 
+import numpy as np
+
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 
 Force = Callable[[float, float], float]
-"""Depth [m] and its rate [m/s] to the force [N], never below 0."""
+"""From depth [m] and its rate [m/s] to the force [N], never below 0"""
 Gradient = Callable[[float, float], tuple[float, float]]
-"""The same to the force's derivatives by depth [N/m] and by rate [N s/m]."""
+"""From depth [m] and its rate [m/s] to the force's derivatives by depth [N/m] and by rate [N s/m]"""
 Load = Callable[[float], float]
-"""Time [s] to the load [N]."""
+"""From time [s] to the load [N]"""
 
 
 def contact_force(problem: Problem) -> Force:
-    """The clamped law: 0 when apart, and 0 where the formula would pull."""
+    """Build the contact law of a problem: 0 N when apart, and 0 N where the formula would pull."""
     stiffness, damping = problem.stiffness, problem.damping
 
     def one_layer(depth: float, rate: float) -> float:
@@ -27,9 +29,8 @@ def contact_force(problem: Problem) -> Force:
 
     if not problem.layered:
         return one_layer
-    begin, stiffness_2 = problem.layer_depth, problem.stiffness_2
-    base = stiffness * begin**EXPONENT
-    damping_1 = damping if problem.damp_first_layer else 0.0
+    begin, base, stiffness_2 = problem.layer_depth, problem.layer_force, problem.stiffness_2
+    damping_1 = problem.first_damping
 
     def two_layers(depth: float, rate: float) -> float:
         if depth <= 0.0:
@@ -44,9 +45,9 @@ def contact_force(problem: Problem) -> Force:
 
 
 def force_gradient(problem: Problem) -> Gradient:
-    """The clamped law's derivatives; 0 where the force is."""
-    force, damping, begin = contact_force(problem), problem.damping, problem.layer_depth
-    damping_1 = damping if problem.damp_first_layer or not problem.layered else 0.0
+    """Build the derivatives of the contact law of a problem; they are 0 where the force is 0."""
+    force, begin = contact_force(problem), problem.layer_depth
+    damping_1, damping = problem.first_damping, problem.damping
     slope_1, slope_2, power = EXPONENT * problem.stiffness, EXPONENT * problem.stiffness_2, EXPONENT - 1.0
 
     def gradient(depth: float, rate: float) -> tuple[float, float]:
@@ -60,10 +61,10 @@ def force_gradient(problem: Problem) -> Gradient:
 
 
 def load_at(problem: Problem) -> Load:
-    """The load at any time: linear between the ticks, from tables."""
+    """Build the load at any time: linear between the ticks, from tables."""
     times: list[float] = problem.time.tolist()
     loads: list[float] = problem.load.tolist()
-    slopes = load_slopes(problem)
+    slopes: list[float] = (np.diff(problem.load) / np.diff(problem.time)).tolist()
     last = len(slopes) - 1
 
     def load(time: float) -> float:
@@ -72,9 +73,3 @@ def load_at(problem: Problem) -> Load:
         return loads[i] + slopes[i] * (time - times[i])
 
     return load
-
-
-def load_slopes(problem: Problem) -> list[float]:
-    """Rate of the load [N/s] from each tick to the next, length n - 1."""
-    slopes: list[float] = ((problem.load[1:] - problem.load[:-1]) / (problem.time[1:] - problem.time[:-1])).tolist()
-    return slopes

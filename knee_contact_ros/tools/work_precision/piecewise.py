@@ -36,11 +36,9 @@ class Pieces:
 
     def __init__(self, problem: Problem, load: Load) -> None:
         self._load, self._inverse_mass = load, 1.0 / problem.mass
-        damping_1 = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
-        self._layers = [(0.0, 0.0, problem.stiffness, damping_1)]
+        self._layers = [(0.0, 0.0, problem.stiffness, problem.first_damping)]
         if problem.layered:
-            base = problem.stiffness * problem.layer_depth**EXPONENT
-            self._layers.append((problem.layer_depth, base, problem.stiffness_2, problem.damping))
+            self._layers.append((problem.layer_depth, problem.layer_force, problem.stiffness_2, problem.damping))
 
     def formula(self, layer: int) -> Callable[[float, float], float]:
         """The layer's force without the clamp; its derivatives do not jump at the layer's beginning."""

@@ -20,7 +20,7 @@ Rates = Callable[[Floats, float], Floats]
 
 
 def methods() -> list[Method]:
-    """Two explicit methods: tick by tick with error control, and with equal steps."""
+    """List two explicit methods, tick by tick with error control and with equal steps."""
     found = []
     for how, make in (("NumPy", in_numpy), ("Numba", in_numba)):
         for solver in ("RK45", "DOP853"):
@@ -31,7 +31,7 @@ def methods() -> list[Method]:
 
 
 def in_numpy(knees: Cohort) -> Rates:
-    """The motion of all knees, array by array."""
+    """Build the right-hand side of all knees in NumPy, array by array."""
     stiffness, damping, inverse_mass, cases = knees.stiffness, knees.damping, 1.0 / knees.mass, knees.cases
 
     def rates(state: Floats, load: float) -> Floats:
@@ -53,7 +53,7 @@ def in_numpy(knees: Cohort) -> Rates:
 
 
 def in_numba(knees: Cohort) -> Rates:
-    """The same in one compiled loop."""
+    """Build the right-hand side of all knees as one loop compiled by Numba."""
     stiffness, damping, inverse_mass, cases = knees.stiffness, knees.damping, 1.0 / knees.mass, knees.cases
 
     @njit
