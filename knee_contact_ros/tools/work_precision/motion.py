@@ -14,9 +14,9 @@ Matrix = list[list[float]]
 Jacobian = Callable[[float, State], Matrix]
 
 DEPTH_SCALE, RATE_SCALE = 1e-3, 1e-1
-"""What an absolute tolerance is relative to [m], [m/s]: depths and rates that occur"""
+"""Depth [m] and rate [m/s] to which absolute tolerances are relative: those that occur"""
 RATE_UNIT = DEPTH_SCALE / RATE_SCALE
-"""[s]: a rate times this has the depth's scale, for tools that take one absolute tolerance for all"""
+"""Time [s] that scales rates to depths, for tools that take one absolute tolerance for all of the state"""
 
 
 def absolute_tolerances(tolerance: float) -> list[float]:
@@ -25,7 +25,7 @@ def absolute_tolerances(tolerance: float) -> list[float]:
 
 
 def motion(problem: Problem, load: Load) -> Motion:
-    """The right-hand side."""
+    """Build the right-hand side of a problem under a load."""
     force, inverse_mass = contact_force(problem), 1.0 / problem.mass
 
     def right_hand_side(time: float, state: State) -> tuple[float, float]:
@@ -36,7 +36,7 @@ def motion(problem: Problem, load: Load) -> Motion:
 
 
 def jacobian(problem: Problem) -> Jacobian:
-    """Its derivative by the state."""
+    """Build the derivative of the right-hand side of a problem by the state."""
     gradient, inverse_mass = force_gradient(problem), 1.0 / problem.mass
 
     def derivative(_time: float, state: State) -> Matrix:
@@ -47,23 +47,23 @@ def jacobian(problem: Problem) -> Jacobian:
 
 
 class Ramp:
-    """A load that knows the current tick only: what a streaming solver is given."""
+    """A load that knows the current tick only, for streaming solvers."""
 
     def __init__(self) -> None:
         self._begin, self._load, self._slope = 0.0, 0.0, 0.0
 
     def set(self, tick: Tick) -> None:
-        """From the beginning of a tick to its end."""
+        """Set the load to run from a tick's first load to its last."""
         self._begin, self._load = tick.begin, tick.start_load
         self._slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
 
     def __call__(self, time: float) -> float:
-        """The load [N]."""
+        """The load [N] at a time [s]."""
         return self._load + self._slope * (time - self._begin)
 
 
 class Tick(NamedTuple):
-    """From one sample to the next."""
+    """The interval from one sample to the next."""
 
     begin: float
     end: float
@@ -74,6 +74,6 @@ class Tick(NamedTuple):
 
 
 def ticks(problem: Problem) -> list[Tick]:
-    """One sample after another, length n - 1."""
+    """Ticks of a problem, length n - 1."""
     times, loads = problem.time.tolist(), problem.load.tolist()
     return [Tick(*row) for row in zip(times, times[1:], loads, loads[1:], strict=False)]

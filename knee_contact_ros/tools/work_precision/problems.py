@@ -58,7 +58,7 @@ class Problem(NamedTuple):
     @property
     def layer_force(self) -> float:
         """Force of the first layer's spring [N] where the second layer begins; infinite if there is none."""
-        return self.stiffness * self.layer_depth**EXPONENT
+        return float(self.stiffness * self.layer_depth**EXPONENT)
 
 
 def problems() -> list[Problem]:

@@ -60,7 +60,7 @@ def workers() -> Iterator[dict[str, Worker]]:
 @pytest.mark.parametrize("mode", MODES)
 def test_the_reference_is_met(workers: dict[str, Worker], entry: Entry, mode: str) -> None:
     solver = entry.solver
-    run = solver.way(mode)
+    run = solver.run_in(mode)
     if run is None:
         pytest.skip("not this way")
     if solver.peer in ABSENT:

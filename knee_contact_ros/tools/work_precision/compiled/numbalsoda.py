@@ -1,4 +1,7 @@
-"""numbalsoda's LSODA in C++ and DOP853 in Fortran, in functions that Numba compiles; `METHODS` has the methods' numbers."""
+"""numbalsoda's LSODA in C++ and DOP853 in Fortran, in functions that Numba compiles.
+
+A method is its index in `METHODS`.
+"""
 
 from __future__ import annotations
 
