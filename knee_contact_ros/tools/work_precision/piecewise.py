@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from knee_contact_ros.tools.work_precision.law import Load
-from knee_contact_ros.tools.work_precision.motion import Motion, State
+from knee_contact_ros.tools.work_precision.motion import Load, Motion, State
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 
 Value = Callable[[float, State], float]

@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.work_precision.law import Load, contact_force, force_gradient, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, ticks
+from knee_contact_ros.tools.work_precision.motion import (
+    Load,
+    Ramp,
+    absolute_tolerances,
+    contact_force,
+    force_gradient,
+    load_at,
+    ticks,
+)
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.tools.work_precision.law import Load, contact_force, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, ticks
+from knee_contact_ros.tools.work_precision.motion import Load, Ramp, contact_force, load_at, ticks
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, steps_per_tick, stopwatch
 from knee_contact_ros.tools.work_precision.start import start_depth

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.tools.work_precision.law import Load, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, State, absolute_tolerances, ticks
+from knee_contact_ros.tools.work_precision.motion import Load, Ramp, State, absolute_tolerances, load_at, ticks
 from knee_contact_ros.tools.work_precision.piecewise import End, Piece, Pieces, Value
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.work_precision.law import load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, jacobian, motion, ticks
+from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, jacobian, load_at, motion, ticks
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth
