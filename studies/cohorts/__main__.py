@@ -28,7 +28,7 @@ BEST = 2
 
 def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Floats) -> list[Finalist]:
     """Search the setting of every method of every tool, in one process per tool, one after the other."""
-    found = []
+    searched_methods = []
     for peer in peers:
         for method in peer.methods():
             try:
@@ -37,14 +37,14 @@ def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Flo
                 click.echo(f"{method.key}: {error.__cause__ or error}", err=True)
                 setting = Setting(method.key, math.nan, math.inf, math.nan, math.nan)
             click.echo(f"{method.key}: {setting.value:.2g}, {setting.error:.1e} m, {setting.per_tick * 1e6:.3g} us")
-            found.append(Finalist(peer, method, setting))
-    return found
+            searched_methods.append(Finalist(peer, method, setting))
+    return searched_methods
 
 
-def finalists(found: Sequence[Finalist]) -> list[Finalist]:
+def finalists(searched_methods: Sequence[Finalist]) -> list[Finalist]:
     """Choose the quickest methods of every tool, with and without error control."""
     kinds: dict[tuple[str, str], list[Finalist]] = {}
-    for one in found:
+    for one in searched_methods:
         if not math.isnan(one.setting.per_tick):
             kinds.setdefault((one.method.tool, one.method.control), []).append(one)
     return [one for kind in kinds.values() for one in sorted(kind, key=lambda one: one.setting.per_tick)[:BEST]]
@@ -66,11 +66,11 @@ def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Pa
     measured: list[list[Timed]] = []
     workers = Workers()
     try:
-        found = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
+        searched_methods = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
         for count in sorted(cases):
-            measured.append(timed(finalists(found), workers, knees.first(count), depths[:count], rounds))
+            measured.append(timed(finalists(searched_methods), workers, knees.first(count), depths[:count], rounds))
             click.echo(f"{count} knees timed", err=True)
-            settings = [one.setting for one in found]
+            settings = [one.setting for one in searched_methods]
             save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
     finally:
         workers.close()

@@ -24,14 +24,14 @@ TOGETHER = 40
 
 def methods() -> list[Method]:
     """List both levels with the loosest tolerance that holds, and one with the tolerance that promises the limit."""
-    found = [
+    searched = [
         Method(TOOL, f"batch, {level}", TOLERANCE, partial(prepared, level=level), TOLERANCES, threads=True)
         for level in ("auto", "dynamic")
     ]
     promised = Method(
         f"{TOOL}, as promised", "batch, auto", TOLERANCE, partial(prepared, level="auto"), (PROMISED,), threads=True
     )
-    return [*found, promised]
+    return [*searched, promised]
 
 
 def prepared(knees: Cohort, tolerance: float, threads: int, *, level: str) -> Run:

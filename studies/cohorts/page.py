@@ -52,14 +52,16 @@ def measured_on() -> str:
     return f"{describe(names)}, {business()}"
 
 
-def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], ticks: int, rounds: int) -> list[Section]:
+def sections(
+    measured: Sequence[Sequence[Timed]], settings: Sequence[Setting], ticks: int, rounds: int
+) -> list[Section]:
     """All sections of the page."""
     few = min(one.cases for one in measured[-1])
     tables = [_table(each, ticks) for each in measured]
     first = []
     for tool in dict.fromkeys(one.finalist.method.tool for one in measured[-1]):
         set_up = max(one.set_up for one in measured[-1] if one.finalist.method.tool == tool)
-        compiling = max(one.first for one in found if one.key.startswith(f"{tool}: "))
+        compiling = max(one.first for one in settings if one.key.startswith(f"{tool}: "))
         first.append((tool, f"{set_up:.2f}", f"{compiling:.2f}"))
     return [
         Section("", TEXT.strip().format(rounds=rounds, few=few), (), ()),
@@ -87,7 +89,7 @@ def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], tick
             [
                 (one.key, _setting(one.value), f"{one.error:.1e}",
                  "given up" if math.isnan(one.per_tick) else f"{one.per_tick * 1e6:.3g}")
-                for one in found
+                for one in settings
             ],
         ),
     ]  # fmt: skip
@@ -136,12 +138,12 @@ def _verdict(cores: int, peers: Sequence[Timed], ours: Timed) -> str:
     ratio = _ratio(_times(best, cores), _times(ours, cores))
     met = "met" if ratio >= TARGET else "not met"
     where = f"On {cores} core{'s' if cores > 1 else ''}"
-    said = (
+    sentence = (
         f"{where} the quickest peer ({best.finalist.method.key}) takes {ratio:.2g}x our time: {TARGET:.0f}x is {met}."
     )
     controlled = [one for one in peers if one.finalist.method.control != STEPS]
     if not controlled:
-        return said
+        return sentence
     best = _quickest(controlled, cores)
     ratio = _ratio(_times(best, cores), _times(ours, cores))
-    return f"{said} The quickest with error control ({best.finalist.method.key}): {ratio:.2g}x."
+    return f"{sentence} The quickest with error control ({best.finalist.method.key}): {ratio:.2g}x."

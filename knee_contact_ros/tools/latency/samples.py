@@ -46,10 +46,10 @@ def rests(rate: float) -> list[tuple[bytes, bytes]]:
     length = float(time[-1] - time[0])
     passed = np.arange(round(2.0 * length * rate)) / rate
     at = time[0] + np.minimum(passed, 2.0 * length - passed)
-    found = []
+    messages = []
     columns = [np.interp(at, time, each).tolist() for each in (angle, velocity, axial)]
     for position, speed, force in zip(*columns, strict=True):
         state = JointState(0, "", (Knee().joint_name,), (position,), (speed,), ())
         wrench = WrenchStamped(0, "tibia_r", (0.0, force, 0.0), (0.0, 0.0, 0.0))
-        found.append((encode_joint_state(state)[_START.size :], encode_wrench_stamped(wrench)[_START.size :]))
-    return found
+        messages.append((encode_joint_state(state)[_START.size :], encode_wrench_stamped(wrench)[_START.size :]))
+    return messages

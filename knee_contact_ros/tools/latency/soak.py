@@ -101,10 +101,10 @@ def computed_again(work: Path, advance: Advance) -> Comparison:
     """
     recording, offline = work / NODE / RECORDING, work / "offline.mcap"
     solve(recording, load_parameters([PARAMETERS]), offline, advance)
-    found = compare(recording, offline)
+    comparison = compare(recording, offline)
     offline.unlink()
     shutil.rmtree(work / NODE)
-    return found
+    return comparison
 
 
 def compare(recording: Path, offline: Path) -> Comparison:

@@ -57,12 +57,12 @@ class Taken(NamedTuple):
 
 def snapshot(process: int) -> Snapshot:
     """Take a snapshot of a process and of the machine; a process that has ended has no family."""
-    found = processes()
-    family = [process] if process in found else []
+    usages = processes()
+    family = [process] if process in usages else []
     for member in family:  # it grows meanwhile
-        family += sorted(number for number, usage in found.items() if usage.parent == member)
-    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in found.values())
-    return Snapshot([found[member] for member in family], cpu_of_all, process_time(), perf_counter())
+        family += sorted(number for number, usage in usages.items() if usage.parent == member)
+    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in usages.values())
+    return Snapshot([usages[member] for member in family], cpu_of_all, process_time(), perf_counter())
 
 
 def between(before: Snapshot, after: Snapshot) -> Taken:
@@ -76,12 +76,12 @@ def between(before: Snapshot, after: Snapshot) -> Taken:
 
 def processes() -> dict[int, Usage]:
     """Usage of all processes, by their numbers."""
-    found = {}
+    usages = {}
     for folder in PROC.iterdir():
         if folder.name.isdigit():
             with suppress(OSError):  # it has ended meanwhile
-                found[int(folder.name)] = read(int(folder.name))
-    return found
+                usages[int(folder.name)] = read(int(folder.name))
+    return usages
 
 
 def read(process: int) -> Usage:

@@ -57,9 +57,9 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(kinds), len(WAYS), sharex=True, sharey=True, squeeze=False)
     for line, (kind, problems) in zip(axes, kinds.items(), strict=True):
-        for axis, (mode, way) in zip(line, WAYS.items(), strict=True):
+        for axis, (mode, title) in zip(line, WAYS.items(), strict=True):
             panel(axis, curves(rows, problems, mode))
-            axis.set_title(f"{way}\n", fontsize=10.5, fontweight="bold", loc="left")
+            axis.set_title(f"{title}\n", fontsize=10.5, fontweight="bold", loc="left")
         line[0].set_ylabel(f"{kind}: time per tick [µs]", fontweight="bold")
     for axis in axes[-1]:
         axis.set_xlabel("largest error of the depth")
@@ -72,8 +72,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 def curves(rows: Sequence[Row], problems: Sequence[str], mode: str) -> dict[str, Curve]:
     """Curves by tool, ours last: geometric means over some problems, at the errors that all of them reach."""
     names = dict.fromkeys(row.peer for row in rows)
-    found = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
-    return {name: found[name] for name in sorted(found, key=lambda name: name == NAME) if found[name].errors}
+    by_tool = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
+    return {name: by_tool[name] for name in sorted(by_tool, key=lambda name: name == NAME) if by_tool[name].errors}
 
 
 def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
@@ -85,11 +85,11 @@ def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
     return Curve([float(ERRORS[i]) for i in reached], [means[i] for i in reached])
 
 
-def panel(axis: Any, found: dict[str, Curve]) -> None:
+def panel(axis: Any, by_tool: dict[str, Curve]) -> None:
     """Draw one panel: the curves of all tools."""
     from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
-    for name, (errors, times) in found.items():
+    for name, (errors, times) in by_tool.items():
         axis.plot(
             errors, times, label=name, markevery=(min(MARK_FIRST.get(name, 0), len(times) - 1), 6), **style_of(name)
         )
@@ -106,13 +106,13 @@ def panel(axis: Any, found: dict[str, Curve]) -> None:
     axis.set_axisbelow(True)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
-    label_quickest_peer(axis, found)
+    label_quickest_peer(axis, by_tool)
 
 
-def label_quickest_peer(axis: Any, found: dict[str, Curve]) -> None:
+def label_quickest_peer(axis: Any, by_tool: dict[str, Curve]) -> None:
     """Write the quickest peer at `ASKED` and its time over ours above a panel."""
-    ours = found.get(NAME, Curve([], [])).at(ASKED)
-    times = {name: each.at(ASKED) for name, each in found.items() if name != NAME}
+    ours = by_tool.get(NAME, Curve([], [])).at(ASKED)
+    times = {name: each.at(ASKED) for name, each in by_tool.items() if name != NAME}
     times = {name: time for name, time in times.items() if not math.isnan(time)}
     if math.isnan(ours) or not times:
         return

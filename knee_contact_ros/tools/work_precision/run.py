@@ -75,13 +75,13 @@ def known_problems(names: tuple[str, ...]) -> list[Problem]:
 
 def available() -> tuple[list[Entry], list[str]]:
     """List our solvers and those of every installed peer, and a sentence for every peer that is not installed."""
-    found, absent = entries(ours.__name__), []
+    candidates, absent = entries(ours.__name__), []
     for peer in PEERS:
         if peer.installed:
-            found += peer.entries()
+            candidates += peer.entries()
         else:
             absent.append(not_installed(peer.name, peer.extra))
-    return found, absent
+    return candidates, absent
 
 
 def matching(candidates: Sequence[Entry], names: tuple[str, ...]) -> list[Entry]:

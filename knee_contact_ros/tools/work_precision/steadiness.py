@@ -43,13 +43,13 @@ def moments(level: str) -> list[Moment]:
 
 def times(stream: Stream, loads: list[float]) -> list[float]:
     """Time per tick [µs] up to every moment."""
-    found, begin = [], 0
+    microseconds, begin = [], 0
     for end in TICKS:
         with stopwatch() as watch:
             walk(stream, begin, end, loads)
-        found.append(1e6 * watch.seconds / (end - begin))
+        microseconds.append(1e6 * watch.seconds / (end - begin))
         begin = end
-    return found
+    return microseconds
 
 
 def memory(stream: Stream, loads: list[float]) -> list[float]:

@@ -24,7 +24,7 @@ def methods() -> list[Method]:
     found = []
     for how, make in (("NumPy", in_numpy), ("Numba", in_numba)):
         for solver in ("RK45", "DOP853"):
-            anew, equal = (partial(way, solver=solver, make=make) for way in (_anew, _equal_steps))
+            anew, equal = (partial(prepare, solver=solver, make=make) for prepare in (_anew, _equal_steps))
             found.append(Method(TOOL, f"{solver}, tick by tick, {how}", TOLERANCE, anew, TOLERANCES))
             found.append(Method(TOOL, f"{solver}, equal steps, {how}", STEPS, equal, COUNTS))
     return found

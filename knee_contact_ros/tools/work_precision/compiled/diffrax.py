@@ -39,17 +39,17 @@ def rates(state: Any, load: Any, constants: Any) -> Any:
     return rate, (load - pressing) * inverse_mass * RATE_UNIT
 
 
-def in_series(time: Any, state: Any, given: Any) -> Any:
+def in_series(time: Any, state: Any, arguments: Any) -> Any:
     """Right-hand side over the series; times [s] count from its begin, and the load is found by index."""
-    constants, loads, tick = given
+    constants, loads, tick = arguments
     ticks = time / tick
     i = jnp.clip(ticks.astype(int), 0, len(loads) - 2)
     return rates(state, loads[i] + (loads[i + 1] - loads[i]) * (ticks - i), constants)
 
 
-def in_tick(time: Any, state: Any, given: Any) -> Any:
+def in_tick(time: Any, state: Any, arguments: Any) -> Any:
     """Right-hand side over a tick; times [s] count from its begin."""
-    constants, begin, slope = given
+    constants, begin, slope = arguments
     return rates(state, begin + slope * time, constants)
 
 
@@ -79,7 +79,7 @@ def series(method: str, steps: int, control: Control = by_tolerance, **options: 
         return diffrax.diffeqsolve(
             diffrax.ODETerm(in_series), getattr(diffrax, method)(), 0.0, stamps[-1], tick / steps,
             (start, jnp.zeros_like(start)), (constants, loads, tick),
-            saveat=diffrax.SaveAt(ts=stamps, fn=lambda _time, state, _given: state[0]),
+            saveat=diffrax.SaveAt(ts=stamps, fn=lambda _time, state, _arguments: state[0]),
             stepsize_controller=control(value, stamps), throw=False, **options,
         ).ys  # fmt: skip
 
