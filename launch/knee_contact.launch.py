@@ -1,6 +1,6 @@
-"""The node: `ros2 launch knee_contact_ros knee_contact.launch.py params:=FILE record:=FILE ...`.
+"""Contact node: `ros2 launch knee_contact_ros knee_contact.launch.py params:=FILE record:=FILE ...`.
 
-What is not given is as the parameter file says. `-s` lists all arguments.
+Arguments that are given override the parameter file. `-s` lists all arguments.
 """
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
@@ -16,18 +16,18 @@ from launch import LaunchDescription
 
 PACKAGE = "knee_contact_ros"
 ENDED, REFUSED = 0, 2
-"""Codes with which the node ends: as it was told to, and because of a parameter"""
+"""Exit codes of the node: as it was told to end, and because of a parameter"""
 LEAST_DELAY = 0.1
-"""[s] within which launch surely handles what follows the end of a process"""
+"""Time [s] within which launch surely handles the end of a process"""
 
 
 def mode_of(rerun):
-    """What the argument `rerun` says: a way to show the scene, or a file."""
+    """Value of `rerun.mode` for the argument `rerun`, which is a mode or the name of a file."""
     return rerun if rerun in ("", "serve", "spawn") else "file"
 
 
 def number(name, context, kind, least):
-    """A number that was given as an argument."""
+    """Number that was given as an argument, of a type `kind` and not below `least`."""
     text = LaunchConfiguration(name).perform(context)
     try:
         value = kind(text)
@@ -39,7 +39,10 @@ def number(name, context, kind, least):
 
 
 def end_for_good(node):
-    """Nobody wants back a node that was told to end, or one refused at once; later its parameters were good before."""
+    """Keep launch from restarting a node that was told to end, or whose parameters are refused at its first start.
+
+    A node that is refused later had good parameters before, and is restarted.
+    """
     codes = []
 
     def on_exit(event, _context):
@@ -52,7 +55,7 @@ def end_for_good(node):
 
 
 def knee_contact_node(context):
-    """The node with the parameters that were given as arguments; one that dies comes back with the same ones."""
+    """Node with the parameters that were given as arguments; if it dies, it is restarted with the same ones."""
     rerun = LaunchConfiguration("rerun").perform(context)
     texts = {
         "knee.joint_name": LaunchConfiguration("joint").perform(context),

@@ -1,4 +1,4 @@
-"""The load node: `ros2 launch knee_contact_ros knee_load.launch.py params:=FILE record:=FILE ...`.
+"""Load node: `ros2 launch knee_contact_ros knee_load.launch.py params:=FILE record:=FILE ...`.
 
 It estimates the joint reaction force for the contact node, which is launched by `knee_contact.launch.py`.
 """

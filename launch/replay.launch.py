@@ -1,4 +1,4 @@
-"""A bag through the node: `ros2 launch knee_contact_ros replay.launch.py bag:=BAG rerun:=FILE view:=true ...`.
+"""Replay of a bag to the node: `ros2 launch knee_contact_ros replay.launch.py bag:=BAG rerun:=FILE view:=true ...`.
 
 Starts the node, replays the bag as soon as the node listens, and then ends the node, which completes its files. `view`
 opens the Rerun file at the end. `-s` lists all arguments.
@@ -25,16 +25,16 @@ from launch import LaunchDescription
 
 PACKAGE = "knee_contact_ros"
 LAST_ANSWERS = 1.0
-"""How long [s] the node has for its last answers."""
+"""Time [s] that the node has for its last answers"""
 
 
 def mode_of(rerun):
-    """What the argument `rerun` says: a way to show the scene, or a file."""
+    """Value of `rerun.mode` for the argument `rerun`, which is a mode or the name of a file."""
     return rerun if rerun in ("", "serve", "spawn") else "file"
 
 
 def knee_contact_node(context):
-    """The node with the parameters that were given as arguments; the parameter file says the rest."""
+    """Node with the parameters that were given as arguments; the others come from the parameter file."""
     texts = {
         "record.path": LaunchConfiguration("record").perform(context),
         "rerun.mode": mode_of(LaunchConfiguration("rerun").perform(context)),
@@ -57,7 +57,7 @@ def knee_contact_node(context):
 
 
 def replay_process(context):
-    """The replay: no `Node`, for it takes no ROS arguments. It waits for the node, which may have to compile first."""
+    """Process of the replay, which takes no ROS arguments. It waits for the node, which may have to compile first."""
     command = [ExecutableInPackage(package=PACKAGE, executable="knee_contact"), "replay", LaunchConfiguration("bag")]
     command += ["--rate", LaunchConfiguration("rate"), "--wait", "300"]
     if LaunchConfiguration("loop").perform(context) == "true":
@@ -68,7 +68,7 @@ def replay_process(context):
 
 
 def node_and_replay(context):
-    """Both, and what follows when one of them ends."""
+    """Node and replay, and the actions when one of them ends."""
     node, replay = knee_contact_node(context), replay_process(context)
     rerun = LaunchConfiguration("rerun").perform(context)
     view = LaunchConfiguration("view").perform(context) == "true"

@@ -1,4 +1,4 @@
-"""RViz beside a replay: `ros2 launch knee_contact_ros rviz.launch.py bag:=BAG frame:=FRAME ...`.
+"""RViz with a replay: `ros2 launch knee_contact_ros rviz.launch.py bag:=BAG frame:=FRAME ...`.
 
 Replays the bag through the node again and again (replay.launch.py, whose other arguments may be given too) until RViz
 is closed. RViz shows `knee_contact/markers`, and shank and thigh (urdf/knee.urdf) as `joint_states` moves them. With
@@ -18,11 +18,11 @@ from launch import LaunchDescription
 
 PACKAGE = "knee_contact_ros"
 ISB = "tibia_isb"
-"""The tibia frame in the URDF"""
+"""Name of the tibia frame in the URDF"""
 
 
 def viewers(context):
-    """RViz, and what tells it where shank and thigh are."""
+    """RViz, and the nodes that publish where shank and thigh are."""
     share = FindPackageShare(PACKAGE)
     urdf = FileContent(PathJoinSubstitution([share, "urdf", "knee.urdf"]))
     layout = PathJoinSubstitution([share, "config", "rviz", "knee_contact.rviz"])

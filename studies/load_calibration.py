@@ -119,7 +119,7 @@ def held_by_a_fit(count: int, place: int, number: int) -> list[bool]:
     problem = true_problem(count)
     reference = problem.measured.answers[AXIAL_FORCE] + drawn(NOISES[place], count, random)
     minimum = fitted(held_against(problem, reference), LINEAR, {}, 1, lambda *_: None)
-    found = intervals(minimum, LEVEL, lambda *_: None, go_on=True)
+    found = intervals(minimum, LEVEL, lambda *_: None, ignore_better=True)
     return [each.low <= true <= each.high for each, true in zip(found, TRUE.values(), strict=True)]
 
 

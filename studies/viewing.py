@@ -108,7 +108,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
         before, ticks = snapshot(os.getpid()), round(seconds * RATE)
         times = paced(pipeline, outputs, ticks, 2 * SECOND)
         cpu = taken_beside(before, snapshot(os.getpid())) / ticks
-        dropped = sum(int(values["dropped"]) for _, values, *_ in outputs.said())
+        dropped = sum(int(values["dropped"]) for _, values, *_ in outputs.reports())
     outputs.close(Ending((), {}))
     if complaints:
         raise RuntimeError("; ".join(complaints))

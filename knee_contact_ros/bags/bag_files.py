@@ -14,8 +14,8 @@ import zstandard
 
 from knee_contact_ros.bags.folder_metadata import METADATA, read_metadata
 from knee_contact_ros.bags.mcap_file import LITTLE, MOST_GROWTH, McapFile
+from knee_contact_ros.bags.mcap_layout import MAGIC
 from knee_contact_ros.bags.mcap_metadata import NUMBERED, as_one_recording, in_order, later_files
-from knee_contact_ros.bags.mcap_records import MAGIC
 from knee_contact_ros.bags.sqlite_file import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import printable

@@ -16,11 +16,10 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Header, Metadata, Schema, Statistics
 
 from knee_contact_ros.bags.batch import Batch
+from knee_contact_ros.bags.mcap_layout import HEAD, MESSAGE
 from knee_contact_ros.bags.mcap_records import (
     BLOCK,
     DECLARATIONS,
-    HEAD,
-    MESSAGE,
     Chunk,
     Contents,
     CutChunk,

@@ -13,7 +13,8 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.mcap_records import HEAD, head_at, magic_at, parsed, record_at
+from knee_contact_ros.bags.mcap_layout import HEAD
+from knee_contact_ros.bags.mcap_records import head_at, magic_at, parsed, record_at
 from knee_contact_ros.bags.writer import CONTINUED
 from knee_contact_ros.system.output_files import FIRST
 from knee_contact_ros.system.regular_file import open_regular

@@ -35,21 +35,14 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-MAGIC = b"\x89MCAP0\r\n"
-HEAD = struct.Struct("<BQ")
-"""Opcode and length of the content [B]"""
-CHUNK_HEAD = struct.Struct("<QQQII")
-"""First and last time, size, checksum, length of the compression's name"""
+from knee_contact_ros.bags.mcap_layout import CHUNK_HEAD, ENTRY, HEAD, INDEX, MAGIC, MESSAGE, MESSAGE_HEAD
+
 LONGEST_NAME = 16
 """[B] of a compression's name"""
-MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time [ns]"""
-MESSAGE_HEAD = np.dtype(
+MESSAGE_HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
-"""The same behind opcode and length"""
-INDEX_HEAD = 6
-"""[B] of a chunk's index of a channel before times and places: the channel, and how long they are"""
+"""`MESSAGE_HEAD` in columns"""
 LONGEST_INDEX = 2**24
 """[B] of the indices behind a chunk that are looked at"""
 LARGEST_RECORD = 2**30
@@ -134,7 +127,7 @@ class Contents(NamedTuple):
     """The records of a chunk, or of a piece of the file; arrays have shape (n,)."""
 
     heads: NDArray[Any]
-    """Of its messages, as `MESSAGE_HEAD`"""
+    """Of its messages, as `MESSAGE_HEADS`"""
     begins: NDArray[np.int64]
     """[B] of what they hold"""
     ends: NDArray[np.int64]
@@ -379,7 +372,7 @@ def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
     begins = np.array(places, np.int64)
     heads = _heads(data, begins)
     ends = begins + HEAD.size + heads["length"].astype(np.int64)
-    return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, others, number, end)
+    return Contents(heads, begins + MESSAGE_HEAD.size, ends, others, number, end)
 
 
 def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
@@ -387,10 +380,10 @@ def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
 
     They are if there is a message wherever they say, which goes on to the next one, and nothing else.
     """
-    if not indices or any(len(index) % 16 != INDEX_HEAD for index in indices):
+    if not indices or any(len(index) % ENTRY.size != INDEX.size for index in indices):
         return None
-    places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX_HEAD)[1::2] for index in indices])
-    if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.itemsize:
+    places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX.size)[1::2] for index in indices])
+    if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.size:
         return None
     begins = np.sort(places.astype(np.int64), kind="stable")  # runs that are in order: quickly done
     heads, ends = _heads(data, begins), np.append(begins[1:], len(data))
@@ -398,14 +391,14 @@ def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
     right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
     if not (right and (heads["opcode"] == Opcode.MESSAGE).all()):
         return None
-    return Contents(heads, begins + MESSAGE_HEAD.itemsize, ends, [], len(begins), len(data))
+    return Contents(heads, begins + MESSAGE_HEAD.size, ends, [], len(begins), len(data))
 
 
 def _heads(data: bytes, begins: NDArray[np.int64]) -> NDArray[Any]:
-    """The heads of the messages that begin there, as `MESSAGE_HEAD`."""
-    heads = np.dtype(f"V{MESSAGE_HEAD.itemsize}")  # as one thing each, which is copied at once
+    """The heads of the messages that begin there, as `MESSAGE_HEADS`."""
+    heads = np.dtype(f"V{MESSAGE_HEAD.size}")  # as one thing each, which is copied at once
     windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
-    return windows[begins].view(MESSAGE_HEAD)
+    return windows[begins].view(MESSAGE_HEADS)
 
 
 def with_indices(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, list[Record]]]:

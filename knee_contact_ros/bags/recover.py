@@ -12,8 +12,9 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.bag_files import in_a_line, open_file
+from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY
+from knee_contact_ros.bags.mcap_writer import LIBRARY
 from knee_contact_ros.bags.metadata import METADATA, FileFacts, prepare_metadata, to_yaml, with_topics
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import is_being_written, rename_new

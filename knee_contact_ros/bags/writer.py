@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -73,8 +72,6 @@ class BagWriter:
         Raises:
             UsageError: see `claim` and `open_claimed`.
         """
-        self.counts: Counter[str] = Counter()
-        """Messages by topic, in all files"""
         self._types: dict[str, str] = {}  # topic to message type
         self._compression = compression
         self._limits = limits
@@ -89,24 +86,22 @@ class BagWriter:
         self._behind: ThreadPoolExecutor | None = None
         self._list_at = -math.inf  # when [s] to write `metadata.yaml` again
         self._listed: Identity | None = None  # the one that was written last
-        self.file = BagFile(self.path, partial, compression, overwrite)
+        self.file = BagFile(self.path, partial, compression, overwrite, {})
         """The one that is being written"""
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
         if topic not in self._types:
             self._types[topic] = type_name
-            self.counts[topic] = 0
             self.file.add_topic(topic, type_name)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
         """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
-        self.file.write(topic, stamp, data, self.counts[topic])
-        self.counts[topic] += 1
+        self.write_all([(topic, stamp, data)], {topic: topic})
 
     def write_all(self, records: Iterable[Record], names: Mapping[str, str]) -> None:
-        """Write many messages into one file, under the names of their topics: the same bytes as by `write`."""
-        self.file.write_all(records, names, self.counts)
+        """Write messages into one file, under the names of their topics: the same bytes as one by one."""
+        self.file.write_all(records, names)
 
     @property
     def has_limits(self) -> bool:
@@ -119,16 +114,16 @@ class BagWriter:
         Raises:
             UsageError: the new file cannot be opened; the present one is then left as it is.
         """
-        file, limits = self.file, self._limits
-        if not file.counts.total():
+        told, limits = self.file.mcap.statistics, self._limits
+        if not told.message_count:
             return
-        span = max(file.last, stamp) - min(file.first, stamp)
-        if span >= limits.duration or (limits.size < math.inf and file.size() >= limits.size):
+        span = max(told.message_end_time, stamp) - min(told.message_start_time, stamp)
+        if span >= limits.duration or self.file.mcap.size >= limits.size:
             self._split()
 
     def flush(self) -> None:
         """Hand all that was written to the operating system."""
-        self.file.flush()
+        self.file.mcap.flush()
         self._settle(wait=False)
 
     def sync(self) -> None:
@@ -143,7 +138,7 @@ class BagWriter:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
-        self.file.add_metadata(name, values)
+        self.file.mcap.add_metadata(name, values)
 
     def free_space(self) -> int:
         """[B] that are free on the disk that is written to.
@@ -168,11 +163,12 @@ class BagWriter:
 
     def _split(self) -> None:
         """Everything is in the old file's `.partial` before the new one begins."""
-        self.file.flush()
-        following = BagFile(*claim_first(self._names), self._compression, overwrite=False)
+        self.file.mcap.flush()
+        earlier = {topic: self.file.next_number(topic) for topic in self._types}
+        following = BagFile(*claim_first(self._names), self._compression, overwrite=False, earlier=earlier)
         for topic, type_name in self._types.items():
             following.add_topic(topic, type_name)
-        following.add_metadata(CONTINUED, {"first": self.path.name})
+        following.mcap.add_metadata(CONTINUED, {"first": self.path.name})
         full, self.file = self.file, following
         if self._behind is None:
             self._behind = ThreadPoolExecutor(1, "completing")

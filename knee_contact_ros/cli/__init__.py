@@ -1,1 +1,1 @@
-"""The command `knee-contact`."""
+"""The command line of the package: `knee-contact` with its commands and options."""

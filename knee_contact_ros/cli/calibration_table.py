@@ -1,4 +1,4 @@
-"""What `calibrate` prints."""
+"""The table that `calibrate` prints."""
 
 from __future__ import annotations
 
@@ -14,31 +14,32 @@ from knee_contact_ros.tools.calibration.in_memory import Calibration
 from knee_contact_ros.tools.calibration.run import UNITS
 
 
-def show_calibration(found: Calibration, output: Path) -> None:
-    """Print the fitted values with their intervals, what is left of each column, the file, and warnings."""
+def show_calibration(calibration: Calibration, output: Path) -> None:
+    """Print the fitted values with their intervals, the residual of each column, the output file, and warnings."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"):
+    for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * calibration.level:g} % interval"):
         table.add_column(heading.replace("[", r"\["), justify="right" if heading in ("start", "fitted") else "left")
-    for unknown in found.unknowns:
+    for unknown in calibration.unknowns:
         name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
-        numbers = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", _interval(found, unknown.name))
+        value = calibration.values[unknown.name]
+        numbers = (f"{unknown.start:.6g}", f"{value:.6g}", _interval(calibration, unknown.name))
         table.add_row(escape(name), *map(shown, numbers))
-    Console(width=WIDTH).print(table, highlight=False)
-    for name, misfit in found.rms.items():
-        known = "noise given" if name in found.given else "noise found"
-        say(f"{name}: RMS {misfit:.4g} {UNITS[name]} left, {known} {found.noise[name]:.4g} {UNITS[name]}")
-    for remark in found.remarks:
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+    for name, misfit in calibration.rms.items():
+        known = "noise given" if name in calibration.given else "noise found"
+        say(f"{name}: RMS {misfit:.4g} {UNITS[name]} left, {known} {calibration.noise[name]:.4g} {UNITS[name]}")
+    for remark in calibration.remarks:
         say(remark)
     say("")
     say(f"Parameters: {output}")
-    warn(found.warnings)
+    warn(calibration.warnings)
 
 
-def _interval(found: Calibration, name: str) -> str:
-    """The interval in a cell."""
-    if name not in found.intervals:
+def _interval(calibration: Calibration, name: str) -> str:
+    """Return the interval of a parameter as text."""
+    if name not in calibration.intervals:
         return "-"
-    low, high, low_open, high_open = found.intervals[name]
+    low, high, low_open, high_open = calibration.intervals[name]
     if low_open and high_open:
         return "not bounded"
     if low_open:

@@ -8,18 +8,17 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.offline.load_summary import LoadSummary
-from knee_contact_ros.offline.summary_table import counts
+from knee_contact_ros.offline.estimate_load import LoadSummary
+from knee_contact_ros.offline.summary_table import counts, figure_table
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
 
 
 def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
-    """Print the joint reaction's peak and mean, its parts there, and how sure it is."""
-    console, weight = Console(width=WIDTH), parameters.person.constants.weight
+    """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
+    console, weight = Console(width=WIDTH, emoji=False), parameters.person.constants.weight
     peak = summary.peak
     assert peak is not None  # noqa: S101  (there is an estimate)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -34,9 +33,7 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
     for name, force in parts.items():
         table.add_row(name, f"{force:.1f}", f"{force / weight:.2f}")
     console.print(table)
-    figures = Table(box=None, show_header=False, pad_edge=False)
-    figures.add_column(no_wrap=True)
-    figures.add_column(overflow="fold")
+    figures = figure_table()
     figures.add_row("estimates", f"{len(summary.axial)} over {summary.duration:.2f} s")
     figures.add_row("level", summary.level)
     figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
@@ -46,4 +43,4 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
     figures.add_row("estimates flagged", counts(summary.flagged))
     console.print(figures)
     console.print()
-    console.print(printable(f"Bag: {output}"), soft_wrap=True, highlight=False, markup=False)
+    say(f"Bag: {output}")

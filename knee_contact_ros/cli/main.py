@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.cli.commands import cohort, live, load, look, measure, offline, prepare, warm
+from knee_contact_ros.cli.commands import cohort, fit, imports, live, look, measure, offline, warm
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.printable import printable
 
@@ -27,16 +27,15 @@ def knee_contact() -> None:
 
 
 for command in (
-    live.demo, live.node, load.load, load.estimate_load, live.replay, offline.solve, offline.recover, look.view,
-    look.report, prepare.import_opensim,
-    prepare.import_csv, prepare.align, prepare.fit_profile, prepare.fit_share, prepare.calibrate, cohort.sweep,
-    cohort.sensitivity, measure.trade, measure.latency, warm.warm,
+    live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, look.view,
+    look.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
+    fit.calibrate, cohort.sweep, cohort.sensitivity, measure.trade, measure.latency, warm.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; return its exit code."""
+    """Run the command with `arguments`, by default those of the process; return its exit code."""
     open_standard_streams()
     try:
         knee_contact.main(arguments, prog_name="knee-contact", standalone_mode=False)
@@ -59,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def open_standard_streams() -> None:
-    """Where one came closed, nothing is read or written; libraries trust in it, and no other file gets its number."""
+    """Open the null device for standard streams that are closed: libraries need them, and no other file may be one."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD_STREAM:
         pass
     os.close(number)
@@ -69,7 +68,7 @@ def open_standard_streams() -> None:
 
 
 def fail(text: str, code: int = 2) -> int:
-    """Say in one line what is wrong."""
+    """Print an error in one line; return the exit code."""
     click.echo(f"knee-contact: {printable(' '.join(text.split()))}", err=True)
     return code
 

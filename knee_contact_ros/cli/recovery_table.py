@@ -8,16 +8,15 @@ from rich.table import Table
 
 from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 MOST_FAULTS = 20
-"""That are printed"""
+"""Largest number of faults that are printed"""
 
 
 def show_recovery(recovery: Recovery, output: str) -> None:
-    """Print what was recovered, what is missing, and where the file is."""
-    console = Console(width=WIDTH)
+    """Print the recovered and the missing messages of each topic, the faults, and the output file."""
+    console = Console(width=WIDTH, emoji=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic, and its type", overflow="fold")
     table.add_column("messages", justify="right", no_wrap=True)
@@ -34,4 +33,4 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     if len(recovery.faults) > MOST_FAULTS:
         lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
     for line in [*lines, f"Recovered: {output}"]:
-        console.print(printable(line), soft_wrap=True, highlight=False, markup=False)
+        say(line)

@@ -1,1 +1,1 @@
-"""Many knees through the same gait: cases of a study, what comes out of each, and the tables that hold it."""
+"""Many knees through the same gait: the cases of a study, their outcomes, and the tables that hold them."""

@@ -1,57 +1,61 @@
-"""What is missing of a study, in blocks: equal ones for all clients that share a folder, from where each begins.
+"""The cases of a study that are still missing, in blocks that are sent to workers.
 
-So two clients seldom compute the same, and what one has written the other passes over.
+All clients that share a folder divide a study into the same blocks, and each begins at a random one. So two clients
+seldom compute the same block, and each skips what the other has written.
 """
 
 from __future__ import annotations
 
 import json
 import random
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 from knee_contact_ros.cohort.keys import case_key, refused_key, shard_name
 from knee_contact_ros.cohort.knees import Files
 from knee_contact_ros.cohort.places import absolute, digest_of, here
 from knee_contact_ros.cohort.study import Group, Study
-from knee_contact_ros.cohort.work import Aim, Block, Source
+from knee_contact_ros.cohort.work import Block, Source, Target
 from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.reading import all_values, load_parameters, variations_of
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
 TICKS_A_BLOCK = 800_000
-"""Of a block of cases: more than a tenth of a second of a worker, ten times what a block costs by itself"""
+"""Ticks of a block: more than a tenth of a second of a worker's time, ten times the overhead of a block"""
 LEAST, PARTS = 8, 16
-"""Cases of a block at least, and into how many blocks a small study is divided"""
+"""The least number of cases in a block, and the number of blocks into which a small study is divided"""
 BLOCKS_A_STRETCH = 4
-"""Whose keys are made before the first of them is computed"""
+"""Number of blocks whose keys are made before the first of them is sent to a worker"""
 NAME_FILES = (".profile", ".table", ".share_file")
-"""How the names of parameters end that name files"""
+"""Endings of the names of those parameters whose values are names of files"""
 BYTES_A_TICK = 100
-"""Of a bag at most, compressed"""
+"""The most bytes that a tick takes in a compressed bag"""
+Item = TypeVar("Item")
 
 
 class Bag(NamedTuple):
-    """A recording of a study."""
+    """A recording that a study uses."""
 
     place: str
+    """Absolute path or address"""
     digest: str
+    """SHA-256 of its content"""
     ticks: int
-    """About so many"""
+    """Approximate number of ticks, estimated from the size of the files"""
 
 
 class Knee(NamedTuple):
-    """A recording with one set of parameter files."""
+    """A recording and one set of parameter files, with the cases that share them."""
 
     group: Group
     bag: Bag
     parameters: Parameters
+    """Parameters before any value is varied"""
 
 
 def knees_of(study: Study) -> list[Knee]:
-    """All that a study's cases have in common, by recording and parameter files.
+    """Read and check the bags and parameter files of a study, and give every combination of them.
 
     Raises:
         UsageError: a bag, a parameter file or a file that one names cannot be used.
@@ -60,8 +64,8 @@ def knees_of(study: Study) -> list[Knee]:
     parameters = {params: load_parameters([*params, study.values]) for params in study.params}
     for one in parameters.values():
         Files().texts(one)
-    for name, own in study.grid.items():
-        for file in own if name.endswith(NAME_FILES) else []:
+    for name, values in study.grid.items():
+        for file in values if name.endswith(NAME_FILES) else []:
             read_curve(name, file)
     return [Knee(group, bags[group.bag], parameters[group.params]) for group in study.groups()]
 
@@ -69,16 +73,14 @@ def knees_of(study: Study) -> list[Knee]:
 def _bag(name: str) -> Bag:
     place = absolute(name)
     with here(place) as path:
-        return Bag(place, digest_of(name, path), max(1, _size(path) // BYTES_A_TICK))
-
-
-def _size(path: Path) -> int:
-    files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
-    return sum(file.stat().st_size for file in files)
+        digest = digest_of(name, path)
+        files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+        size = sum(file.stat().st_size for file in files)
+        return Bag(place, digest, max(1, size // BYTES_A_TICK))
 
 
 def keys_of(study: Study) -> list[str]:
-    """The keys of all cases, in the order of their numbers.
+    """Keys of all cases of a study, in the order of the cases' numbers.
 
     Raises:
         UsageError: see `knees_of`.
@@ -88,19 +90,21 @@ def keys_of(study: Study) -> list[str]:
 
 
 class Keyed(NamedTuple):
-    """A case, as the client knows it: its parameters are the workers'."""
+    """A case as the client knows it, which leaves its parameters to the workers."""
 
     number: int
+    """The case's number in the study"""
     key: str
+    """Digest of the case, see `case_key`"""
     files: tuple[str, ...]
-    """Names of those that its parameters name"""
+    """Names of the files that the case's parameters name"""
 
 
 def _keyed(study: Study, knee: Knee, numbers: range, files: Files) -> Iterator[Keyed]:
-    """Cases by their numbers; those whose parameters are not allowed, too."""
+    """Give cases by their numbers, also those whose parameters are not allowed."""
     varied = variations_of(knee.parameters)
     for number in numbers:
-        values = dict(zip(study.names, study.row(number), strict=True))
+        values = study.values_of(number)
         named: tuple[str, ...] = ()
         try:
             parameters = varied(values)
@@ -112,35 +116,37 @@ def _keyed(study: Study, knee: Knee, numbers: range, files: Files) -> Iterator[K
 
 
 class Missing:
-    """Blocks of what is not there, as they are asked for."""
+    """Iterates over the blocks of the missing cases of a study; a block is made when it is wanted."""
 
-    def __init__(self, study: Study, knees: list[Knee], there: set[str], aim: Aim) -> None:
-        """Of a study, whose cases of these keys are there."""
-        self._study, self._knees, self._there, self._aim = study, knees, there, aim
+    def __init__(self, study: Study, knees: list[Knee], finished: set[str], target: Target) -> None:
+        """Take a study with its knees, the keys of the cases that are finished, and where the results go."""
+        self._study, self._knees, self._known, self._target = study, knees, finished, target
         self._files = Files()
         self.there = 0
-        """Cases, so far, that were there, or are the same as another"""
+        """Number of cases so far that were finished already, or are the same as another case"""
 
     def __iter__(self) -> Iterator[Block]:
-        stretches = [(knee, own) for knee in self._knees for own in _stretches(knee)]
+        stretches = [
+            (knee, numbers)
+            for knee in self._knees
+            for numbers in _sliced(knee.group.numbers, BLOCKS_A_STRETCH * _size_of_block(knee))
+        ]
         for knee, numbers in _from_anywhere(stretches):
-            missing = self._missing(knee, numbers)
-            size = _size_of_block(knee)
-            parts = [missing[begin : begin + size] for begin in range(0, len(missing), size)]
-            yield from (self._block(knee, part) for part in _from_anywhere(parts))
+            blocks = _sliced(self._missing(knee, numbers), _size_of_block(knee))
+            yield from (self._block(knee, cases) for cases in _from_anywhere(blocks))
 
     def _missing(self, knee: Knee, numbers: range) -> list[Keyed]:
-        """The cases that are not there."""
+        """Give the cases that are not finished, and count the others."""
         missing = []
         for case in _keyed(self._study, knee, numbers, self._files):
-            if case.key in self._there:
+            if case.key in self._known:
                 self.there += 1
             else:
-                self._there.add(case.key)
+                self._known.add(case.key)
                 missing.append(case)
         return missing
 
-    def _block(self, knee: Knee, cases: list[Keyed]) -> Block:
+    def _block(self, knee: Knee, cases: Sequence[Keyed]) -> Block:
         keys = tuple(case.key for case in cases)
         self._files.texts(knee.parameters)
         named = set(curve_files(knee.parameters).values()).union(*(case.files for case in cases))
@@ -148,7 +154,7 @@ class Missing:
         values = json.dumps(all_values(knee.parameters))
         rows = tuple(self._study.row(case.number) for case in cases)
         return Block(
-            self._aim, Source(knee.bag.place, knee.bag.digest, values, files), (knee.group.bag, knee.group.params),
+            self._target, Source(knee.bag.place, knee.bag.digest, values, files), knee.group.bag, knee.group.params,
             tuple(self._study.names), rows, keys, shard_name(keys),
         )  # fmt: skip
 
@@ -158,12 +164,12 @@ def _size_of_block(knee: Knee) -> int:
     return max(1, min(max(shared, LEAST), TICKS_A_BLOCK // knee.bag.ticks))
 
 
-def _stretches(knee: Knee) -> list[range]:
-    numbers, size = knee.group.numbers, BLOCKS_A_STRETCH * _size_of_block(knee)
-    return [numbers[begin : begin + size] for begin in range(0, len(numbers), size)]
+def _sliced(items: Any, size: int) -> list[Any]:
+    """Cut a list or a range into parts of a size; the last one may be smaller."""
+    return [items[begin : begin + size] for begin in range(0, len(items), size)]
 
 
-def _from_anywhere(things: list[Any]) -> list[Any]:
-    """All of them, from one on that is drawn."""
-    begin = random.randrange(len(things)) if things else 0  # noqa: S311
-    return [*things[begin:], *things[:begin]]
+def _from_anywhere(items: list[Item]) -> list[Item]:
+    """Give all items in their order, from a random one on and then from the first."""
+    begin = random.randrange(len(items)) if items else 0  # noqa: S311
+    return [*items[begin:], *items[:begin]]

@@ -1,4 +1,4 @@
-"""Workers: processes of this machine, or those of a Dask scheduler; and what they cannot do, in a line."""
+"""Workers: processes of this machine, or those of a Dask scheduler. Their failures become errors of one line."""
 
 from __future__ import annotations
 
@@ -17,34 +17,38 @@ from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from knee_contact_ros.cohort.places import reason
-from knee_contact_ros.cohort.work import Block, Told, compute_block
+from knee_contact_ros.cohort.work import Block, Report, compute_block
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 from knee_contact_ros.system.terminal import warn
 
 PATIENCE = 10.0
-"""[s] for a scheduler to answer"""
+"""Time [s] that a scheduler has to answer"""
 WAITING = 4
-"""Blocks that each worker has before it"""
+"""Blocks that are submitted per thread of the workers"""
 LEAST_WAITING = 32
-"""Blocks that are asked for in any case: a cluster that adapts itself sees that there is work"""
+"""The least number of blocks that are submitted: so a cluster that scales itself sees that there is work"""
 LOOK = 2.0
-"""[s] after which the workers are counted again"""
+"""Time [s] after which the workers are counted again"""
 REST = "what is finished stays, and the rest is computed by the same command"
 LOGS = ("distributed", "tornado", "asyncio")
 GONE = f"the scheduler is gone; {REST}"
 QUIET: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
     f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
 }
-"""Settings of our own cluster: it says nothing, and shows nobody a page,"""
+"""Dask settings by which a cluster writes no log and serves no web page"""
 QUICK: dict[str, object] = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None, "distributed.worker.profile.enabled": False
 }  # fmt: skip
-"""and its workers keep the memory that they will need again soon, and nobody looks 100 times a second what they do"""
+"""Dask settings by which workers keep freed memory that they need again soon, and are not sampled by a profiler"""
 
 
 @contextmanager
 def workers_of(number: int, scheduler: str) -> Iterator[Client]:
-    """A client of a scheduler that is there, or of processes of this machine, which end with it.
+    """Connect to a running scheduler, or start workers on this machine, which end with the context.
+
+    Args:
+        number: Processes on this machine; 0: one for each processor.
+        scheduler: Address of the scheduler to use instead; empty for workers on this machine.
 
     Raises:
         UsageError: the scheduler cannot be reached.
@@ -58,7 +62,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
             yield opened.enter_context(_reached(scheduler))
             return
         try:
-            with _deaf():
+            with _ignoring_interrupts():
                 cluster = LocalCluster(
                     n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",
                     dashboard_address=None, silence_logs=logging.CRITICAL,
@@ -72,8 +76,8 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes and threads that begin meanwhile do not hear of Ctrl-C: the client does, and ends them."""
+def _ignoring_interrupts() -> Iterator[None]:
+    """Let processes and threads that are started in this context ignore Ctrl-C: the client gets it, and ends them."""
     resource_tracker.ensure_running()  # it lets the signal through again in the thread that it is started by
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -92,8 +96,8 @@ def _reached(scheduler: str) -> Client:
     return client
 
 
-def computed(client: Client, blocks: Iterable[Block]) -> Iterator[Told]:
-    """What becomes of blocks, as they are done.
+def computed(client: Client, blocks: Iterable[Block]) -> Iterator[Report]:
+    """Have blocks computed by the workers, and yield a report of each block as it is done.
 
     Raises:
         UsageError: a worker cannot use bag or folder.
@@ -130,17 +134,17 @@ def _threads(client: Client) -> int:
         return 0
 
 
-def _result(future: Any, block: Block) -> Told:
+def _result(future: Any, block: Block) -> Report:
     try:
-        told: Told = future.result()
+        report: Report = future.result()
     except (ToldError, KeyboardInterrupt):
         raise
     except KilledWorker:
-        where = f"{len(block.keys)} cases of bag {block.labels[0]}"
+        where = f"{len(block.keys)} cases of bag {block.bag}"
         raise IncompleteError(f"workers died again and again at {where}: of too little memory? {REST}") from None
     except (CancelledError, CommClosedError):
         raise IncompleteError(GONE) from None
     except Exception as error:  # a boundary: whatever a worker may lack or meet
-        said = f"{type(error).__name__}: {reason(error)}"
-        raise IncompleteError(f"bag {block.labels[0]}: a worker failed: {said}; {REST}") from None
-    return told
+        failure = f"{type(error).__name__}: {reason(error)}"
+        raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
+    return report

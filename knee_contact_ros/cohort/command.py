@@ -1,4 +1,4 @@
-"""`knee-contact sweep`: a study computed, and what came of it in a few lines."""
+"""The work of `knee-contact sweep`: compute a study, and report in a few lines."""
 
 from __future__ import annotations
 
@@ -13,10 +13,17 @@ NEEDED = ("pyarrow", "distributed", "fsspec")
 
 
 def run_sweep(study: Path, output: str, workers: int, scheduler: str) -> None:
-    """Compute what is missing of a study, and say how it went.
+    """Compute the missing cases of a study file, and print how many were computed and failed.
+
+    Args:
+        study: Study file (YAML).
+        output: Folder of the results, local or as fsspec spells it.
+        workers: Processes on this machine; 0: one for each processor.
+        scheduler: Address of a Dask scheduler whose workers compute instead; empty for this machine.
 
     Raises:
-        UsageError: see `run_study`; or a library of the extra `sweep` is not there.
+        UsageError: see `run_study`; or a library of the extra `sweep` is not installed.
+        IncompleteError: see `run_study`.
     """
     for library in NEEDED:
         if find_spec(library) is None:
@@ -24,9 +31,9 @@ def run_sweep(study: Path, output: str, workers: int, scheduler: str) -> None:
     from knee_contact_ros.cohort.engine import run_study
     from knee_contact_ros.cohort.study import read_study
 
-    asked = read_study(study)
+    cases = read_study(study)
     with progress("Computing") as advance:
-        done = run_study(asked, output, workers=workers, scheduler=scheduler, advance=advance)
+        done = run_study(cases, output, workers=workers, scheduler=scheduler, advance=advance)
     warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)
-    say(f"{asked.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
+    say(f"{cases.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
     say(f"table: {output} (pandas.read_parquet)")

@@ -1,4 +1,4 @@
-"""Cases of one recording, computed together: rows of a table, and whole series where they are asked for."""
+"""Compute many cases of one recording together: their outcomes, and on request all of their answers."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.cohort.knees import Floats, Knees, Recording, Side, Values
 from knee_contact_ros.cohort.outcomes import OF_A_RUN, outcomes
-from knee_contact_ros.compiled.choice import compiler_works, telling_of, worth_compiling
+from knee_contact_ros.compiled.choice import announcement_for, compiler_works, worth_compiling
 from knee_contact_ros.core import ticks
+from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.types import ROW, Rows, Status
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.compartment import aside, put_aside
 from knee_contact_ros.system.errors import UsageError
 
 TOGETHER = 16_384
-"""Answers that are held at once: some 4 MB, for processors' caches"""
+"""Number of answers that a thread holds at once: some 4 MB, which fit into processors' caches"""
 LARGEST = 16 * TOGETHER
-"""The same of cases in step (`compiled/lanes.py`), where fewer would leave lanes empty"""
+"""The largest such number for cases in lanes (`compiled/lanes.py`), where few cases would leave lanes empty"""
 
 
 class Computed(NamedTuple):
-    """What a case comes to."""
+    """Result of a case."""
 
     parameters: Parameters | None
-    """None: they are not allowed"""
+    """All parameters of the case; None if they are not allowed"""
     sides: tuple[NDArray[Any], ...]
-    """Outcomes of each compartment, shape ()"""
+    """Outcomes of each compartment, records of `OF_A_RUN` of shape ()"""
     series: tuple[Rows, ...]
-    """Their answers, shape (n,), if they are asked for"""
+    """Answers of each compartment, shape (n,), if they were requested"""
     failed: str
-    """Why there are none; empty if there are"""
+    """Why there are no outcomes; empty if there are"""
     seconds: float
-    """That it took"""
+    """Time [s] that the case took: that of all cases computed together, over their number"""
 
 
 class _Case(NamedTuple):
@@ -45,7 +46,7 @@ class _Case(NamedTuple):
     sides: tuple[Side, ...]
 
 
-class _How(NamedTuple):
+class _Options(NamedTuple):
     series: bool
     threads: int
     compiled: bool
@@ -54,12 +55,22 @@ class _How(NamedTuple):
 def compute(
     knees: Knees, cases: Sequence[Values], *, series: bool = False, threads: int = 1, in_all: int = 0
 ) -> list[Computed]:
-    """Compute cases: the same bits as a run of each, in their order; of a study of so many `in_all`.
+    """Compute cases; their answers are the same bits as those of a run of each.
 
-    The laws are tried against their contract where a value of theirs is the least or the largest one.
+    The contact laws are checked against their contract where one of their constants is the least or the largest one.
+
+    Args:
+        knees: What the cases have in common.
+        cases: Values of the varied parameters of each case.
+        series: Whether to keep all answers.
+        threads: Number of threads; 0: one for each processor.
+        in_all: Number of cases of the whole study, by which it is decided whether compiling is worthwhile.
+
+    Returns:
+        The results, in the order of the cases.
     """
     begun = time.perf_counter()
-    found: list[Computed | None] = [None] * len(cases)
+    results: list[Computed | None] = [None] * len(cases)
     tried, ready = _at_an_end(cases), []
     for number, values in enumerate(cases):
         parameters = None
@@ -67,20 +78,25 @@ def compute(
             parameters = knees.varied(values)
             ready.append(_Case(number, parameters, knees.sides(parameters, tried=number in tried)))
         except (UsageError, ValueError) as error:
-            found[number] = Computed(parameters, (), (), str(error), 0.0)
+            results[number] = Computed(parameters, (), (), str(error), 0.0)
     for together in _of_one_kind(ready):
-        scene, number = together[0].sides[0].scene, max(in_all, len(together)) * len(knees.recording.steps)
-        how = _How(series, threads, worth_compiling(scene, number))
-        for case, answer in zip(together, _computed(knees.recording, together, how), strict=True):
-            found[case.number] = answer
+        scene, ticks_in_all = together[0].sides[0].scene, max(in_all, len(together)) * len(knees.recording.steps)
+        options = _Options(series, threads, worth_compiling(scene, ticks_in_all))
+        for case, result in zip(together, _computed(knees.recording, together, options), strict=True):
+            results[case.number] = result
     seconds = (time.perf_counter() - begun) / max(len(cases), 1)
-    return [one._replace(seconds=seconds) for one in found if one]
+    return [result._replace(seconds=seconds) for result in results if result]
 
 
 def outcomes_of(computed: Sequence[Computed], side: int) -> NDArray[Any]:
-    """Outcomes of all cases in a compartment (0: the only or the medial one), rows of `OF_A_RUN`, shape (k,).
+    """Collect the outcomes of all cases in a compartment.
 
-    Not a number where a case has none.
+    Args:
+        computed: Results of k cases.
+        side: 0: the only or the medial compartment; 1: the lateral one.
+
+    Returns:
+        Records of `OF_A_RUN`, shape (k,); not a number where a case has no outcomes.
     """
     rows = np.full(len(computed), np.nan, OF_A_RUN)
     for i, one in enumerate(computed):
@@ -90,22 +106,21 @@ def outcomes_of(computed: Sequence[Computed], side: int) -> NDArray[Any]:
 
 
 def _at_an_end(cases: Sequence[Values]) -> set[int]:
-    """The first case, and those in which a number of a contact law is the least or the largest one."""
+    """Numbers of the first case, and of those in which a number of a contact law is the least or the largest one.
+
+    Of each text (the name of a law, for instance) there is one case, too.
+    """
     ends = {0}
     for name in {name for values in cases for name in values if "contact." in name}:
-        own = [(values[name], number) for number, values in enumerate(cases) if _is_number(values.get(name))]
-        ends |= {min(own)[1], max(own)[1]} if own else set()
+        column = [(values[name], i) for i, values in enumerate(cases) if isinstance(values.get(name), float | int)]
+        ends |= {min(column)[1], max(column)[1]} if column else set()
     texts = {(name, text): number for number, values in enumerate(cases) for name, text in values.items()
              if isinstance(text, str)}  # fmt: skip
     return ends | set(texts.values())
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, float | int)
-
-
 def _of_one_kind(cases: Iterable[_Case]) -> list[list[_Case]]:
-    """Cases whose scenes differ in numbers alone, together."""
+    """Group cases whose scenes differ in numbers alone."""
     kinds: dict[Any, list[_Case]] = {}
     for case in cases:
         kinds.setdefault(tuple(_kind(side) for side in case.sides), []).append(case)
@@ -118,46 +133,46 @@ def _kind(side: Side) -> tuple[Any, ...]:
     return *surfaces, type(scene.mechanism), *(type(layer.formula) for layer in side.law.layers)
 
 
-def _computed(recording: Recording, cases: list[_Case], how: _How) -> list[Computed]:
-    """Cases of one kind, in blocks."""
-    count = min(_at_once(len(recording.steps), how) * max(how.threads, 1), len(cases))
-    memory = [np.zeros((count, len(recording.steps)), ROW) for _ in cases[0].sides]  # new one takes long to be had
-    found = []
+def _computed(recording: Recording, cases: list[_Case], options: _Options) -> list[Computed]:
+    """Compute cases of one kind, as many at once as `_at_once` says."""
+    count = min(_at_once(len(recording.steps), options) * max(options.threads, 1), len(cases))
+    # Memory is used again for the next cases: the system takes long to give new one.
+    memory = [np.zeros((count, len(recording.steps)), ROW) for _ in cases[0].sides]
+    results = []
     for begin in range(0, len(cases), count):
         part = cases[begin : begin + count]
-        sides = [list(own) for own in zip(*(case.sides for case in part), strict=True)]
-        answers = [_answers(recording, own, rows[: len(part)], how) for own, rows in zip(sides, memory, strict=True)]
-        rows = [
-            outcomes(of_side, recording.steps, [side.law for side in own], [side.patch for side in own])
-            for of_side, own in zip(answers, sides, strict=True)
-        ]
+        kept: list[tuple[Rows, ...]] = []
+        rows: list[NDArray[Any]] = []
+        for sides, answers in zip(zip(*(case.sides for case in part), strict=True), memory, strict=True):
+            own = _answers(recording, sides, answers[: len(part)], options)
+            rows.append(outcomes(own, recording.steps, [side.law for side in sides], [side.patch for side in sides]))
+            kept += [tuple(own.copy())] if options.series else []
         for i, case in enumerate(part):
-            kept = tuple(of_side[i].copy() for of_side in answers) if how.series else ()
-            z = aside(case.parameters)
-            for rows_of_side, place in zip(kept, (-z, z), strict=False):
-                put_aside(rows_of_side, place)
-            found.append(Computed(case.parameters, tuple(row[i] for row in rows), kept, "", 0.0))
-    return found
+            series, z = tuple(of_side[i] for of_side in kept), aside(case.parameters)
+            for answers, place in zip(series, (-z, z), strict=False):
+                put_aside(answers, place)
+            results.append(Computed(case.parameters, tuple(row[i] for row in rows), series, "", 0.0))
+    return results
 
 
-def _at_once(answers: int, how: _How) -> int:
-    """Cases with so many answers each that a thread computes at once."""
+def _at_once(answers: int, options: _Options) -> int:
+    """Number of cases that a thread computes at once, if each has so many answers."""
     count = max(1, TOGETHER // answers)
-    if not how.compiled:
+    if not options.compiled:
         return count
-    from knee_contact_ros.compiled.transposed import LANES  # half a second to import
+    from knee_contact_ros.compiled.transposed import LANES  # imports Numba: a fifth of a second
 
     return count - count % LANES if count >= LANES else max(count, min(LANES, LARGEST // answers))
 
 
-def _answers(recording: Recording, sides: list[Side], answers: Rows, how: _How) -> Rows:
-    """The answers of k compartments of one kind, shape (k, n), in memory for them: zeros, or answers of others."""
+def _answers(recording: Recording, sides: Sequence[Side], answers: Rows, options: _Options) -> Rows:
+    """Compute the answers of k compartments of one kind, into memory of shape (k, n): zeros, or answers of others."""
     loads = np.stack([side.loads for side in sides])
     for begin, end in zip(recording.begins, recording.begins[1:], strict=False):
         ours, whole = slice(begin, end), end - begin == len(recording.steps)
         part = answers if whole else np.zeros((len(sides), end - begin), ROW)
         columns = recording.steps[ours], recording.angles[ours], np.ascontiguousarray(loads[:, ours])
-        _run(sides, (*columns, recording.heights[ours]), part, how)
+        _run([side.scene for side in sides], (*columns, recording.heights[ours]), part, options)
         if not whole:
             answers[:, ours] = part
     answers["stamp"] = recording.stamps
@@ -165,15 +180,14 @@ def _answers(recording: Recording, sides: list[Side], answers: Rows, how: _How) 
     return answers
 
 
-def _run(sides: list[Side], columns: tuple[Floats, ...], answers: Rows, how: _How) -> None:
-    """Fill the answers of k compartments from rest, shape (k, n)."""
-    scenes, (steps, angles, loads, heights) = [side.scene for side in sides], columns
-    if how.compiled and compiler_works():
-        from knee_contact_ros.compiled.batch import run_batch  # half a second to import
+def _run(scenes: list[Scene], columns: tuple[Floats, ...], answers: Rows, options: _Options) -> None:
+    """Fill the answers of k scenes from rest, shape (k, n)."""
+    steps, angles, loads, heights = columns
+    if options.compiled and compiler_works():
+        from knee_contact_ros.compiled.batch import run_batch  # imports Numba: a fifth of a second
 
-        run_batch(
-            scenes, steps, angles, loads, heights, answers, threads=how.threads, told=telling_of(scenes[0])
-        )  # fmt: skip
+        announce = announcement_for(scenes[0])
+        run_batch(scenes, steps, angles, loads, heights, answers, threads=options.threads, announce=announce)
         return
     for scene, load, own in zip(scenes, loads, answers, strict=True):
         ticks.run(scene, np.zeros(1, ticks.MEMORY), steps, angles, load, heights, own)

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.sweep`: many knees through one gait, from arrays to a table, on all processors."""
+"""`knee_contact_ros.sweep`: many knees through one gait, from arrays to a table of outcomes, on all processors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.cohort.computing import Computed, compute, outcomes_of
-from knee_contact_ros.cohort.knees import Files, Knees, Recording, checked_names, knees_in
+from knee_contact_ros.cohort.knees import NANOSECOND, Files, Knees, Recording, checked_names, knees_in
 from knee_contact_ros.cohort.outcomes import OF_A_RUN
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.offline.in_memory import Name, in_python_words
@@ -22,33 +22,34 @@ from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 if TYPE_CHECKING:
     import pandas as pd
 
-NANOSECOND = 1e-9
-
 
 @dataclass(frozen=True)
 class Cohort:
-    """What `sweep` gives: k cases, in the order of the values."""
+    """Results of `sweep`: k cases, in the order of the values."""
 
     values: dict[str, NDArray[Any]]
-    """What was varied, by parameter, shape (k,)"""
+    """Values of the varied parameters, by name, shape (k,)"""
     outcomes: np.recarray[Any, Any]
-    """What each case comes to, shape (k,); not a number where it failed. Names as in docs/cohorts.md"""
+    """Outcomes of each case, shape (k,), by the names in docs/cohorts.md; not a number where the case failed"""
     lateral: np.recarray[Any, Any] | None
-    """The same of the lateral compartment, where both are modelled"""
+    """Outcomes of the lateral compartment, shape (k,); None unless both compartments are modelled"""
     failed: NDArray[Any]
-    """Why a case has no outcome; empty texts otherwise, shape (k,)"""
+    """Why a case has no outcomes, shape (k,); empty texts for the others"""
     series: NDArray[Any] | None = None
-    """All answers, rows of `Contact`, shape (k, n), if they were asked for; of the medial compartment if both are"""
+    """All answers of the only or the medial compartment, rows of `Contact`, shape (k, n); None unless requested"""
     lateral_series: NDArray[Any] | None = None
-    """Likewise those of the lateral one, where both are modelled; zeros where a case has none"""
+    """All answers of the lateral compartment, shape (k, n); None unless requested and both compartments are modelled
+
+    A case without answers has zeros.
+    """
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row for each case: values, outcomes, lateral outcomes and why it failed."""
+        """Give a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed."""
         import pandas as pd
 
         columns: dict[str, Any] = dict(self.values)
-        for side, rows in (("", self.outcomes), ("lateral_", self.lateral)):
-            columns |= {side + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
+        for prefix, rows in (("", self.outcomes), ("lateral_", self.lateral)):
+            columns |= {prefix + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
         return pd.DataFrame(columns | {"failed": self.failed})
 
 
@@ -62,22 +63,22 @@ def sweep(
     series: bool = False,
     threads: int = 0,
 ) -> Cohort:
-    """Compute many knees through one gait: the same bits as a run of each.
+    """Compute many knees through one gait; the answers are the same bits as those of a run of each knee.
 
     Args:
         gait: A bag; or arrays of shape (n,): `time` [s], increasing, `flexion_angle` [rad], and `axial_load` [N], of
-            which the compartment takes its share as `load.*` says (or `frontal_moment` [N m], too). With the
-            displacement drive `femoral_height` [m] instead of the load.
-        values: Parameters by name: arrays of shape (k,), or one value for all cases.
+            which the compartment bears its share as the parameters `load.*` say (with `frontal_moment` [N m] where
+            they need it). With the displacement drive `femoral_height` [m] instead of the load.
+        values: Values of the varied parameters by name: arrays of shape (k,), or one value for all cases.
         params: The knee, as for `load_model`.
-        remap: Other names of the inputs in a bag.
-        namespace: Of the inputs in a bag.
-        series: Keep all answers, 330 B a tick.
-        threads: That work at once; 0: one for each processor. What is compiled needs no lock of Python's.
+        remap: Other names of the input topics in a bag.
+        namespace: Namespace of the input topics in a bag.
+        series: Whether to keep all answers, 330 B a tick.
+        threads: Number of threads; 0: one for each processor. Compiled code runs without Python's lock.
 
     Raises:
-        UsageError: a parameter that is unknown or may not be varied, arrays that do not fit, a bag that cannot be used.
-            Values that are allowed alone but not together make a case fail, and no error.
+        UsageError: a parameter is unknown or may not be varied, arrays do not fit, or the bag cannot be used. Values
+            that are allowed alone but not together are no error: the case fails.
     """
     with in_python_words():
         cases = _cases(values)
@@ -90,14 +91,14 @@ def sweep(
     computed = compute(knees, cases, series=series, threads=threads)
     sides = range(max([1, *(len(one.sides) for one in computed)]))
     medial, *lateral = (outcomes_of(computed, side).view(np.recarray) for side in sides)
-    kept = [_series(computed, side, len(knees.recording.steps)) for side in sides if series]
+    answers = [_series(computed, side, len(knees.recording.steps)) for side in sides if series]
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     failed = np.array([one.failed for one in computed])
-    return Cohort(varied, medial, lateral[0] if lateral else None, failed, *kept)
+    return Cohort(varied, medial, lateral[0] if lateral else None, failed, *answers)
 
 
 def _series(computed: Sequence[Computed], side: int, number: int) -> NDArray[Any]:
-    """Answers of all cases in a compartment, shape (k, number); zeros where a case has none."""
+    """Collect the answers of all cases in a compartment, shape (k, number); zeros where a case has none."""
     rows = np.zeros((len(computed), number), ROW)
     for own, one in zip(rows, computed, strict=True):
         if side < len(one.series):
@@ -106,11 +107,7 @@ def _series(computed: Sequence[Computed], side: int, number: int) -> NDArray[Any
 
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
-    """Values of each case.
-
-    Raises:
-        UsageError: lengths differ, or a value may never be.
-    """
+    """Give the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
     flat = {name: np.atleast_1d(np.asarray(column)) for name, column in dotted(values).items()}
     checked_names(list(flat))
     lengths = {len(column) for column in flat.values() if column.shape != (1,)} or {1}
@@ -127,11 +124,7 @@ def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
 
 
 def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
-    """A gait that is given in arrays.
-
-    Raises:
-        UsageError: one is missing, or they do not fit.
-    """
+    """Make a recording from arrays; refuse those that are missing or do not fit."""
     known = {"time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height"}
     unknown = sorted(set(gait) - known)
     if unknown or not {"time", "flexion_angle"} <= set(gait):

@@ -1,4 +1,4 @@
-"""What a case is, as a digest of its content: bag, parameters, the files they name, and the model that answers."""
+"""Keys of cases: digests of bag, parameters, the files that these name, and the model that answers."""
 
 from __future__ import annotations
 
@@ -14,43 +14,41 @@ from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.schema import Parameters
 
 DIGITS = 32
-"""Of a key, hexadecimal"""
+"""Number of hexadecimal digits of a key"""
 NOT_COUNTED = {"autostart", "deadline", "diagnostics", "record", "rerun"}
-"""Sections of the parameters that change no answer"""
+"""Sections of the parameters that change no answer, and so no key"""
 MEANING = 1
-"""Of the outcomes: one more when a column is computed otherwise"""
+"""Version of the outcomes' definitions: to be increased when a column is computed in another way"""
 
 
 @lru_cache
 def what_answers() -> str:
-    """A digest of the model's source and of what the outcomes are: with another one, cases are others."""
+    """Give a digest of the model's source and of the outcomes' definitions; every key depends on it."""
     names = [outcome.name for outcome in OUTCOMES]
     return _digest(repr((model_digest(), MEANING, names)))
 
 
 def case_key(bag: str, parameters: Parameters, texts: Mapping[str, str]) -> str:
-    """The key of a case.
+    """Make the key of a case.
 
     Args:
         bag: Digest of the recording.
-        parameters: Those of the case.
-        texts: Contents of the files that they name, by parameter. What these are called does not count.
+        parameters: All parameters of the case.
+        texts: Contents of the files that the parameters name, by parameter. The names of the files do not count.
     """
     left_out = NOT_COUNTED if has_both(parameters) else NOT_COUNTED | {"lateral"}
-    told = parameters
     if texts:
-        digests = {name: _of_text(text) for name, text in texts.items()}
-        told = _renamed(parameters, {name: digests[name] for name in curve_files(parameters)})
-    return _digest(f"{what_answers()} {bag} {told.model_dump_json(exclude=left_out)}")
+        parameters = _renamed(parameters, {name: _digest_of_text(texts[name]) for name in curve_files(parameters)})
+    return _digest(f"{what_answers()} {bag} {parameters.model_dump_json(exclude=left_out)}")
 
 
 def refused_key(bag: str, common: Parameters, values: Mapping[str, Any]) -> str:
-    """The key of a case whose parameters are not allowed, by the values that it has in place of the common ones."""
+    """Make the key of a case whose parameters are not allowed, from the common parameters and its own values."""
     return _digest(f"{what_answers()} {bag} {common.model_dump_json(exclude=NOT_COUNTED)} {sorted(values.items())!r}")
 
 
 def _renamed(parameters: Parameters, names: Mapping[str, str]) -> Parameters:
-    """Parameters with other names of files."""
+    """Give parameters with other names of files."""
 
     def with_value(section: Any, path: Sequence[str], value: str) -> Any:
         first, *rest = path
@@ -63,7 +61,7 @@ def _renamed(parameters: Parameters, names: Mapping[str, str]) -> Parameters:
 
 
 @lru_cache(64)
-def _of_text(text: str) -> str:
+def _digest_of_text(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -72,5 +70,5 @@ def _digest(content: str) -> str:
 
 
 def shard_name(keys: Sequence[str]) -> str:
-    """The name of the file that holds some cases."""
+    """Make the name of the file that holds the cases of some keys."""
     return f"cases-{_digest(' '.join(keys))}.parquet"

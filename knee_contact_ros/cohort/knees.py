@@ -1,4 +1,4 @@
-"""The knees of a study over one recording: from parameter values to scenes, and to the loads that drive them."""
+"""The knees of a study over one recording: scenes from parameter values, and the loads that drive them."""
 
 from __future__ import annotations
 
@@ -39,74 +39,76 @@ from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
 Values = Mapping[str, Any]
-"""Parameters of a case, by their names"""
+"""Values of the varied parameters of a case, by name"""
 NANOSECOND = 1e-9
+"""Duration [s] of a nanosecond"""
 KEPT_SURFACES = 64
-"""Pairs of surfaces that are not made anew, and loads"""
+"""Number of pairs of surfaces, and of series of loads, that are kept for the next case that has the same ones"""
 SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.", "fidelity.", "body_weight")
-"""What the names of the parameters begin with that a study may vary: the others say how a bag is read or recorded"""
+"""Prefixes of the parameters that a study may vary; the others say how a bag is read or recorded"""
 
 
 class Side(NamedTuple):
-    """A compartment of a case."""
+    """A compartment of a case: medial (or the only one), or lateral."""
 
     scene: Scene
     patch: ContactPatch | None
+    """Area over which the contact spreads; None where it is not known"""
     loads: Floats
-    """[N], shape (n,)"""
+    """Compressive load of the compartment [N], shape (n,)"""
 
     @property
     def law(self) -> ContactLaw:
-        """Its contact law."""
+        """Contact law of the compartment."""
         return self.scene.modes.law
 
 
 class Surfaces(NamedTuple):
-    """What takes long to make."""
+    """Parts of a scene that take long to make."""
 
     pair: ContactPair
     mechanism: Mechanism
     radius: float
-    """Of the circle that fits the femur [m]"""
+    """Radius [m] of the circle that fits the femur"""
 
 
 class Recording(NamedTuple):
-    """What the ticks of a recording are, arrays of shape (n,)."""
+    """Inputs of all ticks of a recording, arrays of shape (n,)."""
 
     stamps: NDArray[np.int64]
-    """[ns]"""
+    """Stamps [ns]"""
     steps: Floats
-    """Since the tick before [s]; 0 where a run begins"""
+    """Time since the tick before [s]; 0 where a run begins"""
     angles: Floats
-    """[rad]"""
+    """Flexion angle [rad]"""
     axial: Floats
-    """[N]"""
+    """Axial joint reaction [N], positive in compression"""
     moment: Floats
-    """[N m]"""
+    """Frontal moment [N m]"""
     heights: Floats
-    """[m]; not a number unless they are prescribed"""
+    """Prescribed femoral height [m]; not a number where it is not prescribed"""
 
     damage: tuple[str, ...] = ()
-    """What of it cannot be read, as sentences"""
+    """Parts of the recording that cannot be read, a sentence each"""
 
     @property
     def begins(self) -> list[int]:
-        """Where runs begin, and the number of ticks."""
+        """Indices of the ticks with which runs begin, and at the end the number of ticks."""
         return [*np.flatnonzero(self.steps == 0.0).tolist(), len(self.steps)]
 
 
 class Files:
-    """Contents of the files that parameters name; each is read once."""
+    """Contents of the files that parameters name; each file is read once."""
 
     def __init__(self, known: Mapping[str, str] = MappingProxyType({})) -> None:
-        """With those that are known, by the files' names."""
+        """Begin with contents that are known already, by the files' names."""
         self.known = dict(known)
 
     def texts(self, parameters: Parameters) -> dict[str, str]:
-        """Contents of the files that answers with some parameters need, by parameter.
+        """Give the contents of the files that the model of some parameters needs, by parameter.
 
         Raises:
-            UsageError: one cannot be read.
+            UsageError: a file cannot be read.
         """
         texts = {}
         for parameter, name in curve_files(parameters).items():
@@ -117,13 +119,13 @@ class Files:
 
 
 class Knees:
-    """Makes the knees of one recording and one set of parameters, others being varied."""
+    """Makes the knees of one recording and one set of parameters, of which some are varied."""
 
     def __init__(self, recording: Recording, parameters: Parameters, files: Files) -> None:
-        """What is common to all of them.
+        """Take what all knees have in common.
 
         Raises:
-            UsageError: an angle or a height is none of a knee.
+            UsageError: an angle or a height is too large for a knee.
         """
         self.recording, self.parameters, self.files = recording, parameters, files
         _refuse_beyond("flexion angle", recording.angles, LARGEST_ANGLE, "rad")
@@ -133,18 +135,22 @@ class Knees:
         self._medial = lru_cache(KEPT_SURFACES)(self._made_medial)
 
     def sides(self, parameters: Parameters, *, tried: bool) -> tuple[Side, ...]:
-        """The only compartment, or medial and lateral; whether the laws are `tried` against their contract.
+        """Make the compartments of a knee: the only one, or medial and lateral.
+
+        Args:
+            parameters: All parameters of the knee.
+            tried: Whether to check that the contact laws keep their contract.
 
         Raises:
-            UsageError: a surface cannot be made, a law breaks its contract, or a load is none of a knee.
+            UsageError: a surface cannot be made, a law breaks its contract, or a load is too large for a knee.
         """
         texts = self.files.texts(parameters)
         medial = self._medial(parameters.load, parameters.body_weight)
         first = self._side(parameters, texts, medial, tried=tried)
         if not has_both(parameters):
             return (first,)
-        own, texts = lateral_knee(parameters), lateral_texts(texts)
-        return first, self._side(own, texts, self.recording.axial - medial, tried=tried)
+        lateral, texts = lateral_knee(parameters), lateral_texts(texts)
+        return first, self._side(lateral, texts, self.recording.axial - medial, tried=tried)
 
     def _side(self, parameters: Parameters, texts: Mapping[str, str], loads: Floats, *, tried: bool) -> Side:
         contact, fidelity = parameters.contact, parameters.fidelity
@@ -162,38 +168,40 @@ class Knees:
 
     @staticmethod
     def _made_surfaces(femur: Any, tibia: Any, translation: Any, texts: tuple[tuple[str, str], ...]) -> Surfaces:
-        own = dict(texts)
-        pair = contact_pair(femoral_geometry(femur, own), tibia, own)
-        return Surfaces(pair, mechanism(translation, own), radius_of(pair.femur))
+        by_parameter = dict(texts)
+        pair = contact_pair(femoral_geometry(femur, by_parameter), tibia, by_parameter)
+        return Surfaces(pair, mechanism(translation, by_parameter), radius_of(pair.femur))
 
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
-        given = self.recording
+        recording = self.recording
         rule = COMPARTMENTS[load.rule](parameters, self.files.texts(parameters))
-        loads = np.ascontiguousarray(rule(given.axial, given.moment, given.angles), dtype=float)
+        loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
         _refuse_beyond("load", loads, LARGEST_LOAD, "N")
-        _refuse_beyond("load", given.axial - loads, LARGEST_LOAD, "N")
+        _refuse_beyond("load", recording.axial - loads, LARGEST_LOAD, "N")
         return loads
 
 
 def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
-    """Refuse what the model is given as `KneeModel.run` does.
-
-    Raises:
-        UsageError: a value is too large.
-    """
+    """Refuse inputs that are too large, as `KneeModel.run` does."""
     beyond = values[np.abs(values) > most]
     if beyond.size:
         raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
 
 
 def may_vary(name: str) -> bool:
-    """Whether a study may vary a parameter."""
+    """Whether a study may vary the parameter of a name."""
     return name.startswith(SECTIONS)
 
 
 def knees_in(bag: Path, parameters: Parameters, files: Files, names: Names = OWN_NAMES) -> Knees:
-    """The knees over a bag's gait.
+    """Read a bag, and make the knees that go through its gait.
+
+    Args:
+        bag: Path of the bag.
+        parameters: Parameters before any value is varied.
+        files: Contents of the files that the parameters name.
+        names: Names of the input topics.
 
     Raises:
         UsageError: bag or parameters cannot be used.
@@ -215,10 +223,10 @@ def _recording(given: Given) -> Recording:
 
 
 def checked_names(names: list[str]) -> None:
-    """Refuse parameters that a study cannot vary.
+    """Refuse parameters that a study cannot vary; unknown ones are left to `check_value`.
 
     Raises:
-        UsageError: one of them.
+        UsageError: a study cannot vary one of them.
     """
     for name in names:
         if name in known_parameters() and not may_vary(name):

@@ -1,4 +1,4 @@
-"""What a whole run comes to: one row of numbers, from all of its ticks."""
+"""Outcomes of a run: one row of numbers, computed from all of its ticks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ Floats = NDArray[np.float64]
 
 
 class Outcome(NamedTuple):
-    """A column of the table."""
+    """Description of an outcome, which is a column of the table."""
 
     name: str
+    """Name of the column"""
     unit: str
-    """SI; empty for a number of ticks or a share"""
+    """SI unit; empty for numbers of ticks and for ratios"""
     meaning: str
+    """Definition, for people who read the table"""
 
 
 OUTCOMES = (
@@ -41,71 +43,72 @@ OUTCOMES = (
     Outcome("ticks", "", "answers in all"),
     Outcome("evaluations", "", "contact law evaluations in all"),
 )
-"""In the order of the table"""
+"""All outcomes, in the order of the table's columns"""
 OF_A_RUN = np.dtype([(outcome.name, np.float64) for outcome in OUTCOMES])
-"""Rows of outcomes"""
+"""Record of the outcomes of a run, with a field for each"""
 LARGEST = {
     "peak_force": "contact_force", "peak_depth": "penetration_depth", "error_bound": "error_estimate",
     "force_error_bound": "force_error_estimate",
 }  # fmt: skip
-"""Outcomes that are the largest value of an answer's field"""
+"""Outcomes that are the largest value of a field over all answers, with the field's name"""
 
 
 def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list[ContactPatch | None]) -> NDArray[Any]:
-    """What the runs come to.
+    """Compute the outcomes of several runs.
 
     Args:
-        answers: Of k runs, shape (k, n).
+        answers: Answers of k runs, shape (k, n).
         steps: Time since the tick before [s], shape (n,); 0 where a run begins.
-        laws: Of each run.
-        patches: What the contacts spread over; None: no pressure is known.
+        laws: Contact law of each run.
+        patches: Area over which the contact spreads in each run; None: pressure and strain are not known.
 
     Returns:
-        An array of `OF_A_RUN`, shape (k,).
+        Records of `OF_A_RUN`, shape (k,).
     """
-    found = np.zeros(len(answers), OF_A_RUN)
+    rows = np.zeros(len(answers), OF_A_RUN)
     weights = 0.5 * (steps + np.append(steps[1:], 0.0))
-    asked_often = "contact_force", "contact_state", "status"
-    force, state, status = (np.ascontiguousarray(answers[name]) for name in asked_often)
+    force, state, status = (
+        np.ascontiguousarray(answers[name]) for name in ("contact_force", "contact_state", "status")
+    )  # fmt: skip
     touching = state != ContactState.SEPARATED
     for name, field in LARGEST.items():
-        found[name] = answers[field].max(axis=1)
-    found["impulse"], found["contact_time"] = _over_time(force, weights), _over_time(touching, weights)
-    found["bone_time"] = _over_time(state == ContactState.BONE, weights)
-    goes_on = steps[1:] > 0.0
-    lasts = touching[:, 1:] & touching[:, :-1] & goes_on
+        rows[name] = answers[field].max(axis=1)
+    rows["impulse"], rows["contact_time"] = _over_time(force, weights), _over_time(touching, weights)
+    rows["bone_time"] = _over_time(state == ContactState.BONE, weights)
+    follows = steps[1:] > 0.0
+    stays = touching[:, 1:] & touching[:, :-1] & follows
     point = answers["contact_point"]
-    way = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
-    found["path_length"] = np.sum(way, axis=1, where=lasts)
-    found["sliding_distance"] = _over_time(np.abs(answers["sliding_velocity"]) * touching, weights)
-    if goes_on.any():
-        rates = np.diff(force, axis=1)[:, goes_on] / steps[1:][goes_on]
-        found["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
+    distance = np.hypot(np.diff(point["x"], axis=1), np.diff(point["y"], axis=1))
+    rows["path_length"] = np.sum(distance, axis=1, where=stays)
+    rows["sliding_distance"] = _over_time(np.abs(answers["sliding_velocity"]) * touching, weights)
+    if follows.any():
+        rates = np.diff(force, axis=1)[:, follows] / steps[1:][follows]
+        rows["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
     for name, bit in (("not_converged", Status.NOT_CONVERGED), ("implausible", Status.IMPLAUSIBLE)):
-        found[name] = np.count_nonzero(status & np.uint8(bit), axis=1)
-    found["ticks"], found["evaluations"] = answers.shape[1], answers["evaluations"].sum(axis=1)
-    found["peak_pressure"] = [
+        rows[name] = np.count_nonzero(status & np.uint8(bit), axis=1)
+    rows["ticks"], rows["evaluations"] = answers.shape[1], answers["evaluations"].sum(axis=1)
+    rows["peak_pressure"] = [
         np.nan if patch is None else peak_pressure(law, patch, deepest)
-        for law, patch, deepest in zip(laws, patches, found["peak_depth"].tolist(), strict=True)
+        for law, patch, deepest in zip(laws, patches, rows["peak_depth"].tolist(), strict=True)
     ]
     thickness = np.array([np.nan if patch is None else patch.thickness for patch in patches])
-    found["peak_strain"] = answers["cartilage_depth"].max(axis=1) / thickness
-    return found
+    rows["peak_strain"] = answers["cartilage_depth"].max(axis=1) / thickness
+    return rows
 
 
 def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
-    """Integrals of each run, shape (k,): sums of its own products, with the same bits however many are beside it.
+    """Integrate each run over time, shape (k,); the bits do not depend on the number of runs.
 
-    A product of matrix and vector (`@`) has other last bits with other numbers of rows.
+    A product of matrix and vector (`@`) would have other last bits with other numbers of rows.
     """
     integrals: Floats = np.sum(values * weights, axis=1)
     return integrals
 
 
 def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:
-    """Largest pressure [Pa] of a run that comes as deep as `deepest` [m]; see `ContactPatch.readouts`.
+    """Compute the largest pressure [Pa] of a run whose largest depth is `deepest` [m]; see `ContactPatch.readouts`.
 
-    The force over the depth is largest at an end of a layer's range, since within a layer the force is convex.
+    The ratio of force to depth is largest at an end of a layer's range, since within a layer the force is convex.
     """
     ends = [layer.begin for layer in law.layers if 0.0 < layer.begin < deepest]
     over = max((law.static_force(depth) / depth for depth in (*ends, deepest) if depth > 0.0), default=0.0)

@@ -1,4 +1,4 @@
-"""Where data lie: on this machine, or where fsspec finds them (`s3://...`, `zip://gait.mcap::https://...`)."""
+"""Paths on this machine, and addresses that fsspec opens (`s3://...`, `zip://gait.mcap::https://...`)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from knee_contact_ros.system.resources import expanded
 
 
 def is_elsewhere(name: str) -> bool:
-    """Whether a name is an address, and no path."""
+    """Whether a name is an address for fsspec, and not a path on this machine."""
     return "://" in name or "::" in name
 
 
 def absolute(name: str) -> str:
-    """A name that means the same wherever it is read; an address stays as it is.
+    """Make a path absolute, so that it means the same in every process; an address stays as it is.
 
     Raises:
-        UsageError: it names nothing.
+        UsageError: the name is empty, or has a zero byte.
     """
     if not name or "\0" in name:
         raise UsageError(f"{name!r} is not allowed; a path, or an address as s3://bucket/folder")
@@ -32,10 +32,10 @@ def absolute(name: str) -> str:
 
 @contextmanager
 def here(bag: str) -> Iterator[Path]:
-    """Where a bag lies on this machine; of one that lies elsewhere there is a copy as long as this lasts.
+    """Give the path of a bag on this machine; a bag behind an address is copied for the time of the context.
 
     Raises:
-        UsageError: it cannot be fetched.
+        UsageError: the bag cannot be fetched.
     """
     if not is_elsewhere(bag):
         yield Path(bag)
@@ -51,10 +51,14 @@ def here(bag: str) -> Iterator[Path]:
 
 
 def digest_of(bag: str, path: Path) -> str:
-    """What a bag's content is, of which a copy lies at a path.
+    """Give the SHA-256 of the content of a bag.
+
+    Args:
+        bag: Name of the bag, for error messages.
+        path: Where the bag, or a copy of it, lies on this machine.
 
     Raises:
-        UsageError: it cannot be read.
+        UsageError: the bag cannot be read.
     """
     try:
         return bag_digest(path)
@@ -63,5 +67,5 @@ def digest_of(bag: str, path: Path) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Why something went wrong, in few words."""
+    """Describe an error in few words."""
     return getattr(error, "strerror", None) or str(error) or type(error).__name__

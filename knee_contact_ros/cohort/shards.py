@@ -1,7 +1,7 @@
-"""The folder of a study's results: a Parquet dataset of files that appear whole, named by what is in them.
+"""The folder of a study's results: a Parquet dataset of files (shards) that appear whole, named by their content.
 
-A file whose name begins with an underscore is none of the table's to those who read Parquet: so are files that are not
-complete, and so is the folder of whole series. The folder may be any that fsspec knows.
+Readers of Parquet datasets pass over names that begin with an underscore: so do incomplete files begin, and the folder
+of all answers. The folder may lie wherever fsspec can write.
 """
 
 from __future__ import annotations
@@ -33,25 +33,29 @@ UNFINISHED = "_unfinished-"
 STUDY = "_study-"
 LOCK = "_lock"
 RUN = b"knee_contact_run"
-"""In the metadata of a file: which run has written it"""
+"""Key in the metadata of a shard for the name of the run that has written it"""
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-"""What is no fault of the user's"""
+"""Errors that are no fault of the user's"""
 
 
 def note_of(content: Mapping[str, Any]) -> tuple[str, str]:
-    """Name and text of the file that says what a study asks."""
+    """Give the name and the text of the note: a copy of the study's content in the folder of its results."""
     text = json.dumps(content, indent=1, default=str)
     return f"{STUDY}{hashlib.sha256(text.encode()).hexdigest()[:16]}.json", text
 
 
 class Shards:
-    """Files of a study in a folder."""
+    """Reads and writes the shards in the folder of a study's results."""
 
     def __init__(self, url: str, run: str = "") -> None:
-        """A folder, which need not be there; `run` is in the names of what this run has not finished.
+        """Take a folder, which need not exist yet.
+
+        Args:
+            url: Path or address of the folder.
+            run: Name of this run, which is in the names of its unfinished files and in the metadata of its shards.
 
         Raises:
-            UsageError: its address means nothing.
+            UsageError: the address cannot be used.
         """
         try:
             self._files, self._folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
@@ -60,10 +64,10 @@ class Shards:
         self.url, self._run = url, run
 
     def make(self, note: str, text: str) -> None:
-        """Make the folder, if it is not there, and write down what the study asks.
+        """Make the folder, if it does not exist, and write the note (`note_of`) into it.
 
         Raises:
-            UsageError: it cannot be made or written.
+            UsageError: the folder cannot be made or written.
             IncompleteError: the disk is full.
         """
         new = not self._files.exists(self._folder)
@@ -75,18 +79,18 @@ class Shards:
             with suppress(Exception):
                 if new:
                     self._files.rmdir(self._folder)
-            raise self.told(error) from None
+            raise self.error_of(error) from None
 
-    def told(self, error: BaseException) -> ToldError:
-        """What is to be said of an error of the folder's."""
+    def error_of(self, error: BaseException) -> ToldError:
+        """Give the error to raise for one that came with reading or writing the folder."""
         full = isinstance(error, OSError) and error.errno in FULL
         return (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}")
 
-    def finished(self, *, series: bool) -> dict[str, str]:
-        """The file of each case that is there, with its `series` if these are wanted.
+    def finished(self, *, series: bool) -> set[str]:
+        """Give the keys of all finished cases; with `series`, only of those whose answers are kept, too.
 
         Raises:
-            UsageError: the folder holds something else, or a file is damaged.
+            UsageError: the folder holds something else, or a shard is damaged.
         """
         try:
             names = self.names()
@@ -94,94 +98,91 @@ class Shards:
         except ToldError:
             raise
         except Exception as error:  # a boundary, likewise
-            raise self.told(error) from None
-        return {key: name for name in names if name in whole for key in self._keys(name)}
+            raise self.error_of(error) from None
+        return {key for name in names if name in whole for key in self._keys(name)}
 
     def rows(self, keys: Sequence[str], columns: Sequence[str]) -> pa.Table:
-        """Columns of the cases with these keys, in their order.
+        """Read columns of the cases with these keys, in the order of the keys.
 
         Raises:
             UsageError: the folder holds something else.
-            IncompleteError: a case is not there.
+            IncompleteError: a case is missing.
         """
         parts = [self._read(name, ["case", *columns]) for name in self.names()]
-        found = (
+        table = (
             pa.concat_tables([part for part in parts if part]) if any(parts) else pa.table({"case": pa.array([], "")})
         )
-        places = pc.index_in(pa.array(keys, pa.string()), found["case"].combine_chunks())
+        places = pc.index_in(pa.array(keys, pa.string()), table["case"].combine_chunks())
         if places.null_count:
             raise IncompleteError(f"output {self.url}: {places.null_count} of {len(keys)} cases are not there")
-        return found.take(places)
+        return table.take(places)
 
     def names(self, folder: str = "") -> list[str]:
-        """Of its shards; or of those of series.
+        """Names of the shards in the folder of results, or in a folder inside it.
 
         Raises:
-            UsageError: there is something else.
+            UsageError: the folder holds something else.
         """
         place = f"{self._folder}/{folder}".rstrip("/")
         if not self._files.exists(place):
             return []
         if not self._files.isdir(place):
             raise UsageError(f"output {self.url}: it is no folder")
-        found = (PurePosixPath(name.rstrip("/")).name for name in self._files.ls(place, detail=False))
-        names = sorted(name for name in found if not name.startswith(("_", ".")))
+        entries = (PurePosixPath(name.rstrip("/")).name for name in self._files.ls(place, detail=False))
+        names = sorted(name for name in entries if not name.startswith(("_", ".")))
         for name in names:
             if not (name.startswith("cases-") and name.endswith(".parquet")):
                 raise UsageError(f"output {self.url}: holds {name}, which is none of a study's results")
         return names
 
     def _keys(self, name: str) -> list[str]:
-        """Of the cases in a shard."""
+        """Keys of the cases in a shard."""
         table = self._read(name, ["case"])
         keys: list[str] = table["case"].to_pylist() if table else []
         return keys
 
     def _read(self, name: str, columns: Sequence[str]) -> pa.Table | None:
-        """Columns of a shard; None if another client has just put it in order.
+        """Read columns of a shard; None if another client has just removed it.
 
         Raises:
-            UsageError: it is none.
+            UsageError: it is damaged, or no shard.
         """
         try:
             return self._whole(name, columns)
         except FileNotFoundError:
             return None
         except Exception as error:  # a boundary: damaged files raise what they like
-            said = reason(error).splitlines()[0]
+            why = reason(error).splitlines()[0]
             raise UsageError(
-                f"output {self.url}: {name} is damaged, or none of a study's results ({said}): move it away, and its "
+                f"output {self.url}: {name} is damaged, or none of a study's results ({why}): move it away, and its "
                 "cases are computed again"
             ) from None
 
     def _whole(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """A file's table, from its bytes.
-
-        Arrow's own threads would let go of a Python file after Python has ended, which aborts the process.
-        """
+        """Read a shard from its bytes: Arrow's threads would release a Python file after Python's end, and abort."""
         content = self._files.cat_file(f"{self._folder}/{name}")
         return pq.read_table(pa.BufferReader(content), columns=list(columns) if columns else None)
 
     def holds(self, name: str, *, series: bool) -> bool:
-        """Whether a file is there, or, with `series`, both."""
+        """Whether a shard exists, and with `series` also the one with all answers."""
         folders = ("", f"{SERIES}/") if series else ("",)
         return all(self._files.exists(f"{self._folder}/{folder}{name}") for folder in folders)
 
-    def knows(self, note: str) -> bool:
-        """Whether a file of `make` is there."""
+    def has_note(self, note: str) -> bool:
+        """Whether the folder has the note that `make` writes."""
         return bool(self._files.exists(f"{self._folder}/{note}"))
 
     def by_whom(self, name: str) -> tuple[bool, int]:
-        """Whether this run has written a file, and how many of its cases failed."""
+        """Give whether this run has written a shard, and how many of its cases failed."""
         table = self._whole(name, ["failed"])
         ours = (table.schema.metadata or {}).get(RUN) == self._run.encode()
-        return ours, sum(bool(reason) for reason in table["failed"].to_pylist())
+        return ours, sum(map(bool, table["failed"].to_pylist()))
 
     def write(self, table: pa.Table, series: pa.Table | None) -> str:
-        """Write a file of the table, and before it one of the series, if there are any; their name.
+        """Write a shard of the table, after one with all answers if there is a `series`; return the name of both.
 
         Raises:
-            OSError: it cannot be written; nothing of it is there then.
+            OSError: they cannot be written; a shard that could not be completed does not appear.
         """
         name = shard_name(table["case"].to_pylist())
         if series is not None:
@@ -195,7 +196,7 @@ class Shards:
 
     @contextmanager
     def _appearing(self, folder: str, name: str) -> Iterator[Any]:
-        """A file that gets its name when it is complete, and on the disk."""
+        """Open a file that gets its name when it is complete, and on the disk."""
         unfinished = f"{self._folder}/{folder}{UNFINISHED}{self._run}-{uuid.uuid4().hex}"
         try:
             with self._files.open(unfinished, "wb") as file:
@@ -210,20 +211,20 @@ class Shards:
             raise
 
     def unite(self) -> None:
-        """Let each case stand in one file alone: those who shared the folder may have computed some twice."""
-        with self._alone() as may:
+        """Remove cases that are in several shards from all but one: clients that share the folder write such ones."""
+        with self._locked() as locked:
             places: dict[str, str] = {}
             whole = set(self.names(SERIES))
-            for name in sorted(self.names(), key=lambda name: (name not in whole, name)) if may else []:
+            for name in sorted(self.names(), key=lambda name: (name not in whole, name)) if locked else []:
                 keys = self._keys(name)
                 own = [key for key in keys if places.get(key, name) == name]
                 kept = name if len(own) == len(keys) else self._keep(name, own, series=name in whole)
                 places |= dict.fromkeys(own, kept)
 
     def _keep(self, name: str, keys: list[str], *, series: bool) -> str:
-        """Keep some cases of a shard, and no others; the name of the file that they are in."""
-        table, of_ticks = self._only("", name, keys), self._only(f"{SERIES}/", name, keys) if series else None
-        kept = self.write(table, of_ticks) if keys else ""
+        """Replace a shard by one with some of its cases, and return the new name."""
+        table, answers = self._only("", name, keys), self._only(f"{SERIES}/", name, keys) if series else None
+        kept = self.write(table, answers) if keys else ""
         self._files.rm(f"{self._folder}/{name}")
         if series:
             self._files.rm(f"{self._folder}/{SERIES}/{name}")
@@ -234,8 +235,8 @@ class Shards:
         return table.filter(pc.is_in(table["case"], value_set=pa.array(keys, pa.string())))
 
     @contextmanager
-    def _alone(self) -> Iterator[bool]:
-        """As long as this lasts, no other client puts the folder in order; False: there is no telling."""
+    def _locked(self) -> Iterator[bool]:
+        """Keep other clients from uniting the folder for the time of the context; False if it cannot be locked."""
         if not isinstance(self._files, LocalFileSystem):
             yield False
             return
@@ -249,11 +250,11 @@ class Shards:
             yield True
 
     def sweep_up(self, age: float) -> None:
-        """Remove what this run has left unfinished, and what others have, older than an `age` [s]."""
+        """Remove the unfinished files of this run, and those of other runs that are older than an `age` [s]."""
         for folder in (self._folder, f"{self._folder}/{SERIES}"):
             with suppress(Exception):
-                for told in self._files.ls(folder, detail=True) if self._files.exists(folder) else []:
-                    name = PurePosixPath(told["name"]).name
-                    old = time.time() - float(told.get("mtime") or time.time()) > age
+                for entry in self._files.ls(folder, detail=True) if self._files.exists(folder) else []:
+                    name = PurePosixPath(entry["name"]).name
+                    old = time.time() - float(entry.get("mtime") or time.time()) > age
                     if name.startswith(f"{UNFINISHED}{self._run}-") or (name.startswith(UNFINISHED) and old):
-                        self._files.rm(told["name"])
+                        self._files.rm(entry["name"])

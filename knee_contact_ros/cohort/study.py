@@ -1,4 +1,4 @@
-"""What a study asks: bags, parameter files, and the values that are varied, all combined; a case has a number.
+"""A study: bags, parameter files and varied values, all combined into numbered cases.
 
 A study file (YAML) has
 
@@ -10,7 +10,7 @@ A study file (YAML) has
              to: 1.0e4, scale: log}}}
     series: true                                           # keep all answers of every case, too
 
-of which `bags`, and `grid` or `sample` or several knees, are needed.
+Only `bags` is required.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 
 LARGEST = 10_000_000
-"""Cases of a study"""
-ENDS = 2
-METHODS = Literal["latin_hypercube", "sobol", "random"]
+"""The largest number of cases that a study may have"""
+Floats = NDArray[np.float64]
 
 
 class _Part(BaseModel):
@@ -42,7 +41,7 @@ class _Part(BaseModel):
 
 
 class Spaced(_Part):
-    """Values between two, evenly, or evenly in the logarithm."""
+    """Evenly spaced values between two ends, or values whose logarithms are evenly spaced."""
 
     start: float = Field(alias="from")
     stop: float = Field(alias="to")
@@ -56,127 +55,100 @@ class Spaced(_Part):
             raise ValueError(f"from {self.start:g} to {self.stop:g}: {least} is asked")
         return self
 
-    def at(self, part: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The values at parts of the way, 0 to 1."""
+    def at(self, fractions: Floats) -> Floats:
+        """Give the values at fractions of the range, 0 at its beginning and 1 at its end."""
         if self.scale == "linear":
-            found = self.start + (self.stop - self.start) * part
+            values = self.start + (self.stop - self.start) * fractions
         else:
-            found = np.exp(math.log(self.start) + math.log(self.stop / self.start) * part)
-        return np.asarray(np.clip(found, self.start, self.stop))  # rounding must not leave what is allowed
+            values = np.exp(math.log(self.start) + math.log(self.stop / self.start) * fractions)
+        return np.asarray(np.clip(values, self.start, self.stop))  # rounding must not leave what is allowed
 
     @property
     def values(self) -> list[float]:
-        """All of them, both ends included."""
-        found: list[float] = self.at(np.linspace(0.0, 1.0, self.number)).tolist()
-        return [self.start, *found[1:-1], self.stop]
+        """All values, both ends included."""
+        values: list[float] = self.at(np.linspace(0.0, 1.0, self.number)).tolist()
+        return [self.start, *values[1:-1], self.stop]
 
 
 class Design(Protocol):
-    """Values that are varied together: a file's `sample`, or points that somebody else has chosen."""
+    """Points at which several parameters are varied together: a file's `sample`, or the design of an analysis."""
 
     @property
-    def names(self) -> list[str]:
-        """Of the parameters."""
-
-    @property
-    def ends(self) -> list[tuple[float, float]]:
-        """The least and the largest value of each."""
+    def axes(self) -> dict[str, Spaced]:
+        """Ranges of the parameters by name, in the order of the columns of `points`."""
 
     @property
     def number(self) -> int:
-        """Of the points."""
+        """Number of points."""
 
-    def points(self) -> NDArray[np.float64]:
-        """Shape (number, names), the same whenever it is asked."""
+    def points(self) -> Floats:
+        """Give the parameters' values, shape (number, parameters); the same ones at every call."""
 
 
 class Sample(_Part):
-    """Points of a box; more of a `sobol` or a `random` sample begin with the same ones."""
+    """Points drawn in ranges; a larger `sobol` or `random` sample begins with the points of a smaller one."""
 
-    method: METHODS = "latin_hypercube"
-    n: int = Field(ge=1, le=LARGEST)
+    method: Literal["latin_hypercube", "sobol", "random"] = "latin_hypercube"
+    number: int = Field(ge=1, le=LARGEST, alias="n")
     seed: int = Field(0, ge=0)
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
-    def points(self) -> NDArray[np.float64]:
-        """Shape (n, names)."""
-        parts = self._parts()
-        return np.column_stack([axis.at(parts[:, i]) for i, axis in enumerate(self.axes)])
-
-    def _parts(self) -> NDArray[np.float64]:
-        """The points of a box whose sides reach from 0 to 1."""
-        size = len(self.ranges)
-        if self.method == "random":
-            return np.random.default_rng(self.seed).random((self.n, size))
-        from scipy.stats import qmc  # a quarter of a second to import
-
-        if self.method == "sobol":
-            doubled = math.ceil(math.log2(self.n)) if self.n > 1 else 0
-            found = qmc.Sobol(size, seed=self.seed).random_base2(doubled)[: self.n]
-        else:
-            found = qmc.LatinHypercube(size, seed=self.seed).random(self.n)
-        return np.asarray(found)
-
     @property
-    def axes(self) -> list[Spaced]:
-        """The ranges, in their order."""
+    def axes(self) -> dict[str, Spaced]:
+        """See `Design.axes`."""
         return axes_of(self.ranges)
 
-    @property
-    def names(self) -> list[str]:
-        """Of the parameters."""
-        return list(self.ranges)
+    def points(self) -> Floats:
+        """See `Design.points`."""
+        return in_ranges(self._fractions(), self.axes)
 
-    @property
-    def ends(self) -> list[tuple[float, float]]:
-        """The least and the largest value of each."""
-        return [(axis.start, axis.stop) for axis in self.axes]
+    def _fractions(self) -> Floats:
+        """Draw points in the unit cube, shape (number, parameters)."""
+        size = len(self.ranges)
+        if self.method == "random":
+            return np.random.default_rng(self.seed).random((self.number, size))
+        from scipy.stats import qmc  # takes half a second to import
 
-    @property
-    def number(self) -> int:
-        """Of the points."""
-        return self.n
-
-
-def axes_of(ranges: Mapping[str, Any]) -> list[Spaced]:
-    """What a study file says of ranges, by parameter.
-
-    Raises:
-        UsageError: one is none.
-    """
-    return [_spaced(name, _pair(each)) for name, each in ranges.items()]
+        if self.method == "latin_hypercube":
+            return np.asarray(qmc.LatinHypercube(size, seed=self.seed).random(self.number))
+        power = math.ceil(math.log2(self.number))
+        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(power)[: self.number])
 
 
-def _pair(told: Any) -> Any:
-    """A list of two numbers as the ends of a range."""
-    return {"from": told[0], "to": told[1]} if isinstance(told, list | tuple) and len(told) == ENDS else told
-
-
-def _spaced(name: str, told: Any) -> Spaced:
-    """What a study file says of a range.
+def axes_of(ranges: Mapping[str, Any]) -> dict[str, Spaced]:
+    """Read the ranges of a study file, by parameter: lists of two numbers, or mappings with `from` and `to`.
 
     Raises:
-        UsageError: it is none.
+        UsageError: one is no range.
     """
-    if not isinstance(told, Mapping):
-        raise UsageError(f"{name}: {told!r} is not allowed; a list of two numbers, or from, to and scale")
+    axes = {}
+    for name, given in ranges.items():
+        is_pair = isinstance(given, list | tuple) and len(given) == 2
+        axes[name] = _spaced(name, {"from": given[0], "to": given[1]} if is_pair else given)
+    return axes
+
+
+def in_ranges(fractions: Floats, axes: Mapping[str, Spaced]) -> Floats:
+    """Turn points in the unit cube into values of parameters; both of shape (points, parameters)."""
+    return np.column_stack([axis.at(column) for axis, column in zip(axes.values(), fractions.T, strict=True)])
+
+
+def _spaced(name: str, given: Any) -> Spaced:
+    if not isinstance(given, Mapping):
+        raise UsageError(f"{name}: {given!r} is not allowed; a list of two numbers, or from, to and scale")
     try:
-        return Spaced.model_validate(told)
+        return Spaced.model_validate(given)
     except ValidationError as error:
         raise UsageError(f"{name}: {first_error(error)}".replace(": :", ":")) from None
 
 
-def _listed(name: str, told: Any) -> list[Any]:
-    """The values that a grid has of a parameter.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if isinstance(told, Mapping):
-        return list(_spaced(name, told).values)
-    if not isinstance(told, list | tuple) or not told:
-        raise UsageError(f"{name}: {told!r} is not allowed; a list of values, or from, to and number")
-    return list(told)
+def _listed(name: str, given: Any) -> list[Any]:
+    """Read the values of a parameter in a grid."""
+    if isinstance(given, Mapping):
+        return _spaced(name, given).values
+    if not isinstance(given, list | tuple) or not given:
+        raise UsageError(f"{name}: {given!r} is not allowed; a list of values, or from, to and number")
+    return list(given)
 
 
 class _File(_Part):
@@ -189,39 +161,51 @@ class _File(_Part):
 
 
 class Case(NamedTuple):
-    """One run of a study."""
+    """A case of a study."""
 
     bag: str
+    """The recording, as the study names it"""
     params: tuple[str, ...]
+    """Names of the parameter files; a later one wins"""
     values: Mapping[str, Any]
+    """Values of the varied parameters, by name"""
 
 
 class Group(NamedTuple):
-    """Cases of one recording and one set of parameter files; their numbers follow each other."""
+    """The cases of one recording and one set of parameter files, which have consecutive numbers."""
 
     bag: str
+    """The recording, as the study names it"""
     params: tuple[str, ...]
+    """Names of the parameter files; a later one wins"""
     numbers: range
+    """Numbers of the cases"""
 
 
 class Study:
-    """Numbered cases: bags, then knees, then values, of which the last name changes soonest."""
+    """A study's cases, numbered by bag, then parameter files, then values, of which the last name changes fastest."""
 
     def __init__(self, content: Mapping[str, Any], where: str = "study", design: Design | None = None) -> None:
-        """What a study file says, and the points of a `design` instead of its sample.
+        """Check the content of a study file.
+
+        Args:
+            content: The file's content.
+            where: Name of the file, for error messages.
+            design: Points to use instead of the file's `sample`.
 
         Raises:
-            UsageError: an unknown name, an empty grid, a value that its parameter may not have, or nothing to vary.
+            UsageError: an unknown name, an empty grid, or a value that its parameter may not have.
         """
         try:
-            told = _File.model_validate(dict(content))
+            file = _File.model_validate(dict(content))
             self.content = dict(content)
-            self.bags, self.series = tuple(told.bags), told.series
-            self.design: Design | None = design or told.sample
-            self.params = tuple((one,) if isinstance(one, str) else tuple(one) for one in told.params)
-            self.values = dotted(told.values)
-            self.grid = {name: _listed(name, own) for name, own in told.grid.items()}
-            self.names = [*self.grid, *(self.design.names if self.design else ())]
+            self.bags, self.series = tuple(file.bags), file.series
+            self.design: Design | None = design or file.sample
+            self._axes = self.design.axes if self.design else {}
+            self.params = tuple((one,) if isinstance(one, str) else tuple(one) for one in file.params)
+            self.values = dotted(file.values)
+            self.grid = {name: _listed(name, own) for name, own in file.grid.items()}
+            self.names = [*self.grid, *self._axes]
             self._check()
         except ValidationError as error:
             raise UsageError(f"{where}: {first_error(error)}") from None
@@ -241,10 +225,10 @@ class Study:
         _refuse_again("params", self.params)
         checked_names(self.names)
         known = known_parameters()
-        for name in self.design.names if self.design else ():
+        for name in self._axes:
             if name in known and not isinstance(known[name].default, float):
                 raise UsageError(f"{name}: a range is not allowed; it is no real number")
-        ends = dict(zip(self.design.names, map(list, self.design.ends), strict=True)) if self.design else {}
+        ends = {name: [axis.start, axis.stop] for name, axis in self._axes.items()}
         for name, allowed in {**self.grid, **ends, **{name: [value] for name, value in self.values.items()}}.items():
             for value in allowed:
                 check_value(name, value)
@@ -253,31 +237,35 @@ class Study:
 
     @property
     def number(self) -> int:
-        """Of the cases."""
+        """Number of cases."""
         return len(self.bags) * len(self.params) * self.variants
 
     @cached_property
     def variants(self) -> int:
-        """Cases of one bag and one knee; their numbers follow each other."""
+        """Number of cases of one bag and one set of parameter files; their numbers are consecutive."""
         return math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
 
     def groups(self) -> list[Group]:
-        """All cases, by recording and parameter files."""
+        """Give all cases, grouped by recording and parameter files."""
         pairs = itertools.product(self.bags, self.params)
         size = self.variants
         return [Group(bag, params, range(i * size, (i + 1) * size)) for i, (bag, params) in enumerate(pairs)]
 
     @cached_property
-    def _points(self) -> NDArray[np.float64]:
+    def _points(self) -> Floats:
         return self.design.points() if self.design else np.zeros((1, 0))
 
     def case(self, number: int) -> Case:
-        """A case by its number."""
+        """Give the case of a number."""
         bag, params = divmod(number // self.variants, len(self.params))
-        return Case(self.bags[bag], self.params[params], dict(zip(self.names, self.row(number), strict=True)))
+        return Case(self.bags[bag], self.params[params], self.values_of(number))
+
+    def values_of(self, number: int) -> dict[str, Any]:
+        """Give the values of the varied parameters in the case of a number, by name."""
+        return dict(zip(self.names, self.row(number), strict=True))
 
     def row(self, number: int) -> tuple[Any, ...]:
-        """The values of a case, in the order of the names."""
+        """Give the values of the varied parameters in the case of a number, in the order of `names`."""
         combination, point = divmod(number % self.variants, len(self._points))
         values = []
         for allowed in reversed(self.grid.values()):
@@ -293,9 +281,9 @@ def _refuse_again(what: str, given: Sequence[Any]) -> None:
 
 
 def read_study(path: Path) -> Study:
-    """A study file.
+    """Read a study file.
 
     Raises:
-        UsageError: it cannot be read, or see `Study`.
+        UsageError: the file cannot be read, or see `Study`.
     """
     return Study(read_mapping(path, "study", "bags, params, grid or sample"), str(path))

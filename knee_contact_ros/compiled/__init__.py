@@ -1,4 +1,4 @@
-"""The compiled kernel: the same source as the plain one, the same bits, some hundred times quicker.
+"""The compiled kernel: made from the same source as the plain one, with the same bits, some hundred times faster.
 
-`choice.py` says when it is worth its compiling. All else is imported only where something is compiled or loaded.
+`choice.py` decides when compiling is worthwhile. All else is imported only where something is compiled or loaded.
 """

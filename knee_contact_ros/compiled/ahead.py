@@ -1,7 +1,7 @@
-"""Compiling in processes of its own, ahead of use: several kinds of knee at once, and ended at once.
+"""Compiling ahead of use, in processes of its own: several kinds of knee at once, which can be ended at any time.
 
-A signal while the compiler runs in one's own process may come when it is in a finalizer or a callback from C, where
-Python drops what is raised; or leave half of what LLVM has, which crashes at the end. Here there is a process to end.
+A signal in a process that compiles may come during a finalizer or a callback from C, where Python drops the exception;
+or it leaves LLVM's objects half made, which crashes at the end of the process. A process of its own can just be killed.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 
-from knee_contact_ros.compiled.by_address import is_kept, kernel_of
 from knee_contact_ros.compiled.choice import compiler_works
 from knee_contact_ros.compiled.keeping import kernel_folder
+from knee_contact_ros.compiled.kernel import is_kept, kernel_of
 from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
 from knee_contact_ros.compiled.layout import kind_of
 from knee_contact_ros.core.scene import Scene
@@ -23,10 +23,10 @@ from knee_contact_ros.system.processes import Process, connected
 
 
 def compile_ahead(scenes: Iterable[Scene]) -> None:
-    """Have what is not kept for kinds of scene compiled and kept, as many at once as there are processors.
+    """Compile and keep the kernels for kinds of scene that are not kept yet, as many at once as there are processors.
 
-    What cannot be kept, or fails, is left to whoever uses it: there it is told. An exception meanwhile, Ctrl-C's for
-    instance, ends the processes.
+    A kernel that fails, or cannot be kept, is left to its first use, which reports the problem. An exception meanwhile,
+    that of Ctrl-C for instance, ends the processes.
     """
     missing = {kind_of(scene): scene for scene in scenes if not is_kept(scene, only_on_disk=True)}
     possible = missing and compiler_works() and _can_keep()
@@ -47,7 +47,7 @@ def compile_ahead(scenes: Iterable[Scene]) -> None:
 
 
 def _can_keep() -> bool:
-    """Whether there is a folder to keep something in, as far as can be seen beforehand."""
+    """Whether there seems to be a folder in which kernels can be kept."""
     try:
         unlock = KernelFolder(kernel_folder()).lock("ahead")
     except (OSError, DoubtError, RuntimeError):
@@ -58,7 +58,7 @@ def _can_keep() -> bool:
 
 
 def main() -> None:
-    """Compile for the scene that comes through the socket that the command line names; end with who has sent it."""
+    """Compile for the scene that comes through the socket named in the command line; end when its sender ends."""
     with Connection(int(sys.argv[1])) as connection:
         try:
             scene = connection.recv()
@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def _end_with(connection: Connection) -> None:
-    """Wait for the other end of a socket to be closed, and end this process."""
+    """Wait until the other end of a socket is closed, and end this process."""
     with suppress(EOFError, OSError):
         connection.recv()
     os._exit(1)

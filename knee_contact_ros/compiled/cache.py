@@ -1,6 +1,6 @@
-"""Where compiled functions are kept: in the user's cache folder, a file for each function and kind of arguments.
+"""Compiled functions are kept in the user's cache folder, a file for each function and types of its arguments.
 
-Keeping can only help: whatever is odd about what was kept is told in one line, and the function compiled again.
+Keeping can only help: if a kept file cannot be used, there is one line about it, and the function is compiled again.
 """
 
 from __future__ import annotations
@@ -14,38 +14,33 @@ from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 from numba.core.serialize import dumps
 
-from knee_contact_ros.compiled.keeping import NOT_KEPT, fingerprint, kernel_folder, sources_elsewhere, tell
-from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
-from knee_contact_ros.compiled.source_meaning import digest
-from knee_contact_ros.compiled.turns import tell_of_compiling, wait_for_turn
+from knee_contact_ros.compiled.keeping import NOT_KEPT, file_names, fingerprint, kernel_folder, warn
+from knee_contact_ros.compiled.kernel_folder import KernelFolder
+from knee_contact_ros.compiled.turns import announce_compiling, read_or_wait
 
 
 def kernel_cache(function: Callable[..., Any], scene: types.Type | None = None) -> FunctionCache | NullCache:
-    """What Numba asks for the compiled form of a function before it compiles it, and gives it to afterwards.
+    """Make the cache in which Numba looks for the compiled form of a function, and keeps it after compiling.
 
-    A function that was made for a kind of `scene`, and has it in its closure, is kept for that one.
+    A function that was made for a kind of `scene`, and has it in its closure, is kept for that kind.
     """
     try:
         return _KernelCache(function, scene)
     except (OSError, RuntimeError) as error:  # no home, no source
-        tell(error, "compiling without keeping")
+        warn(error, "compiling without keeping")
         return _NoCache()
 
 
 class _NoCache(NullCache):
-    """Keeps nothing."""
+    """A cache that keeps nothing."""
 
     def load_overload(self, _sig: Any, _target_context: Any) -> None:
-        """There is nothing."""
-        tell_of_compiling()
-
-    def holds(self, _sig: Any, _target_context: Any) -> bool:
-        """Nothing is kept."""
-        return False
+        """Find nothing."""
+        announce_compiling()
 
 
 class _Place(_CacheLocator):
-    """Numba wants to know a function's folder, and makes it; ours is looked at when something is read or written."""
+    """Tells Numba the folder of a function; Numba would make it, but ours is checked at each read and write."""
 
     def get_cache_path(self) -> str:
         return str(kernel_folder())
@@ -69,7 +64,7 @@ class _Compiled(CompileResultCacheImpl):
 
 
 class _KernelCache(FunctionCache):
-    """Numba's cache of a function, with files of our own, and calm about all that goes wrong with them."""
+    """Numba's cache of a function, with files of our own; whatever is wrong with them is only warned of."""
 
     _impl_class = _Compiled
 
@@ -79,46 +74,39 @@ class _KernelCache(FunctionCache):
         self._cache_file = _Kernels(function, KernelFolder(kernel_folder()))
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """What `_Kernels` calls a key: types whose sources count, the processor, and what else names the code."""
+        """Give a key for `_Kernels`: types whose sources count, the processor, and what else determines the code."""
         if self._scene is None:
             return super()._index_key(sig, codegen)
         return (self._scene,), codegen.magic_tuple(), str(sig)
 
     def flush(self) -> None:
-        """Compile all again: what was kept is not looked at any more."""
+        """Ignore from now on what was kept, so that all is compiled again."""
         self.disable()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was kept for a signature; None if there is nothing that can be used."""
+        """Load what was kept for a signature; None if there is nothing that can be used."""
         try:
             kept = super().load_overload(sig, target_context)
         except Exception as error:  # what is whole and ours may still have been made by something else
-            tell(error, "compiling again")
+            warn(error, "compiling again")
             kept = None
         if kept is None:
-            tell_of_compiling()
+            announce_compiling()
         return kept
 
-    def holds(self, sig: Any, target_context: Any) -> bool:
-        """Whether there is something under a signature; that it can be used is not looked at."""
-        try:
-            return self._cache_file.holds(self._index_key(sig, target_context.codegen()))
-        except Exception:  # as above, which tells of it
-            return False
-
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled for a signature, if that can be done."""
+        """Keep what was compiled for a signature, if that is possible."""
         try:
             super().save_overload(sig, data)
         except Exception as error:
-            tell(error, NOT_KEPT)
+            warn(error, NOT_KEPT)
 
 
 class _Kernels:
-    """The files of one function, in the form in which Numba asks for them.
+    """The files of one function, with the methods that Numba expects.
 
     Numba itself has an index of all signatures beside numbered files: two processes that add to it at once can give two
-    signatures one file. Here the name of a file says all that its content depends on.
+    signatures one file. Here the name of a file has a digest of all that its content depends on.
     """
 
     def __init__(self, function: Callable[..., Any], folder: KernelFolder) -> None:
@@ -126,49 +114,28 @@ class _Kernels:
         self._folder = folder
 
     def load(self, key: Any) -> Any:
-        """What was kept under a key; None if nothing was."""
+        """Load what was kept under a key; None if nothing was."""
         names = self._names(key)
-        if names is None:
-            return None
-        name, start = names
-        content = self._folder.read(name)
-        if content is None:
-            tell_of_compiling()
-            wait_for_turn(self._folder, name)
-            content = self._folder.read(name)
-        if content is not None:
-            return pickle.loads(content)  # noqa: S301  it is whole, and written by this user
-        if any(other.startswith(start) for other in self._folder.names()):
-            raise DoubtError(self._folder.path, "is from another processor")
-        return None
-
-    def holds(self, key: Any) -> bool:
-        """Whether something was kept under a key."""
-        names = self._names(key)
-        return names is not None and names[0] in self._folder.names()
+        content = read_or_wait(self._folder, *names) if names else None
+        return None if content is None else pickle.loads(content)  # noqa: S301  it is whole, and written by this user
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep something under a key; what nobody uses any more goes."""
-        names = self._names(key)
-        if names is not None:
+        """Keep something under a key, and remove what nobody uses any more."""
+        if names := self._names(key):
             self._folder.write(names[0], dumps(data))
             with suppress(OSError):
                 self._folder.remove_unused()
 
     def _names(self, key: Any) -> tuple[str, str] | None:
-        """The name of a file, and how it starts whatever the processor; None for what cannot be found again."""
+        """See `file_names`."""
         signature, processor, code = key
         made_of: list[Any] = [self._function, *_named_tuples(signature)]
-        sources = sources_elsewhere(made_of)
-        if sources is None:
-            return None
         names = [(one.__module__, one.__qualname__) for one in made_of]
-        start = f"{self._function.__name__}-{digest((names, str(signature), code, sources))}-"
-        return f"{start}{digest(processor)}.kernel", start
+        return file_names(self._function.__name__, made_of, [names, str(signature), code], processor)
 
 
 def _named_tuples(kinds: Iterable[Any]) -> Iterator[type]:
-    """The classes of the named tuples in a signature, those inside others too."""
+    """Yield the classes of the named tuples in a signature, those inside others too."""
     for kind in kinds:
         if isinstance(kind, types.BaseNamedTuple):
             yield kind.instance_class

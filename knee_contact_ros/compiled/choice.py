@@ -1,6 +1,6 @@
-"""Whether a run is computed by the compiled kernel or the plain one: whichever is expected to answer sooner.
+"""The choice between the compiled kernel and the plain one for a run: whichever is expected to be faster.
 
-Both give the same bits. Nothing here imports the compiler before it is wanted.
+Both give the same bits. Nothing here imports the compiler before it is needed.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ _log = logging.getLogger(__name__)
 
 
 class Cost(NamedTuple):
-    """Processor time, measured (docs/decisions/0061-first-use.md)."""
+    """Processor time of a kind of scene, as measured (docs/decisions/0061-first-use.md)."""
 
     tick: float
-    """[s] of a tick by the plain kernel"""
+    """Time [s] of a tick by the plain kernel"""
     compiling: float
-    """[s] of compiling"""
+    """Time [s] of compiling"""
 
 
 COSTS = (Cost(0.3e-3, 15.0), Cost(2e-3, 18.0), Cost(5e-3, 20.0))
-"""By how many measured surfaces the contact is searched for on; a tick is some times cheaper on smooth ones, dearer on
-noisy ones"""
+"""Costs by the number of measured surfaces on which the contact is searched for; a tick is up to some times cheaper on
+smooth surfaces, and more expensive on noisy ones"""
 LOADING = 0.1
-"""[s] of loading what was compiled before"""
+"""Time [s] of loading what was compiled before"""
 
 
 def cost_of(scene: Scene) -> Cost:
-    """What the kind of scene costs: between curves, the contact is searched for, and found at once between circles."""
+    """Give the cost of a kind of scene: between curves the contact is searched for, between circles it is not."""
     curves = (scene.pair.femur, scene.pair.tibia) if isinstance(scene.pair, CurveContact) else ()
     return COSTS[sum(not isinstance(curve, Circle | TibialCircle) for curve in curves)]
 
 
 def worth_compiling(scene: Scene, ticks: int) -> bool:
-    """Whether so many ticks are answered sooner by the compiled kernel, with what it takes to have it."""
+    """Whether the compiled kernel computes so many ticks sooner, including the time to load or compile it."""
     cost = cost_of(scene)
     plain = ticks * cost.tick
     if plain < LOADING and _KERNEL not in sys.modules:
@@ -59,7 +59,7 @@ def worth_compiling(scene: Scene, ticks: int) -> bool:
 
 @functools.cache
 def compiler_works() -> bool:
-    """Whether Numba can be used; if not, that is told once, and what is not kept is computed by the plain kernel."""
+    """Whether Numba can be used; if not, warn once: then all is computed plainly for which no kernel is kept."""
     try:
         import_module("numba")
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
@@ -72,15 +72,18 @@ def compiler_works() -> bool:
 
 
 def chosen(model: KneeModel) -> KneeModel:
-    """The same model with the kernel chosen anew for every run.
+    """Give the same model, which chooses the kernel anew for every run.
 
-    A stream, which does not know its length, takes the compiled kernel if it need not be compiled.
+    A stream, whose length is not known, takes the compiled kernel if it need not be compiled.
     """
     return replace(model, kernel=CHOSEN)
 
 
 def forced(model: KneeModel) -> KneeModel:
-    """The same model with the compiled kernel, whatever that takes, if there can be one; that is told on stderr."""
+    """Give the same model with the compiled kernel, however long compiling takes, if Numba can be used.
+
+    A line on stderr says when something is compiled.
+    """
     return replace(model, kernel=_compiled(model.scene))
 
 
@@ -95,14 +98,14 @@ def _bind(scene: Scene, memory: Memory, answer: Rows) -> Callable[..., None]:
 
 
 CHOSEN = Kernel(_run, _bind)
-"""Picks one of the two"""
+"""A kernel that chooses between the compiled and the plain one"""
 _KERNEL = "knee_contact_ros.compiled.kernel"
 
 
 def _is_kept(scene: Scene) -> bool:
     try:
         from knee_contact_ros.compiled.kernel import is_kept
-    except Exception:  # LLVM's library is as Numba is, and that is told once something shall be compiled
+    except Exception:  # without LLVM's library Numba does not work either, of which `compiler_works` warns
         return False
     return is_kept(scene)
 
@@ -112,19 +115,16 @@ def _compiled(scene: Scene) -> Kernel:
         return PLAIN
     from knee_contact_ros.compiled.kernel import compiled_kernel
 
-    return compiled_kernel(telling_of(scene))
+    return compiled_kernel(announcement_for(scene))
 
 
-def telling_of(scene: Scene) -> Callable[[], AbstractContextManager[None]]:
-    """What tells a person that a kind of scene is compiled, as long as it is."""
-    return telling(cost_of(scene))
+def announcement_for(scene: Scene) -> Callable[[], AbstractContextManager[None]]:
+    """Give a function that makes the context which tells a person that a kind of scene is being compiled."""
+    return announcement(cost_of(scene))
 
 
 @functools.cache
-def telling(cost: Cost) -> Callable[[], AbstractContextManager[None]]:
-    """What tells a person that something is compiled, as long as it is."""
-    return functools.partial(_told, cost)
-
-
-def _told(cost: Cost) -> AbstractContextManager[None]:
-    return busy(f"knee_contact_ros: compiling for this kind of knee, once (some {cost.compiling:.0f} s)")
+def announcement(cost: Cost) -> Callable[[], AbstractContextManager[None]]:
+    """Give a function that makes the context which tells a person how long something is going to be compiled."""
+    text = f"knee_contact_ros: compiling for this kind of knee, once (some {cost.compiling:.0f} s)"
+    return functools.partial(busy, text)

@@ -1,4 +1,4 @@
-"""The machine code of a kind of scene's kernel, compiled by Numba."""
+"""Compile the kernel of a kind of scene to machine code, by Numba."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from knee_contact_ros.core.types import ROW
 
 ARGUMENTS = types.CPointer(types.voidptr), types.int64, *[types.float64] * 4
 ONE_TICK = -1
-"""In place of a number of ticks: one, whose sample is given"""
+"""Given instead of a number of ticks: compute one tick, whose sample is among the arguments"""
 CALLED_BY_C = """
 define i32 @{run}(ptr %addresses, i64 %number, double %duration, double %angle, double %load, double %height) {{
   %answer = alloca ptr
@@ -38,15 +38,16 @@ define void @{tick}(ptr %addresses, double %duration, double %angle, double %loa
 }}
 declare i32 @"{inner}"(ptr, ptr, ptr, i64, double, double, double, double)
 """
-"""Numba's functions want a place for what they give, and one for what they raise: that would be an exhausted memory"""
+"""LLVM code of the functions that are called by C, around Numba's function, whose first two arguments are places for
+the result and for an exception; the only exception possible is that memory runs out"""
 
 
 @global_compiler_lock
 def machine_code(scene: Scene) -> bytes:
-    """Object code with the functions that `machine_code.Native` has."""
+    """Compile the kernel for a kind of scene, and give object code with the functions of `machine_code.Native`."""
     register()
     kind = numba.typeof(scene)
-    taken_up, run = scene_at(kind), ticks.run
+    read_scene, run = scene_at(kind), ticks.run
 
     def call(addresses: Any, number: int, duration: float, angle: float, load: float, height: float) -> None:
         count = max(number, 1) if number != 0 else 0
@@ -55,7 +56,7 @@ def machine_code(scene: Scene) -> bytes:
         if number < 0:
             durations[0], angles[0], loads[0], heights[0] = duration, angle, load, height
         memory, answers = carray(addresses[1], 1, MEMORY), carray(addresses[6], count, ROW)
-        run(taken_up(addresses[0]), memory, durations, angles, loads, heights, answers)
+        run(read_scene(addresses[0]), memory, durations, angles, loads, heights, answers)
 
     flags, context = Flags(), cpu_target.target_context
     options = {name: value for name, value in MAKING.items() if name != "pipeline_class"} | {"no_cpython_wrapper": True}

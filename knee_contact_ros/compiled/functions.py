@@ -1,4 +1,4 @@
-"""The marked functions and methods (`core/kernel_source.py`), compiled by Numba for the types of a scene."""
+"""Let Numba compile the marked functions and methods (`core/kernel_source.py`) for the types of a scene."""
 
 from __future__ import annotations
 
@@ -16,29 +16,39 @@ from knee_contact_ros.core import ticks  # noqa: F401  (marks what is registered
 from knee_contact_ros.core.kernel_source import ALLOCATING, ALWAYS_INLINED, FUNCTIONS, METHODS, NEVER_INLINED
 
 OPTIONS = {"error_model": "numpy"}
-"""Divisions are not checked: the functions are written so that none by zero happens"""
+"""Common options: divisions are not checked, since the functions never divide by zero"""
 ENTRY = OPTIONS | {"forceinline": False, "_nrt": False, "no_cfunc_wrapper": False}
-"""What Python calls borrows the arrays of its arguments: counting references to them took longer than the contact"""
+"""Options of functions that Python calls: they count no references to arrays, which took longer than the contact"""
 INNER = OPTIONS | {"forceinline": False, "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": InnerCompiler}
-"""Callers' options are inherited, so those of the others are said"""
+"""Options of functions that compiled code calls; they are complete, since missing ones are inherited from the caller"""
 INLINE = INNER | {"forceinline": True}
+"""Options of functions that become a part of their callers"""
 APART = INNER | {"pipeline_class": ApartCompiler}
+"""Options of functions that are kept out of their callers"""
 MAKING = APART | {"_nrt": True}
-"""With references to arrays and lists counted"""
+"""Options of functions that make arrays or lists, to which references are counted"""
 
 
 @functools.cache
-def compiled_function(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The compiled form of a function; compiling, or loading, happens at its first call with new types."""
+def compiled_function(
+    function: Callable[..., Any], scene: types.Type | None = None, *, nogil: bool = False
+) -> Callable[..., Any]:
+    """Give the compiled form of a function, which is compiled or loaded at its first call with new types.
+
+    Args:
+        function: The function.
+        scene: The kind of scene for which it was made, see `kernel_cache`.
+        nogil: Whether it runs without Python's lock.
+    """
     register()
-    made: Callable[..., Any] = njit(**ENTRY)(function)
-    made._cache = kernel_cache(function)  # type: ignore[attr-defined]  # Numba's own decorator sets it likewise
+    made: Callable[..., Any] = njit(**ENTRY, nogil=nogil)(function)
+    made._cache = kernel_cache(function, scene)  # type: ignore[attr-defined]  # Numba's own decorator sets it likewise
     return made
 
 
 @functools.cache
 def register() -> None:
-    """Tell Numba about the marked functions and methods."""
+    """Register the marked functions and methods with Numba, once."""
     for function in FUNCTIONS:
         options = INLINE if function in ALWAYS_INLINED else APART if function in NEVER_INLINED else INNER
         options = MAKING if function in ALLOCATING else options
@@ -48,7 +58,7 @@ def register() -> None:
 
 
 def _register_method(name: str, signature: inspect.Signature) -> None:
-    """Let compiled code call a method of any named tuple that has it."""
+    """Register a method, so that compiled code can call it on any named tuple that has it."""
 
     def method(self: Any, *_arguments: Any) -> Any:
         return getattr(self.instance_class, name, None)

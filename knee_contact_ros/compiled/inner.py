@@ -1,9 +1,10 @@
-"""How the functions inside a kernel are compiled, which only compiled code calls.
+"""The compiler for functions inside a kernel, which only compiled code calls.
 
-Numba would make each of them callable by Python, with machine code of it and of all beneath it. Nobody runs that, and
-it took a fifth of the time; another tenth went into looks for what the source of a kernel does not have. It would also
-link each with all beneath it and have LLVM optimise that, the deepest functions a hundred times; here that is done
-once, in the kernel. Numba's documented way to customise the compiler is a pipeline of passes.
+Numba would make each of them callable by Python, with machine code of it and of all functions that it calls. Nobody
+runs that, and it took a fifth of the time; another tenth went into searching for what the source of a kernel does not
+have. Numba would also link each function with all that it calls and have LLVM optimise that, the deepest functions a
+hundred times; here that is done once, in the kernel. Numba's documented way to customise the compiler is a pipeline of
+passes.
 """
 
 from __future__ import annotations
@@ -24,32 +25,32 @@ NOT_NEEDED = {
     untyped_passes.LiteralUnroll, untyped_passes.LiteralPropagationSubPipelinePass, typed_passes.InlineOverloads,
     typed_passes.DumpParforDiagnostics,
 }  # fmt: skip
-"""Passes for contexts, closures, exceptions, and functions that are written into others"""
+"""Passes for contexts, closures, exceptions, and functions that Numba itself would inline"""
 
 
 class _Linked(JITCodeLibrary):
-    """Code that is there to be linked into that of its callers."""
+    """Code that is only to be linked into that of its callers."""
 
     @property
     def codegen(self) -> Any:
-        """Where Numba would register what Python code needs."""
+        """The object with which Numba would register what Python code needs; its methods here do nothing."""
         return self
 
     def set_env(self, _name: str, _env: Any) -> None:
-        """Python code would need its globals."""
+        """Do nothing: only functions that Python calls need their globals."""
 
     def get_pointer_to_function(self, _name: str) -> int:
-        """There is no machine code."""
+        """Give 0, as there is no machine code."""
         return 0
 
     def finalize(self) -> None:
-        """Nothing is linked or optimised here: that happens once, with all that a kernel is made of."""
+        """Close the library without linking and optimising, which is done once for the whole kernel."""
         self._raise_if_finalized()
         self._finalize_dynamic_globals()
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """For a kernel: this code and all beneath it, each part once."""
+        """Link this code with all that it calls, each part once, for a kernel."""
         self._ensure_finalized()
         whole, seen, waiting = self._final_module.clone(), {self}, list(self._linking_libraries)
         others = []
@@ -63,7 +64,7 @@ class _Linked(JITCodeLibrary):
                 waiting += library._linking_libraries
             else:
                 others.append(library)
-        for library in others:  # of these LLVM takes only what is called by something that is there already
+        for library in others:  # of these LLVM takes only what code linked before calls
             whole.link_in(library._get_module_for_linking(), preserve=True)
         for function in whole.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
@@ -102,7 +103,7 @@ class InnerCompiler(CompilerBase):
     lowering: type[_Lowering] = _Lowering
 
     def define_pipelines(self) -> list[Any]:
-        """Numba's passes with one exchanged, and without those that are not needed."""
+        """Give Numba's passes with another lowering, and without those that are not needed."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.passes = [
             (self.lowering if step is NativeLowering else step, why)
@@ -115,6 +116,6 @@ class InnerCompiler(CompilerBase):
 
 
 class ApartCompiler(InnerCompiler):
-    """The same for functions that LLVM keeps out of their callers, those that are marked `never_inlined`."""
+    """Numba's compiler for functions that LLVM keeps out of their callers, those that are marked `never_inlined`."""
 
     lowering = _LoweringApart

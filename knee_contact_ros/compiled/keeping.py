@@ -1,6 +1,7 @@
-"""Where compiled code is kept, and under what: all that it depends on. Nothing here imports the compiler.
+"""Folder and names of the files in which compiled code is kept: they have digests of all that the code depends on.
 
-Keeping can only help: whatever is odd about what was kept is told in one line, and compiled again.
+Keeping can only help: if a kept file cannot be used, there is one line about it, and the code is compiled again.
+Nothing here imports the compiler.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import inspect
 import logging
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,22 +24,41 @@ from knee_contact_ros.compiled.source_meaning import digest, source_meaning
 from knee_contact_ros.core.kernel_source import FUNCTIONS
 
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
-"""Modules that the fingerprint covers"""
+"""Prefixes of the modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
 KEEPING = ("ahead.py", "cache.py", "choice.py", "keeping.py", "kernel_folder.py", "turns.py")
-"""Files in `compiled` that have no part in compiling: what is kept outlives an edit there"""
+"""Files in `compiled` that have no part in compiling: kept code stays valid when they are edited"""
 
 NOT_KEPT = "what was compiled is not kept"
 
 _log = logging.getLogger(__name__)
-_told: set[str] = set()
+_warned: set[str] = set()
 
 
-def sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
-    """What compiled code depends on outside the model, a contact law of the user's for instance.
+def file_names(prefix: str, made_of: Sequence[Any], key: Sequence[Any], processor: Any) -> tuple[str, str] | None:
+    """Give the name of the file for compiled code, and how it begins whatever the processor is.
+
+    Args:
+        prefix: Beginning of the name.
+        made_of: Functions and classes from which the code is compiled.
+        key: What else the code depends on, in a form whose `repr` is the same in every process.
+        processor: What describes the processor.
+
+    Returns:
+        Name and beginning; None if another process could not find the sources again.
+    """
+    sources = _sources_elsewhere(made_of)
+    if sources is None:
+        return None
+    start = f"{prefix}-{digest((*key, sources))}-"
+    return f"{start}{digest(processor)}.kernel", start
+
+
+def _sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
+    """Give what compiled code depends on outside the model, a contact law of the user's for instance.
 
     That is the files of its modules, the numbers in them (others may have defined those), and the marked functions that
-    they take from others. None if something is not in a module and file that another process finds under its name.
+    they import. None if something is not in a module and file that another process finds under its name.
     """
     sources, waiting, seen = [], list(made_of), set[str]()
     while waiting:
@@ -58,7 +78,7 @@ def sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
 
 
 def _caches() -> Path:
-    """The folder above all of ours."""
+    """Give the folder of all that this package keeps."""
     caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not caches.is_absolute():  # as the XDG specification says
         caches = Path.home() / ".cache"
@@ -66,15 +86,15 @@ def _caches() -> Path:
 
 
 def kernel_folder() -> Path:
-    """The folder for what is compiled from this model by this compiler."""
+    """Give the folder for what is compiled from this version of the model by this version of the compiler."""
     return _caches() / f"{PREFIX}{fingerprint()}"
 
 
 @functools.cache
 def fingerprint() -> str:
-    """What all compiled code depends on: what the model's source means, how it is compiled, and the compiler.
+    """Give a digest of what all compiled code depends on: the model's source, how it is compiled, and the compiler.
 
-    A comment or a docstring means nothing. As a file's meaning takes 25 times as long to find as its bytes, that of the
+    Comments and docstrings do not count. To parse a file takes 25 times as long as to read it, so the result for the
     last files is kept.
     """
     model = sorted(CORE.rglob("*.py"))
@@ -95,7 +115,7 @@ def fingerprint() -> str:
 
 
 def _version_of(package: str) -> Path:
-    """The file that tells a package's version; to import the compiler for it would take longer than all else here."""
+    """Find the file with a package's version; to import the compiler for it would take longer than all else here."""
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         raise FileNotFoundError(f"{package} is not installed")
@@ -106,14 +126,14 @@ def _file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def tell(error: Exception, then: str) -> None:
-    """One line for each file, folder or error, and one in all for what cannot be kept.
+def warn(error: Exception, then: str) -> None:
+    """Log a warning in one line: once for each file, folder or error, and once in all that something is not kept.
 
-    That what cannot be read cannot be replaced either is no news.
+    If a file cannot be read, there is no second warning that it cannot be replaced either.
     """
     places = [str(error.path), str(error.path.parent)] if isinstance(error, DoubtError) else [repr(error)]
     once = [then] if then == NOT_KEPT else []
-    if _told.isdisjoint(places + once):
+    if _warned.isdisjoint(places + once):
         words = str(error) if isinstance(error, DoubtError) else f"{type(error).__name__}: {error}"
         _log.warning("knee_contact_ros: compiled code: %s; %s", " ".join(words.split()), then)
-    _told.update([places[0], *once])
+    _warned.update([places[0], *once])

@@ -1,7 +1,7 @@
-"""A folder of files that hold machine code: what is read from it is whole, and nobody else's.
+"""A folder of files with machine code, which is read only if it is complete and no other user could have written it.
 
-A file is a line, a digest of its name and content, and the content. It appears under its name when it is complete, so
-that processes that read and write at once never see half of one. Nothing here knows the compiler.
+A file has a line, a digest of its name and content, and the content. It gets its name when it is complete, so that
+processes that read and write at once never see half of one. Nothing here knows the compiler.
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 HEAD = b"knee_contact_ros kernel 1\n"
-"""Another number for another way of keeping kernels"""
+"""First line of a file, with the version of the format"""
 DIGEST = hashlib.sha256().digest_size
 LARGEST = 100_000_000
-"""[B] that are read of a file; kernels have some 1e6"""
+"""Largest size [B] of a file that is read; kernels have some 1e6"""
 PREFIX = "kernel-"
+"""Prefix of the names of folders with kernels"""
 ROOT = 0
-"""The user who may do anything"""
+"""Number of the user who may do anything"""
 KEPT = 8
-"""Folders that stay however old they are"""
+"""Number of folders that are kept however old they are"""
 UNUSED = 3 * 86400.0
-"""How long [s] any other folder stays after its last use"""
+"""Time [s] that any other folder is kept after its last use"""
 
 
 class DoubtError(Exception):
-    """Why a file is not used, or not kept; `path` is that of the file or folder where it lies."""
+    """A file is not used, or not written; `path` is that of the file, or of a folder that it would lie in."""
 
     def __init__(self, path: Path, words: str) -> None:
         super().__init__(f"{path} {words}")
@@ -40,16 +41,16 @@ class DoubtError(Exception):
 
 
 class KernelFolder:
-    """Reads and writes files by name; the folder is made by the first that is written."""
+    """Reads and writes files by name; the folder is made with the first file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def read(self, name: str) -> bytes | None:
-        """The content of a file; None if there is none.
+        """Read the content of a file; None if there is no such file.
 
         Raises:
-            DoubtError: it is not what this class has written, others can write it, or it cannot be read.
+            DoubtError: this class has not written it, other users can write it, or it cannot be read.
         """
         try:
             with self._opened() as folder:
@@ -66,10 +67,10 @@ class KernelFolder:
         return content
 
     def write(self, name: str, content: bytes) -> None:
-        """Keep a content under a name, also over a loss of power; an earlier one gives way.
+        """Write a file that also survives a loss of power; it replaces an earlier one of the same name.
 
         Raises:
-            DoubtError: it cannot be written, or others can write the folder.
+            DoubtError: it cannot be written, or other users can write the folder.
         """
         try:
             self._make()
@@ -79,12 +80,13 @@ class KernelFolder:
             raise DoubtError(self.path / name, f"cannot be written: {error.strerror}") from None
 
     def lock(self, name: str) -> Callable[[], None] | None:
-        """Lock a name, which has nothing to do with a file's; gives what unlocks it, or None if another one has it.
+        """Lock a name, which need not be that of a file; the lock ends with this process at the latest.
 
-        It is unlocked when this process ends, too. The file that is locked stays.
+        Returns:
+            A function that releases the lock; None if another process holds it.
 
         Raises:
-            OSError, DoubtError: it cannot be locked.
+            OSError, DoubtError: the name cannot be locked.
         """
         self._make()
         with self._opened() as folder:
@@ -106,16 +108,16 @@ class KernelFolder:
         return unlock
 
     def names(self) -> list[str]:
-        """What there is, whole or not."""
+        """Names of all files in the folder, complete or not."""
         try:
             return [path.name for path in self.path.iterdir()]
         except OSError:
             return []
 
     def remove_unused(self) -> None:
-        """Remove what interrupted writing has left here, and the folders beside this one that nobody uses any more.
+        """Remove unfinished files here, and those folders beside this one that nobody uses any more.
 
-        What was used in the last days stays, and so do the newest. What is removed all the same is compiled again.
+        Folders that were used in the last days stay, and so do the newest. What is missed later is compiled again.
         """
         before = time.time() - UNUSED
         for part in self.path.glob(".*"):
@@ -135,14 +137,14 @@ class KernelFolder:
                 made.mkdir(mode=0o700)
 
     def _file(self, name: str, content: bytes) -> bytes:
-        """All bytes of a file. Its name is in the digest: one kernel under the name of another is damage as well."""
+        """Give all bytes of a file; its name is in the digest, since a kernel under another name is damage as well."""
         return HEAD + hashlib.sha256(f"{self.path.name}/{name}\n".encode() + content).digest() + content
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
-        """A descriptor of the folder, which is ours: who changes the way to it meanwhile changes nothing."""
+        """Open a descriptor of the folder, which stays ours if somebody changes the path to it meanwhile."""
         # Where all that a user makes can be written by his group, the folder above may be older than this class. Who
-        # can write there can take ours away, and not make one that is ours; so a group is not minded there.
+        # can write there can remove our folder, but cannot make one that is ours; so a group may write there.
         _refuse_others(self.path.parent, self.path.parent.stat(), stat.S_IWOTH)
         try:
             folder = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
@@ -155,7 +157,7 @@ class KernelFolder:
             os.close(folder)
 
     def _bytes(self, folder: int, name: str) -> bytes:
-        """All that stands in a file, which is ours."""
+        """Read all bytes of a file, which must be ours."""
         path = self.path / name
         file = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)  # a pipe would keep us waiting
         try:
@@ -172,7 +174,7 @@ class KernelFolder:
 
     @staticmethod
     def _put(folder: int, name: str, data: bytes) -> None:
-        """Write a file; it has its name when all of it is on the disk."""
+        """Write a file, which gets its name when all of it is on the disk."""
         part = f".{name}.{secrets.token_hex(8)}"
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
         try:
@@ -192,7 +194,7 @@ class KernelFolder:
 
 
 def _refuse_others(path: Path, status: os.stat_result, bits: int = stat.S_IWGRP | stat.S_IWOTH) -> None:
-    """Refuse what is not ours alone to write, or the system administrator's, who may do anything here anyway."""
+    """Refuse a file or folder that another user can write, except for the system administrator."""
     if status.st_uid not in (os.geteuid(), ROOT):
         raise DoubtError(path, "belongs to another user")
     if status.st_mode & bits:
@@ -200,7 +202,7 @@ def _refuse_others(path: Path, status: os.stat_result, bits: int = stat.S_IWGRP 
 
 
 def _last_use(folder: Path) -> float:
-    """When a folder was last written or read from, in the seconds of the system's clock."""
+    """Give the time [s] of the system's clock at which a folder was last written or read."""
     times = [0.0]
     for path in (folder, *folder.rglob("*")):
         with suppress(OSError):

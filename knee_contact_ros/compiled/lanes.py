@@ -1,8 +1,8 @@
-"""Smooth ticks of several knees in step, in the processor's vectors: the bits of `ticks.run`.
+"""Smooth ticks of several knees at once, by the processor's vector instructions, with the bits of `ticks.run`.
 
 Beginning, step and end of a smooth tick (`core/levels/smooth.py`) have hardly a branch. Here each is a loop over lanes
-with a knee in each, which LLVM makes vectors of; every lane's operations are those of one knee, in their order. A lane
-whose tick is not smooth, or not plainly so, stays at the tick's beginning, and `ticks.run` takes it from there.
+with a knee in each, which LLVM turns into vector instructions; the operations of a lane are those of one knee, in their
+order. A lane whose tick is not smooth, or not plainly so, stays at the tick's beginning, and `ticks.run` computes it.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
-from numba import config, njit, types
+from numba import config, types
 from numba.extending import register_jitable
 
-from knee_contact_ros.compiled.cache import kernel_cache
-from knee_contact_ros.compiled.functions import APART, ENTRY, INLINE, register
+from knee_contact_ros.compiled.functions import APART, INLINE, compiled_function
 from knee_contact_ros.compiled.scene_memory import run_at, scene_at, size_of
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, Transposed, kind_of, transposed
@@ -35,28 +34,25 @@ from knee_contact_ros.core.types import ROW
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 EXPONENT = 1.5
-"""Of contact laws that take a root for it; a power of any other exponent is no vector's"""
-
-
+"""Exponent of contact laws that use a square root; there are no vector instructions for powers"""
 KEPT, ANSWER = MEMORY.itemsize, ROW.itemsize
+"""Sizes [B] of a run's memory and of an answer"""
 
 
 class Kernel(NamedTuple):
-    """What takes knees of a kind through."""
+    """A kernel that computes knees of a kind in lanes."""
 
     rows: int
-    """Of the memory that it works in"""
+    """Number of rows of the memory that it works in"""
     through: Callable[..., None]
-    """Takes knees through by their numbers, given also that memory, `OneTick` and a place for seven addresses"""
+    """Computes the knees of some numbers, given also that memory, `OneTick` and an array for seven addresses"""
 
 
 class OneTick(NamedTuple):
-    """What a tick that is not smooth needs."""
+    """Addresses that a tick needs which is not smooth: of the kernel, and of the arrays of its arguments."""
 
     run: int
-    """Address of the kernel that takes it, with those of all its arguments"""
     scenes: int
-    """Those of arrays, here and below"""
     memory: int
     durations: int
     angles: int
@@ -66,61 +62,60 @@ class OneTick(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What a tick is for all lanes."""
+    """Inputs of a tick that all lanes have in common."""
 
     duration: float
-    """[s]"""
+    """Time since the tick before [s]"""
     last_angle: float
-    """[rad]"""
+    """Flexion angle at the tick before [rad]"""
     angle: float
-    """[rad]"""
+    """Flexion angle [rad]"""
 
 
 class Lane(NamedTuple):
-    """What it is for one, beside scene and progress."""
+    """Inputs and state of a tick in one lane, beside scene and progress."""
 
     last_load: float
-    """[N]"""
+    """Load at the tick before [N]"""
     load: float
-    """[N]"""
+    """Load [N]"""
     behind: int
-    """Ticks in the knee's backlog"""
+    """Number of ticks in the knee's backlog"""
     smooth: bool
-    """Whether it is a smooth one as yet"""
+    """Whether the tick is smooth so far"""
 
 
 class Places(NamedTuple):
-    """Where all that belongs to the lanes lies."""
+    """Where the parts of all lanes lie in memory."""
 
     kind: str
-    """Digits that stand for the kind of scene"""
+    """Digest of the kind of scene"""
     scene: Transposed
     lane: Transposed
     way: Transposed
     result: Transposed
     progress: Transposed
-    """The first field of the result: where one tick has ended the next one begins"""
+    """The first field of the result: a tick begins where the one before has ended"""
 
 
 def fits(scene: Scene) -> bool:
-    """Whether a knee can go in a lane: what its contact is takes no search, no table and no power.
+    """Whether a knee can be computed in a lane: its contact needs no search, no table and no power.
 
-    None can where Numba has found Intel's SVML: vectors have another exponential function then, with other last bits.
+    None can where Numba has found Intel's SVML: then vectors have another exponential function, with other last bits.
     """
     pair, layers = scene.pair, scene.modes.law.layers
     in_closed_form = isinstance(pair, OnPlane) and isinstance(pair.femur, Circle) and isinstance(scene.mechanism, Hinge)
     formula = layers[0].formula
     by_root = getattr(formula, "exponent", EXPONENT) == EXPONENT and not formula.remembers_impact()
-    asked = scene.level in (AUTO, DYNAMIC) and scene.budget == 0
-    return in_closed_form and len(layers) == 1 and by_root and asked and not config.USING_SVML
+    dynamic = scene.level in (AUTO, DYNAMIC) and scene.budget == 0
+    return in_closed_form and len(layers) == 1 and by_root and dynamic and not config.USING_SVML
 
 
 @functools.cache
 def lanes_kernel(kind: types.Type) -> Kernel:
-    """For a kind of scene: the kernel for knees that fit."""
-    register()
-    taken_up, places, size = scene_at(kind), _places(kind), size_of(kind)
-    put_scene, put_lane, lane_in = places.scene.put, places.lane.put, places.lane.taken_up
+    """Compile the kernel for those knees of a kind that fit into lanes."""
+    read_scene, places, size = scene_at(kind), _places(kind), size_of(kind)
+    put_scene, put_lane, lane_in = places.scene.put, places.lane.put, places.lane.get
     smooth_ticks, answer = _smooth_ticks(places), _answer(places)
 
     def through(
@@ -129,8 +124,8 @@ def lanes_kernel(kind: types.Type) -> Kernel:
     ) -> None:  # fmt: skip
         for first in range(0, len(numbers), LANES):
             group = numbers[first : first + LANES]
-            for i in range(LANES):  # those without a knee are behind for ever
-                put_scene(taken_up(one_tick.scenes + group[min(i, len(group) - 1)] * size), rows, i)
+            for i in range(LANES):  # those without a knee are never smooth, as they have a backlog
+                put_scene(read_scene(one_tick.scenes + group[min(i, len(group) - 1)] * size), rows, i)
                 put_lane(Lane(0.0, 0.0, 1, False), rows, i)
             for k in range(len(durations)):
                 last = max(k - 1, 0)
@@ -148,21 +143,19 @@ def lanes_kernel(kind: types.Type) -> Kernel:
                     addresses[6] = one_tick.answers + number * ANSWER
                     answer(rows, i, tick, memory[first + i], answers[knee, k], one_tick.run, addresses)
 
-    made: Any = njit(**ENTRY, nogil=True)(through)
-    made._cache = kernel_cache(through, kind)
-    return Kernel(places.result.end, made)
+    return Kernel(places.result.end, compiled_function(through, kind, nogil=True))
 
 
 def _inlined(function: _Function) -> _Function:
-    """A function for compiled code, made a part of its callers."""
+    """Mark a function for compiled code as a part of its callers."""
     register_jitable(**INLINE)(function)
     return function
 
 
 def _apart(loop: _Function, kind: str) -> _Function:
-    """A loop for compiled code, kept out of its callers: by itself LLVM makes vectors of it.
+    """Mark a loop for compiled code to be kept out of its callers: only then LLVM uses vector instructions for it.
 
-    It is linked by name and types of its arguments, and none of those tells the kind of scene.
+    It is linked by its name and the types of its arguments, so the name gets the digest of the kind of scene.
     """
     loop.__qualname__ += f"_{kind}"
     register_jitable(**APART)(loop)
@@ -171,12 +164,12 @@ def _apart(loop: _Function, kind: str) -> _Function:
 
 @_inlined
 def interval_of(scene: Scene, lane: Lane, tick: Tick) -> Interval:
-    """What is prescribed to a lane."""
+    """Give what is prescribed to a lane in a tick."""
     return interval_between(scene, tick.duration, tick.last_angle, lane.last_load, tick.angle, lane.load, math.nan)
 
 
 def _places(kind: types.Type) -> Places:
-    """Of a kind of scene."""
+    """Lay out the memory for lanes with a kind of scene."""
     scene = transposed(kind, 0, {"exponent": EXPONENT})
     lane = transposed(kind_of(Lane), scene.end)
     way = transposed(kind_of(Way), lane.end)
@@ -187,7 +180,7 @@ def _places(kind: types.Type) -> Places:
 
 
 def _smooth_ticks(places: Places) -> Callable[..., None]:
-    """For compiled code: what takes all lanes through a tick as far as it is smooth."""
+    """Make the function that computes a tick in all lanes in which it is smooth."""
     begin_all, stride_all, arrive_all = _begin_all(places), _stride_all(places), _arrive_all(places)
 
     def smooth_ticks(rows: Any, tick: Tick) -> None:
@@ -201,8 +194,8 @@ def _smooth_ticks(places: Places) -> Callable[..., None]:
 
 
 def _begin_all(places: Places) -> Callable[..., int]:
-    """For compiled code: begin the ticks that may be smooth; return the largest number of steps."""
-    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
+    """Make the function that begins the ticks that may be smooth, and returns their largest number of steps."""
+    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
     put_lane, put_way = places.lane.put, places.way.put
 
     def begin_all(rows: Any, tick: Tick) -> int:
@@ -223,9 +216,9 @@ def _begin_all(places: Places) -> Callable[..., int]:
 
 
 def _stride_all(places: Places) -> Callable[..., None]:
-    """For compiled code: take the step of a number in all lanes that go so far."""
-    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
-    way_in, put_lane, put_way = places.way.taken_up, places.lane.put, places.way.put
+    """Make the function that takes a step, by its number, in all lanes that have so many."""
+    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
+    way_in, put_lane, put_way = places.way.get, places.lane.put, places.way.put
 
     def stride_all(rows: Any, tick: Tick, number: float) -> None:
         for i in range(LANES):
@@ -239,9 +232,9 @@ def _stride_all(places: Places) -> Callable[..., None]:
 
 
 def _arrive_all(places: Places) -> Callable[..., None]:
-    """For compiled code: the results of the smooth ticks."""
-    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
-    way_in, put_result = places.way.taken_up, places.result.put
+    """Make the function that computes the results of the smooth ticks."""
+    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
+    way_in, put_result = places.way.get, places.result.put
 
     def arrive_all(rows: Any, tick: Tick) -> None:
         for i in range(LANES):
@@ -255,9 +248,9 @@ def _arrive_all(places: Places) -> Callable[..., None]:
 
 
 def _answer(places: Places) -> Callable[..., None]:
-    """For compiled code: fill a lane's row, whose tick `ticks.run` does if it was not smooth."""
-    scene_in, lane_in, progress_in = places.scene.taken_up, places.lane.taken_up, places.progress.taken_up
-    result_in, put_lane, put_progress = places.result.taken_up, places.lane.put, places.progress.put
+    """Make the function that fills a lane's answer; if its tick was not smooth, `ticks.run` computes it."""
+    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
+    result_in, put_lane, put_progress = places.result.get, places.lane.put, places.progress.put
 
     def answer(rows: Any, i: int, tick: Tick, kept: Any, row: Any, run: int, addresses: Any) -> None:
         scene, lane = scene_in(rows, i), lane_in(rows, i)

@@ -1,6 +1,6 @@
-"""How a scene lies in memory for compiled code, which is called by address: as Numba's own structures do.
+"""Layout of a scene in memory for compiled code, which is called by address: that of Numba's own structures.
 
-Parts follow one another, each at a multiple of its alignment, as in C. To lay a scene down takes no compiler.
+Parts follow one another, each at a multiple of its alignment, as in C. No compiler is needed to lay a scene down.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 WORD = 8
-"""[B] of anything but a truth value, and its alignment"""
+"""Size and alignment [B] of all values but booleans"""
 TRUTH = "?"
+"""Code of a boolean in `struct`"""
 NUMBERS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: TRUTH, np.bool_: TRUTH}
-"""How numbers are packed, by their types"""
+"""Codes of numbers in `struct`, by their types"""
 CODES = frozenset(NUMBERS.values())
 
 
 def kind_of(part: Any) -> Any:
-    """The kind of a scene or a part of one: its named tuples, kinds of numbers and of arrays; it can be a key."""
+    """Give the kind of a scene or a part of one, which is hashable: its classes, kinds of numbers and of arrays."""
     if isinstance(part, tuple):
         return type(part), *[kind_of(inner) for inner in part]
     if isinstance(part, np.ndarray):
@@ -33,7 +34,7 @@ def kind_of(part: Any) -> Any:
 
 
 def named_tuples(kind: Any) -> Iterator[type]:
-    """The classes of the named tuples in a kind."""
+    """Yield the classes of the named tuples in a kind."""
     if isinstance(kind, tuple):
         if kind[0] is not tuple:
             yield kind[0]
@@ -42,14 +43,14 @@ def named_tuples(kind: Any) -> Iterator[type]:
 
 
 def words_of(kind: Any) -> str:
-    """A kind in words, the same in each process."""
+    """Write a kind as text, which is the same in every process."""
     if isinstance(kind, tuple):
         return f"{kind[0].__module__}.{kind[0].__qualname__}({', '.join(map(words_of, kind[1:]))})"
     return f"<{kind}>"
 
 
 def laid_down(scenes: Sequence[Any], kind: Any) -> NDArray[np.uint8]:
-    """The bytes of scenes of a kind, a row for each. Their arrays stay where they are, and have to be kept as long."""
+    """Give the bytes of scenes of a kind, a row for each; they point to the scenes' arrays, which must live as long."""
     packing = _packing(kind)
     size = packing.size
     block = np.zeros(len(scenes) * size, np.uint8)
@@ -61,11 +62,11 @@ def laid_down(scenes: Sequence[Any], kind: Any) -> NDArray[np.uint8]:
 
 
 def _add_numbers(part: Any, numbers: list[Any]) -> None:
-    """Add all numbers of a scene or a part of one, in their order."""
+    """Append all numbers of a scene or a part of one, in their order."""
     for inner in part:
         if isinstance(inner, tuple):
             _add_numbers(inner, numbers)
-        elif isinstance(inner, np.ndarray):  # who owns its memory, twice: nobody here
+        elif isinstance(inner, np.ndarray):  # the first two point to owners of the memory, of which there are none
             numbers += (0, 0, inner.size, inner.itemsize, inner.ctypes.data, *inner.shape, *inner.strides)
         else:
             numbers.append(inner)
@@ -73,14 +74,14 @@ def _add_numbers(part: Any, numbers: list[Any]) -> None:
 
 @functools.cache
 def _packing(kind: Any) -> struct.Struct:
-    """How the numbers of a kind of scene are packed."""
+    """Give the packing of the numbers of a kind of scene."""
     codes: list[str] = []
     _place(kind, 0, codes)
     return struct.Struct("=" + "".join(codes))
 
 
 def _place(kind: Any, begin: int, codes: list[str]) -> int:
-    """Add a part that begins at a multiple of its alignment; its end."""
+    """Append the codes of a part that begins at a multiple of its alignment; return its end."""
     if isinstance(kind, tuple):
         end = begin
         for inner in kind[1:]:
@@ -92,7 +93,7 @@ def _place(kind: Any, begin: int, codes: list[str]) -> int:
 
 
 def _filled_up(place: int, alignment: int, codes: list[str]) -> int:
-    """The next multiple of an alignment; up to there nothing lies."""
+    """Append padding up to the next multiple of an alignment; return that place."""
     end = -(-place // alignment) * alignment
     codes.append(f"{end - place}x")
     return end

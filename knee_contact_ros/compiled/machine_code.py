@@ -1,4 +1,4 @@
-"""Machine code in this process, by LLVM alone: Numba need not be imported for what was compiled before."""
+"""Load machine code into this process by LLVM alone: Numba is not imported for what was compiled before."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cffi import FFI
 from llvmlite import binding as llvm
 
 RUN, TICK = "knee_contact_ros_run", "knee_contact_ros_tick"
-"""Names of a kernel's functions"""
+"""Names of a kernel's functions in its object code"""
 TYPES = {
     RUN: "int32_t (*)(uintptr_t, int64_t, double, double, double, double)",
     TICK: "void (*)(uintptr_t, double, double, double, double)",
@@ -22,36 +22,36 @@ TYPES = {
 
 
 class Native(NamedTuple):
-    """A kernel. Its functions take the address of the addresses of scene, memory, four columns and answers."""
+    """A loaded kernel; its functions take the address of an array of addresses (see `kernel.addresses_of`)."""
 
     run: Callable[[int, int, float, float, float, float], int]
-    """Takes a number of ticks; the four samples are not looked at. Gives 0, or something else if memory ran out"""
+    """Compute a number of ticks; the four samples are ignored. Return 0, or another number if memory ran out"""
     tick: Callable[[int, float, float, float, float], None]
-    """Takes one tick: duration [s], angle [rad], load [N], height [m], for which the columns have places"""
+    """Compute one tick of duration [s], angle [rad], load [N] and height [m], which are written into the columns"""
     address: int
-    """That of `run`"""
+    """Address of `run`"""
 
 
 SYMBOLS = np.dtype([
     ("name", np.uint32), ("kind", np.uint8), ("other", np.uint8), ("section", np.uint16), ("value", np.uint64),
     ("size", np.uint64),
 ])  # fmt: skip
-"""A symbol of an ELF file; one in section 0 is somebody else's"""
+"""A symbol of an ELF file; those in section 0 are defined elsewhere"""
 ALLOCATES = "NRT_"
-"""How the names of Numba's functions begin that allocate and free arrays"""
+"""Prefix of Numba's functions that allocate and free arrays"""
 FREES = "NRT_MemInfo_call_dtor"
-"""Every kernel has calls of it, and none is taken where nothing allocates"""
+"""A function that every kernel has calls of, which are never executed where nothing allocates"""
 _LOADED: list[Any] = []
-"""Code, which is freed with the engine that has loaded it"""
+"""Engines that hold code, which is freed with them"""
 
 
 def loaded(code: bytes) -> Native:
-    """A kernel from its object code.
+    """Load a kernel from its object code.
 
-    Each has an engine of its own: code is linked by names, and those of two kinds of scene may be the same.
+    Each kernel has an engine of its own: code is linked by names, and those of two kinds of scene may be the same.
 
     Raises:
-        LookupError: it is no kernel, or calls something that is nowhere; LLVM would call the address 0.
+        LookupError: it is no kernel, or calls an unknown function; LLVM would call the address 0.
     """
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -72,7 +72,7 @@ def loaded(code: bytes) -> Native:
 
 
 def called_by(object_file: Any) -> list[str]:
-    """Names of what an object file does not have itself."""
+    """Give the names of the functions that an object file calls but does not define."""
     parts = {part.name(): part.data() for part in object_file.sections()}
     names, symbols = parts[b".strtab"], np.frombuffer(parts[b".symtab"], SYMBOLS)
     begins = symbols["name"][(symbols["section"] == 0) & (symbols["name"] > 0)].tolist()
@@ -80,7 +80,7 @@ def called_by(object_file: Any) -> list[str]:
 
 
 def _make_known(name: str) -> None:
-    """Tell LLVM where a function is: one of C's, or of those by which Numba's code allocates arrays."""
+    """Give LLVM the address of a function: one of C's, or of those by which Numba's code allocates arrays."""
     if name.startswith(ALLOCATES) and name != FREES:
         from numba.core.registry import cpu_target
         from numba.core.runtime import rtsys
@@ -98,7 +98,7 @@ def _make_known(name: str) -> None:
 
 @functools.cache
 def processor() -> tuple[str, ...]:
-    """What machine code depends on; NUMBA_CPU_NAME and the like make another of it."""
-    asked = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    """Describe the processor for which machine code is made, with settings of Numba's such as NUMBA_CPU_NAME."""
+    settings = sorted(f"{name}={value}" for name, value in os.environ.items() if name.startswith("NUMBA_"))
     features = llvm.get_host_cpu_features().flatten()
-    return llvm.get_process_triple(), llvm.get_host_cpu_name(), features, *asked
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), features, *settings

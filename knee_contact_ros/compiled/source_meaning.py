@@ -1,4 +1,4 @@
-"""What a module does, as a digest: kernels are kept under that, so that a comment compiles nothing anew."""
+"""Digests of what modules do, regardless of comments: kernels are kept under them, and survive edits of comments."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def source_meaning(source: bytes) -> str:
-    """A digest of what a module does; its comments, docstrings and the places of its lines do not count."""
+    """Give a digest of what a module does; comments, docstrings and line numbers do not count."""
     try:
         return digest(ast.dump(_WithoutTexts().visit(ast.parse(source))))
     except (SyntaxError, ValueError, RecursionError):  # of no module that could be imported
@@ -16,12 +16,12 @@ def source_meaning(source: bytes) -> str:
 
 
 class _WithoutTexts(ast.NodeTransformer):
-    """Leaves out constants that stand alone: docstrings, and words about what stands before."""
+    """Removes constants that are statements: docstrings, and descriptions of what is defined before them."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         return None if isinstance(node.value, ast.Constant) else node
 
 
 def digest(of: Any) -> str:
-    """Sixteen digits for anything whose `repr` says all of it."""
+    """Give sixteen hexadecimal digits for anything that is fully described by its `repr`."""
     return hashlib.sha256(repr(of).encode()).hexdigest()[:16]

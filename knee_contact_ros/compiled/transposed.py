@@ -1,6 +1,6 @@
-"""Named tuples of several knees, transposed: a row for each number in them, with a place for every knee's.
+"""Named tuples of several knees, transposed: a row for each number in them, with a place for each knee.
 
-A loop over the knees then finds its numbers one after another, as vectors take them. Each number takes 8 B.
+So a loop over the knees finds its numbers next to each other, as vector instructions need them. Each number has 8 B.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 LANES = 8
-"""Knees beside each other: as many as a vector of 64 B has numbers"""
+"""Number of knees side by side: as many numbers as a vector of 64 B has"""
 VECTOR = 8 * LANES
-"""[B] of a row"""
+"""Size of a row [B]"""
 WORD, FLAG = ir.IntType(64), ir.IntType(1)
 NOTHING: Mapping[str, float] = MappingProxyType({})
-"""No numbers that are known"""
+"""No known numbers"""
 
 
 class Transposed(NamedTuple):
-    """Where named tuples of a kind lie in a memory of rows."""
+    """Access to the named tuples of a kind in a memory of rows, for compiled code."""
 
     end: int
-    """The row behind its last"""
+    """Number of the row after the last one"""
     put: Callable[[Any, Any, Any], None]
-    """For compiled code: lay a value down, given the memory's address and the lane"""
-    taken_up: Callable[[Any, Any], Any]
-    """For compiled code: the value in a lane of the memory at an address"""
+    """Write a value, given the memory's address and the lane"""
+    get: Callable[[Any, Any], Any]
+    """Read the value in a lane of the memory at an address"""
 
 
 def memory_of(rows: int) -> NDArray[np.uint8]:
-    """Memory of so many rows, each of them at once in a vector."""
+    """Allocate memory for so many rows, each at a multiple of its size."""
     room = np.zeros((rows + 1) * VECTOR, dtype=np.uint8)
     begin = -room.ctypes.data % VECTOR
     return room[begin : begin + rows * VECTOR]
 
 
 def transposed(kind: types.Type, begin: int, known: Mapping[str, float] = NOTHING) -> Transposed:
-    """A kind of tuple, from the row `begin` on. Fields that are `known` by their names are taken up as constants."""
+    """Give access to tuples of a kind from the row `begin` on; fields whose names are `known` are read as constants."""
     whole = cpu_target.target_context.get_value_type(kind)
     numbers = list(_numbers(kind))
 
@@ -61,7 +61,7 @@ def transposed(kind: types.Type, begin: int, known: Mapping[str, float] = NOTHIN
         return types.void(value, address, lane), generate
 
     @intrinsic
-    def taken_up(_typing: Any, address: Any, lane: Any) -> Any:
+    def get(_typing: Any, address: Any, lane: Any) -> Any:
         def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             value, (address, lane) = ir.Constant(whole, ir.Undefined), arguments
             for row, (path, name) in enumerate(numbers, begin):
@@ -77,18 +77,18 @@ def transposed(kind: types.Type, begin: int, known: Mapping[str, float] = NOTHIN
 
         return kind(address, lane), generate
 
-    return Transposed(begin + len(numbers), put, taken_up)
+    return Transposed(begin + len(numbers), put, get)
 
 
 def kind_of(part: Any) -> types.Type:
-    """Numba's type of a named tuple of numbers and others such, by its hints."""
+    """Give Numba's type of a class of named tuples, from its type hints: numbers, and other such classes."""
     numbers = {float: types.float64, int: types.int64, bool: types.boolean}
     kinds = [numbers.get(hint) or kind_of(hint) for hint in get_type_hints(part).values()]
     return types.BaseTuple.from_types(kinds, part)
 
 
 def _numbers(kind: Any, path: tuple[int, ...] = (), name: str = "") -> Iterator[tuple[tuple[int, ...], str]]:
-    """Path and name of every number in a kind of tuple."""
+    """Yield path and name of every number in a kind of tuple."""
     if not isinstance(kind, types.BaseTuple):
         yield path, name
         return
@@ -98,5 +98,5 @@ def _numbers(kind: Any, path: tuple[int, ...] = (), name: str = "") -> Iterator[
 
 
 def _place(builder: Any, address: Any, lane: Any, row: int, number: ir.Type) -> Any:
-    """Where a lane's number lies in a row."""
+    """Give a pointer to a lane's number in a row."""
     return builder.gep(builder.inttoptr(address, number.as_pointer()), [builder.add(lane, WORD(row * LANES))])

@@ -1,6 +1,6 @@
-"""Of processes that need the same kernel at once, one compiles it, and the others wait for what it keeps.
+"""Of several processes that need the same kernel, one compiles it, and the others wait for what it keeps.
 
-Two nodes beside each other, or the workers of a study, would all be busy with the same for a quarter of a minute.
+Without that, two nodes, or the workers of a study, would all compile the same code for a quarter of a minute.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from contextvars import ContextVar
 from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
 
 PATIENCE = 60.0
-"""How long [s] to wait at most: who compiles may stand still"""
+"""The longest time [s] to wait: the process that compiles may be suspended"""
 LOOK = 0.05
-"""How often [s] to look meanwhile"""
+"""Period [s] of looking for the kernel while waiting"""
 COLLECTED = 50_000, 20, 50
 """Thresholds of Python's garbage collector while something is compiled"""
-Told = Callable[[], AbstractContextManager[None]]
-"""Tells a person, once something has to be compiled, for as long as that takes"""
+Announce = Callable[[], AbstractContextManager[None]]
+"""Makes the context in which something is compiled, and which tells a person so"""
 
 
 class Turn:
-    """This process's turn to compile something, from its first look on."""
+    """This process's turn to compile something, from its first look for a kept kernel on."""
 
-    def __init__(self, name: Callable[[], str], told: Told) -> None:
+    def __init__(self, name: Callable[[], str], announce: Announce) -> None:
         self.name = name
-        self.told: Told | None = told
+        self.announce: Announce | None = announce
         self.begun = False
         self.end = ExitStack()
 
@@ -37,9 +37,9 @@ _TURN: ContextVar[Turn | None] = ContextVar("turn", default=None)
 
 
 @contextmanager
-def in_turn(name: Callable[[], str], told: Told = nullcontext) -> Iterator[None]:
-    """Wait meanwhile, where something has to be compiled, for another process that does that under the same name."""
-    turn = Turn(name, told)
+def in_turn(name: Callable[[], str], announce: Announce = nullcontext) -> Iterator[None]:
+    """Let code in this context wait for another process that compiles under the same name, before it compiles."""
+    turn = Turn(name, announce)
     before = _TURN.set(turn)
     try:
         yield
@@ -48,18 +48,18 @@ def in_turn(name: Callable[[], str], told: Told = nullcontext) -> Iterator[None]
         turn.end.close()
 
 
-def tell_of_compiling() -> None:
-    """Something has to be compiled, here or by another process: within `in_turn` it is told, once."""
+def announce_compiling() -> None:
+    """Announce within `in_turn`, once, that something has to be compiled, here or by another process."""
     turn = _TURN.get()
-    if turn and turn.told:
-        told, turn.told = turn.told, None
-        turn.end.enter_context(told())
+    if turn and turn.announce:
+        announce, turn.announce = turn.announce, None
+        turn.end.enter_context(announce())
         turn.end.enter_context(_rarely_collected())
 
 
 @contextmanager
 def _rarely_collected() -> Iterator[None]:
-    """The compiler makes millions of objects that stay: to look through them for garbage took a sixth of its time."""
+    """Collect garbage rarely: searching the compiler's millions of objects, which stay, took a sixth of its time."""
     before = gc.get_threshold()
     gc.set_threshold(*COLLECTED)
     try:
@@ -68,10 +68,32 @@ def _rarely_collected() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
-def wait_for_turn(folder: KernelFolder, file: str) -> None:
-    """Wait until a file is there, or nobody else compiles; within `in_turn`, once. Else return at once.
+def read_or_wait(folder: KernelFolder, name: str, start: str) -> bytes | None:
+    """Read a kept file, after waiting for another process that may be compiling its content; None if there is none.
 
-    Who has waited in vain compiles, and keeps nobody waiting: what could not be kept would be compiled in a row.
+    Args:
+        folder: The folder of the file.
+        name: Name of the file.
+        start: How the name begins whatever the processor is.
+
+    Raises:
+        DoubtError: the file cannot be used, or there are only files for other processors.
+    """
+    content = folder.read(name)
+    if content is None:
+        announce_compiling()
+        wait_for_turn(folder, name)
+        content = folder.read(name)
+    if content is None and any(other.startswith(start) for other in folder.names()):
+        raise DoubtError(folder.path, "is from another processor")
+    return content
+
+
+def wait_for_turn(folder: KernelFolder, file: str) -> None:
+    """Wait, once within `in_turn`, until a file exists or no other process compiles it; elsewhere return at once.
+
+    A process that has waited in vain compiles without a lock: otherwise, if the file cannot be kept, all processes
+    would compile one after another.
     """
     turn, waited, deadline = _TURN.get(), False, time.monotonic() + PATIENCE
     if turn is None or turn.begun:

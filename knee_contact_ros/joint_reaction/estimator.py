@@ -1,4 +1,4 @@
-"""From what a leg's sensors tell of a moment to the joint reaction of its knee."""
+"""Estimate the joint reaction of a knee from what the sensors of the leg measure, sample by sample."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 
 
 class Estimate(NamedTuple):
-    """What `LoadEstimate.msg` tells behind its header: under its names, in its order, with its types and units."""
+    """Content of `LoadEstimate.msg` after the header: fields of the same names, order, types and units."""
 
     flexion_angle: float
     axial_force: float
@@ -34,35 +34,35 @@ class Estimate(NamedTuple):
 
 CODES = {"float": "d", "int": "B", "bool": "?"}
 PACKING = struct.Struct("<" + "".join(CODES[kind.__name__] for kind in get_type_hints(Estimate).values()))
-"""The bytes of an estimate, as CDR has them where a multiple of 8 B is reached"""
+"""Layout of an estimate in CDR, where it begins at a multiple of 8 B"""
 
 
 IMPLAUSIBLE = 32
-"""Bit of `status`, as of `LoadEstimate.msg`: see `plausibility.py`"""
+"""Bit of `status` in `LoadEstimate.msg`, see `is_implausible`"""
 
 
 class Trust(NamedTuple):
-    """How far an estimate is to be trusted."""
+    """How far an estimate can be trusted."""
 
     calibrated: bool
     """Whether the person's constants were fitted to a measured knee of this person"""
     deviation: float = 0.0
-    """Standard deviation as part of the body weight, whatever the force is; 0: as it was measured for the level"""
+    """Standard deviation relative to the body weight, whatever the force is; 0: as it was measured for the level"""
 
 
 class Estimator:
-    """One knee; nothing is remembered from one sample to the next."""
+    """Estimates the joint reaction of one knee; it keeps nothing from one sample to the next."""
 
     def __init__(self, level: str, person: Person, trust: Trust) -> None:
-        """An estimator of one of `LEVELS`, for a person."""
-        self._way, self._person, self._calibrated = LEVELS[level], person, trust.calibrated
+        """Make an estimator for a person; `level` is a name in `LEVELS`."""
+        self._level, self._person, self._calibrated = LEVELS[level], person, trust.calibrated
         self._leg = leg_of(person.mass, person.height)
-        measured = self._way.error.calibrated if trust.calibrated else self._way.error.uncalibrated
+        measured = self._level.error.calibrated if trust.calibrated else self._level.error.uncalibrated
         self._deviation = Deviation(trust.deviation, 0.0) if trust.deviation else measured
 
     def at(self, joints: Joints, motion: Motion, ground: Ground, status: int = 0) -> Estimate:
-        """The joint reaction of a moment; `status` are bits that it is to carry."""
-        net = self._way.dynamics(self._leg, joints, motion, ground)
+        """Estimate the joint reaction of a sample; `status` has the bits that are known already."""
+        net = self._level.dynamics(self._leg, joints, motion, ground)
         reaction = reaction_of(self._person, joints, net, ground.force[1])
         muscles, weight = reaction.muscles, self._person.weight
         if is_implausible(joints, ground, reaction.axial, weight):
@@ -71,5 +71,5 @@ class Estimator:
             joints.flexion, reaction.axial, self._deviation.at(reaction.axial, weight), net.compression,
             muscles.quadriceps, muscles.hamstrings, muscles.gastrocnemius,
             reaction.extension, reaction.plantarflexion, net.frontal, joints.knee_assistance,
-            self._way.level, self._calibrated, status,
+            self._level.level, self._calibrated, status,
         )  # fmt: skip

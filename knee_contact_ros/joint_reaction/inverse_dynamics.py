@@ -1,7 +1,7 @@
-"""Net moments at knee and ankle, and what the knee bears without muscles: foot and shank in the sagittal plane.
+"""Inverse dynamics of foot and shank in the sagittal plane: net moments at knee and ankle, and the net force there.
 
-Newton and Euler from the ground up (Winter 2009, chapter 5, doi:10.1002/9780470549148). The hip is taken to move
-steadily: its own acceleration, at most a few m/s^2 in walking, is left out.
+Newton-Euler equations from the ground up (Winter 2009, chapter 5, doi:10.1002/9780470549148). The hip is assumed to
+move at a constant velocity: its own acceleration, at most a few m/s^2 in walking, is left out.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 
 
 class NetMoments(NamedTuple):
-    """What muscles and actuators exert together, and what is left to the joint."""
+    """Net moments of muscles and actuators, and the force and the moment that the knee transmits without muscles."""
 
     extension: float
-    """[N m] at the knee"""
+    """Net moment at the knee [N m], positive when it extends"""
     plantarflexion: float
-    """[N m] at the ankle"""
+    """Net moment at the ankle [N m], positive when it plantarflexes"""
     compression: float
-    """[N] of the knee along the tibia, without muscles"""
+    """Force along the tibia at the knee without muscles [N], positive in compression"""
     frontal: float
-    """[N m] about the tibia's x axis, what the femur exerts on the tibia at the knee, without muscles; z to the right
-    is lateral: a left leg's sensors are mirrored to this, as its joint reaction is"""
+    """Moment about the tibia's x axis that the femur exerts on the tibia at the knee, without muscles [N m]
+
+    z to the right is lateral: the sensors of a left leg are mirrored to this, as its joint reaction is.
+    """
 
 
 class Plane(NamedTuple):
@@ -35,19 +37,19 @@ class Plane(NamedTuple):
     y: float
 
     def cross(self, other: Plane) -> float:
-        """What it makes with another one along z: a force's moment about where its arm begins."""
+        """Give the z component of the cross product with another vector: the moment of a force on this lever arm."""
         return self.x * other.y - self.y * other.x
 
     def plus(self, other: Plane) -> Plane:
-        """Their sum."""
+        """Give the sum with another vector."""
         return Plane(self.x + other.x, self.y + other.y)
 
     def times(self, factor: float) -> Plane:
-        """As long as factor says."""
+        """Give the product with a factor."""
         return Plane(self.x * factor, self.y * factor)
 
     def swung(self, turning: Turning) -> Plane:
-        """The acceleration of this arm's end as it turns about its beginning."""
+        """Give the acceleration of this arm's end, relative to its beginning, as it turns about that."""
         square = turning.rate * turning.rate
         return Plane(
             -self.y * turning.acceleration - self.x * square, self.x * turning.acceleration - self.y * square
@@ -55,26 +57,26 @@ class Plane(NamedTuple):
 
 
 UPWARDS = Plane(0.0, GRAVITY)
-"""[m/s^2] that the ground accelerates a body by which lies still"""
+"""Acceleration [m/s^2] by which the ground supports a body at rest"""
 
 
 def inclination(joints: Joints) -> float:
-    """Angle [rad] of the shank to the vertical, positive when the ankle is ahead of the knee.
+    """Give the angle [rad] of the shank to the vertical, positive when the ankle is ahead of the knee.
 
-    By the hip, or, where that is not measured, by the ankle of a foot that stands flat.
+    It follows from the hip; where that is not measured, from the ankle, with the foot flat on the ground.
     """
     return joints.hip - joints.flexion if math.isfinite(joints.hip) else -joints.ankle
 
 
 def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
-    """Solve foot and shank for what holds them.
+    """Solve the equations of motion of foot and shank for the moments and forces that hold them.
 
     Args:
-        leg: the person's.
-        joints: with the hip, or the ankle. Without the ankle the foot is at a right angle to the shank
-            and turns with it.
-        motion: of the joints; it counts where the hip is measured.
-        ground: with a torque.
+        leg: Lengths, masses and inertias of the person's leg.
+        joints: Angles, of which hip or ankle must be measured. Without the ankle the foot is at a right angle to the
+            shank, and turns with it.
+        motion: How the joints turn; it counts only where the hip is measured.
+        ground: Force and torque of the ground on the foot; the torque must be measured.
     """
     shank = inclination(joints)
     hip_angle, (bent, hip, turned) = (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)

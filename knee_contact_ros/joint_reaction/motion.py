@@ -1,4 +1,4 @@
-"""How quickly the joints turn, from the angles of a stream, without a look ahead."""
+"""Angular velocities and accelerations of the joints, from a stream of angles, without looking ahead."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ import numpy as np
 from knee_contact_ros.joint_reaction.sensed import Joints
 
 SECOND = 1e-9
-"""[s] of a nanosecond"""
+"""Duration [s] of a nanosecond"""
 FEWEST = 4
-"""Angles in the window, from which on a motion is told"""
+"""The least number of samples in the window from which a motion is computed"""
 MOST = 1000
-"""Angles in the window, at most (7 us): time is cut into so many cells a window, and the last one in a cell counts"""
+"""The largest number of samples in the window (7 us): it is divided into so many cells, and of the samples in a cell
+the last one counts"""
 
 
 class Turning(NamedTuple):
-    """How a joint turns, in the sense in which its angle grows."""
+    """Angular velocity and acceleration of a joint, positive where its angle grows."""
 
     rate: float
-    """[rad/s]"""
+    """Angular velocity [rad/s]"""
     acceleration: float
-    """[rad/s^2]"""
+    """Angular acceleration [rad/s^2]"""
 
 
 class Motion(NamedTuple):
-    """How the joints turn."""
+    """Angular velocities and accelerations of the leg's joints."""
 
     flexion: Turning
     hip: Turning
@@ -40,15 +41,15 @@ STILL = Motion(STANDING, STANDING, STANDING)
 
 
 class MotionFilter:
-    """Fits a parabola to the last angles by least squares: its slope at their middle, and its curvature.
+    """Fits a parabola to the last angles by least squares, and gives its slope at their middle and its curvature.
 
     So both are half a window late. A window of twice the length has a sixth of the noise in the curvature. The bits
-    depend on stamps and angles in the window alone: cells and epochs are those of the clock, and the sums over the
-    rows, which are kept, are made anew at every stamp.
+    depend only on stamps and angles in the window: cells and epochs are those of the clock, and the sums over the rows
+    are computed anew at every stamp.
     """
 
     def __init__(self, window: float) -> None:
-        """`window` [s] is how far back the parabola looks; 0: the joints are taken to be still."""
+        """Take the duration [s] of the samples that the parabola is fitted to; 0: the joints count as still."""
         self._window = round(window / SECOND)
         self._cell = -(-self._window // (MOST - 1))
         self._held: deque[int] = deque()  # stamps in the window
@@ -59,18 +60,18 @@ class MotionFilter:
         self._end = self._epoch = 0
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget all angles."""
         self._held.clear()
         self._motion = STILL
 
     def now(self, stamp: int) -> Motion:
-        """The motion at a stamp [ns], not before the last angles; still if they are older than the window."""
+        """Give the motion at a stamp [ns] not before that of the last angles; still if these are too old by then."""
         return self._motion if self._held and stamp - self._held[-1] <= self._window else STILL
 
     def see(self, stamp: int, joints: Joints) -> Motion:
-        """Take the angles measured at a stamp [ns]; give the motion, still until enough is known.
+        """Take the angles measured at a stamp [ns], and give the motion; still until there are enough samples.
 
-        A stamp that is not later than all before begins anew.
+        A stamp that is not later than the last one makes the filter forget all angles before.
         """
         self._motion = self._seen(stamp, joints)
         return self._motion
@@ -104,7 +105,7 @@ class MotionFilter:
         self._end, self._epoch = many, epoch
 
     def _parabola(self) -> Motion:
-        """Least squares by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
+        """Fit by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
         rows, window = self._rows[self._end - len(self._held) : self._end], self._window * SECOND
         ones, firsts, seconds = (rows[:, :3].T @ rows).tolist()
         number, first, second = ones[:3]

@@ -1,8 +1,8 @@
-"""The forces of the muscles at the knee that hold a net moment.
+"""Forces of the muscles at the knee that balance a net moment.
 
-One number cannot tell several forces. The rule: the gastrocnemius takes a fixed part of the plantarflexion moment;
-of extensors and flexors none pulls with less than half of a floor, which is what antagonists do beyond any need (tone,
-and co-contraction that grows with the ground's force); beyond that only the side that is needed pulls.
+One moment does not determine several forces, so there is a rule: the gastrocnemius bears a fixed share of the
+plantarflexion moment. Extensors and flexors each pull with at least half of a floor, by which antagonists pull without
+need (tone, and co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls.
 """
 
 from __future__ import annotations
@@ -20,33 +20,39 @@ from knee_contact_ros.joint_reaction.moment_arms import (
 
 
 class Muscles(NamedTuple):
-    """Forces [N] >= 0 along the tibia: the tendons lie within 20 degrees of it, where their cosine is above 0.94."""
+    """Muscle forces [N], 0 or more, taken along the tibia: tendons are within 20 degrees of it (cosine above 0.94)."""
 
     quadriceps: float
-    """By the patellar tendon"""
+    """Force of the quadriceps through the patellar tendon"""
     hamstrings: float
     gastrocnemius: float
 
     @property
     def total(self) -> float:
-        """[N] with which they press femur and tibia together."""
+        """Sum of the forces [N], which press femur and tibia together."""
         return self.quadriceps + self.hamstrings + self.gastrocnemius
 
 
 def gastrocnemius_of(plantarflexion_moment: float, ankle: float, scale: float) -> float:
-    """Force [N] of the gastrocnemius at a net plantarflexion moment [N m] and a dorsiflexion [rad]."""
+    """Compute the force [N] of the gastrocnemius.
+
+    Args:
+        plantarflexion_moment: Net moment of the muscles at the ankle [N m].
+        ankle: Dorsiflexion [rad].
+        scale: Ratio of the person's moment arms to the published ones.
+    """
     return max(plantarflexion_moment, 0.0) * GASTROCNEMIUS_SHARE / (scale * arm(ACHILLES, ankle))
 
 
 def muscles_of(extension_moment: float, flexion: float, gastrocnemius: float, floor: float, scale: float) -> Muscles:
-    """Forces of the muscles that hold a moment.
+    """Compute the forces of the muscles that balance a moment at the knee.
 
     Args:
-        extension_moment: [N m] net of all muscles at the knee.
-        flexion: [rad].
-        gastrocnemius: [N] what the ankle asks of it.
-        floor: [N] with which antagonists pull at least, both sides together.
-        scale: of the person's moment arms to those of the table.
+        extension_moment: Net moment of the muscles at the knee [N m].
+        flexion: Flexion angle [rad].
+        gastrocnemius: Force of the gastrocnemius [N], see `gastrocnemius_of`.
+        floor: The least force [N] of extensors and flexors together.
+        scale: Ratio of the person's moment arms to the published ones.
     """
     extensor, flexor, calf = (scale * arm(muscle, flexion) for muscle in (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS))
     moment, half = extension_moment + calf * gastrocnemius, 0.5 * floor

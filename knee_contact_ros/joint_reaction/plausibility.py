@@ -1,4 +1,4 @@
-"""What no leg does, so that something is wrong with sensors or parameters: units, signs, another person's mass."""
+"""Values that no leg has: they are a sign of wrong units, signs or masses in sensors or parameters."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import math
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 
 LARGEST_ANGLE = math.pi
-"""[rad] of a joint: beyond, degrees are taken for radians, as a rule"""
+"""Largest joint angle [rad]; larger ones are usually degrees that were taken for radians"""
 LARGEST_REACTION = 10.0
-"""Body weights of compression: an implant of the hip measured 8.7 as its bearer stumbled (Bergmann et al. 1993,
-doi:10.1016/0021-9290(93)90058-M); knees bear less"""
+"""Largest compression of the knee [body weights]: an instrumented hip measured 8.7 as the person stumbled (Bergmann et
+al. 1993, doi:10.1016/0021-9290(93)90058-M), and knees bear less"""
 LARGEST_PULL = 1.0
-"""Body weights with which a swinging leg pulls at its knee"""
+"""Largest force [body weights] by which a swinging leg pulls at its knee"""
 LARGEST_UPSIDE_DOWN = 0.25
-"""Body weights with which the ground may pull at the foot: sensors drift"""
+"""Largest force [body weights] by which the ground may seem to pull at the foot, as sensors drift"""
 
 
 def is_implausible(joints: Joints, ground: Ground, axial: float, weight: float) -> bool:
-    """Whether angles, ground force or the axial force [N] of a person of a weight [N] are those of no leg."""
+    """Whether angles, ground force or the axial force [N] cannot be those of a person of a body weight [N]."""
     angles = (joints.flexion, joints.hip, joints.ankle)
     return (
         not -LARGEST_PULL * weight <= axial <= LARGEST_REACTION * weight

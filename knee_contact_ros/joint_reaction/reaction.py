@@ -1,4 +1,4 @@
-"""From the net moments to what the knee bears: the joint reaction, with the muscles of a person."""
+"""The joint reaction of a knee: the net force, and the forces of the muscles that balance the net moments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knee_contact_ros.joint_reaction.sensed import Joints
 
 
 class Level(IntEnum):
-    """What the joint reaction is estimated from; the values are those of `LoadEstimate.msg`."""
+    """From what the joint reaction is estimated; the values are those of `LoadEstimate.msg`."""
 
     GROUND_FORCE = 0
     KNEE_MOMENT = 1
@@ -21,43 +21,50 @@ class Level(IntEnum):
 
 
 class Person(NamedTuple):
-    """Personal constants."""
+    """Constants of a person."""
 
     mass: float
-    """[kg]"""
+    """Body mass [kg]"""
     height: float
-    """[m]"""
+    """Height [m]"""
     moment_arm_scale: float
-    """Of the moment arms to the published ones"""
+    """Ratio of the person's moment arms to the published ones"""
     co_contraction: float
-    """Of the vertical ground force: with how much antagonists pull at least, as it grows"""
+    """The part of the least muscle force that grows with the vertical ground force, relative to that"""
     tone: float
-    """Of the body weight: likewise, whatever the ground force is"""
+    """The constant part of the least muscle force, relative to the body weight"""
 
     @property
     def weight(self) -> float:
-        """The body's, [N]."""
+        """Body weight [N]."""
         return self.mass * GRAVITY
 
     def floor(self, vertical: float) -> float:
-        """[N] with which antagonists pull at least, both sides together, at a vertical ground force [N]."""
+        """Give the least force [N] of extensors and flexors together, at a vertical ground force [N]."""
         return self.co_contraction * max(vertical, 0.0) + self.tone * self.weight
 
 
 class Reaction(NamedTuple):
-    """What a knee bears."""
+    """Joint reaction of a knee, and the muscle forces in it."""
 
     axial: float
-    """[N] compression along the tibia"""
+    """Force along the tibia [N], positive in compression"""
     muscles: Muscles
     extension: float
-    """[N m] net moment of the muscles at the knee"""
+    """Net moment of the muscles at the knee [N m], positive when they extend it"""
     plantarflexion: float
-    """[N m] likewise at the ankle; not a number where it is not known"""
+    """Net moment of the muscles at the ankle [N m], positive when they plantarflex it; not a number if not known"""
 
 
 def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float) -> Reaction:
-    """What a knee bears under net moments, those of an actuator among them, and a vertical ground force [N]."""
+    """Compute the joint reaction of a knee.
+
+    Args:
+        person: Constants of the person.
+        joints: Angles, and torques of actuators, which are part of the net moments.
+        net: Net moments at knee and ankle.
+        vertical: Vertical ground force [N].
+    """
     extension, plantarflexion = net.extension - joints.knee_assistance, net.plantarflexion - joints.ankle_assistance
     scale, calf = person.moment_arm_scale, 0.0
     if math.isfinite(plantarflexion):

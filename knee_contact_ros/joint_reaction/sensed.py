@@ -1,35 +1,36 @@
-"""What the sensors of a leg tell at one stamp."""
+"""What the sensors of a leg measure at one stamp."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 Vector = tuple[float, float, float]
-"""x forward, y up, z to the right"""
+"""A vector with x forward, y up and z to the right"""
 
 
 class Joints(NamedTuple):
-    """The leg's joints; not a number where a joint is not measured."""
+    """Angles of the leg's joints, and torques of actuators there; an angle that is not measured is not a number."""
 
     flexion: float
-    """[rad] of the knee, positive in flexion"""
+    """Angle of the knee [rad], positive in flexion"""
     hip: float
-    """[rad] between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip"""
+    """Angle of the thigh to the vertical in the sagittal plane [rad], positive when the knee is ahead of the hip"""
     ankle: float
-    """[rad] positive in dorsiflexion, 0 at a right angle"""
+    """Angle of the ankle [rad], positive in dorsiflexion, 0 where the foot is at a right angle to the shank"""
     knee_assistance: float = 0.0
-    """[N m] torque of an actuator at the knee, positive when it extends"""
+    """Torque of an actuator at the knee [N m], positive when it extends"""
     ankle_assistance: float = 0.0
-    """[N m] torque of an actuator at the ankle, positive when it plantarflexes"""
+    """Torque of an actuator at the ankle [N m], positive when it plantarflexes"""
 
 
 class Ground(NamedTuple):
-    """What the ground exerts on the foot, in axes that stand upright."""
+    """Force and torque that the ground exerts on the foot, in upright axes."""
 
     force: Vector
-    """[N]"""
+    """Force [N]"""
     torque: Vector
-    """[N m] about the ankle joint; not a number where it is not measured"""
+    """Torque about the ankle joint [N m]; not a number where it is not measured"""
 
 
 UNKNOWN = float("nan")
+"""A value that is not measured"""

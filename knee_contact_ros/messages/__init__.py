@@ -1,1 +1,1 @@
-"""Bytes of messages, and the numbers in them."""
+"""Conversion between the bytes of messages and their contents."""

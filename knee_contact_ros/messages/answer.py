@@ -1,6 +1,6 @@
-"""What a tick leaves behind: a row of numbers, and the messages that led to it and that tell of it, as bytes.
+"""Results of a tick for the outputs: a row of numbers, and the bytes of its input and output messages.
 
-A recorder's process takes these and needs no more, so nothing is imported here.
+The process of a recorder works with these alone, so nothing is imported here.
 """
 
 from __future__ import annotations
@@ -8,24 +8,24 @@ from __future__ import annotations
 from typing import NamedTuple
 
 Record = tuple[str, int, bytes]
-"""A message as it is recorded: topic, stamp [ns] and CDR"""
+"""Message as it is recorded: topic, stamp [ns] and CDR bytes"""
 
 
 class Answer(NamedTuple):
-    """One tick."""
+    """Results of one tick."""
 
     row: bytes
-    """Of `ROW`, one for each compartment, the medial one first"""
+    """Bytes of a `ROW` for each compartment, the medial one first"""
     records: tuple[Record, ...]
-    """The angles up to its stamp, the load, the answer, its wrench"""
+    """Messages of the tick: the angles up to its stamp, the load, the answers, the wrench"""
     size: int
-    """[B] of these messages"""
+    """Size [B] of these messages"""
 
 
 class Ending(NamedTuple):
-    """What is left to say when a stream ends."""
+    """End of a stream of answers."""
 
     inputs: tuple[Record, ...]
-    """Those that belong to no answer"""
+    """Input messages that belong to no answer"""
     refused: dict[str, int]
-    """Refused samples by reason"""
+    """Number of refused samples by reason"""

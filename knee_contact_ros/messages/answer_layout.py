@@ -1,7 +1,6 @@
-"""Where the numbers of an answer lie among the bytes of its message, by the definition that the message came with.
+"""Reads recorded answers by the message definition that the recording holds.
 
-A recording carries its definitions, so it stays readable when the message gets more fields: numbers that it does not
-have are not a number.
+So a recording stays readable when the message gets more fields: numbers that it does not have become NaN.
 """
 
 from __future__ import annotations
@@ -22,73 +21,64 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 
 TYPE = MESSAGE_TYPES[KNEE_CONTACT]
 ADDED = frozenset({"sliding_velocity", "force_error_estimate"})
-"""Numbers that the message got later than the others"""
+"""Names of the numbers that were added to the message later"""
 FIXED = ("float64", "float32", "int64", "uint64", "int32", "uint32", "int16", "uint16", "int8", "uint8")
-"""Kinds of numbers, named as by NumPy"""
+"""Types of numbers that are read, named as in NumPy"""
 BYTES = ("bool", "byte", "char")
-"""More of them, which are a `uint8` here"""
+"""Further types of one byte, which are read as `uint8`"""
 FRAME_END = STAMP_END + 4
-"""Where the frame's text begins: behind its length"""
+"""Offset [B] of the text of the frame, behind its length"""
 
 
 PRESENT = MessageDefinition(MessageDefinitionFormat.NONE, "")
-"""Stands for the definition that this package writes"""
+"""Placeholder for the definition that this package writes"""
 
 
 class Place(NamedTuple):
-    """Where a number lies."""
+    """A number among the fields of a message."""
 
     name: str
-    """`contact_point_x` for x of the field `contact_point`"""
+    """Name of the number: `contact_point_x` for x of the field `contact_point`"""
     kind: str
-    """One of `FIXED`"""
+    """Type of the number, one of `FIXED`"""
 
 
-class Layout(NamedTuple):
-    """Where the fields lie in messages that share byte order and length of the frame."""
+def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
+    """Read rows from `KneeContact` messages, shape (n,), with their stamps; numbers that are missing become NaN.
 
-    numbers: np.dtype[Any]
-    """Stamp (`seconds`, `nanoseconds`) and numbers under their names"""
-    length: int
-    """[B] of a message without what may trail it"""
-    whole: bool
-    """False if fields of no fixed size follow, which are not read"""
-
-
-def decode_answers(messages: Sequence[bytes], described: MessageDefinition) -> Rows:
-    """Rows of `KneeContact` messages, shape (n,): with their stamps, and not a number where the message tells nothing.
-
-    `described` is the definition that they came with; `PRESENT` is that of this package.
+    `message_definition` is the message definition that the recording holds; `PRESENT` stands for that of this package.
 
     Raises:
-        ValueError: it lacks a number, or a message does not fit it.
+        ValueError: the definition lacks a number, or a message does not fit it.
     """
-    places, whole = places_of(described)
+    places, whole = places_of(message_definition)
     answers = untold(len(messages))
     numbers = answers.view(FLAT)
     for begin, end in _alike(messages):
         block = messages[begin:end]
-        layout = layout_of(places, whole, *_kind(block[0]))
-        _check_lengths(block, layout)
-        rows = np.frombuffer(b"".join(message[: layout.length] for message in block), dtype=layout.numbers)
-        with np.errstate(invalid="ignore"):  # a definition of a stranger's may have other types
-            for name in set(TOLD) & set(layout.numbers.names or ()):
+        layout = layout_of(places, *_kind(block[0]))
+        length, lengths = layout.itemsize, set(map(len, block))
+        if min(lengths) < length or (whole and max(lengths) > length + MOST_TRAILING):
+            raise ValueError("a message is longer or shorter than its definition says")
+        rows = np.frombuffer(b"".join(message[:length] for message in block), dtype=layout)
+        with np.errstate(invalid="ignore"):  # a foreign definition may have other types
+            for name in set(TOLD) & set(layout.names or ()):
                 numbers[name][begin:end] = rows[name]
         numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"]
     return answers
 
 
 @lru_cache(maxsize=16)
-def places_of(described: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
-    """The numbers behind the header in their order up to a field of no fixed size, and whether there is none.
+def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
+    """Numbers behind the header, in order, up to a field of variable size; and whether there is no such field.
 
     Raises:
-        ValueError: it lacks a number that the message always had.
+        ValueError: the definition lacks a number that the message has always had.
     """
-    if described.format is MessageDefinitionFormat.IDL:
-        types = get_types_from_idl(described.data)
+    if message_definition.format is MessageDefinitionFormat.IDL:
+        types = get_types_from_idl(message_definition.data)
     else:
-        types = get_types_from_msg(described.data or definition(TYPE).decode(), TYPE)
+        types = get_types_from_msg(message_definition.data or definition(TYPE).decode(), TYPE)
     places, whole = [], True
     fields = types[TYPE][1]
     if not fields or fields[0][1] != (Nodetype.NAME, "std_msgs/msg/Header"):
@@ -105,8 +95,11 @@ def places_of(described: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
 
 
 @lru_cache(maxsize=64)
-def layout_of(places: tuple[Place, ...], whole: bool, order: Order, frame_length: int) -> Layout:
-    """The layout of messages with a byte order (`<` or `>`) whose frame takes so many bytes."""
+def layout_of(places: tuple[Place, ...], order: Order, frame_length: int) -> np.dtype[Any]:
+    """NumPy type of messages with a byte order (`<` or `>`) and a length of the frame [B].
+
+    Its fields are the stamp (`seconds`, `nanoseconds`) and the numbers; trailing bytes are not part of it.
+    """
     fields = {"seconds": (np.dtype(f"{order}i4"), 4), "nanoseconds": (np.dtype(f"{order}u4"), 8)}
     at = FRAME_END + frame_length
     for name, kind in places:
@@ -115,12 +108,11 @@ def layout_of(places: tuple[Place, ...], whole: bool, order: Order, frame_length
         fields[name] = (number, at)
         at += number.itemsize
     formats, offsets = zip(*fields.values(), strict=True)
-    numbers = np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
-    return Layout(numbers, at, whole)
+    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
 
 
 def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
-    """Places of fields; None stands for one of no fixed size."""
+    """Numbers in fields, whose names begin with `before`; None stands for a field of variable size."""
     for name, (kind, detail) in fields:
         if kind is Nodetype.NAME and detail in types:
             yield from _flat(types, types[detail][1], f"{before}{name}_")
@@ -131,7 +123,7 @@ def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
 
 
 def _kind(message: bytes) -> tuple[Order, int]:
-    """Byte order and length of the frame."""
+    """Byte order and length of the frame [B] of a message."""
     order = BYTE_ORDERS.get(message[:2])
     frame_length = int.from_bytes(message[12:FRAME_END], "little" if order == "<" else "big")
     if order is None or len(message) < FRAME_END + frame_length:
@@ -140,15 +132,9 @@ def _kind(message: bytes) -> tuple[Order, int]:
 
 
 def _alike(messages: Sequence[bytes]) -> Iterator[tuple[int, int]]:
-    """Begin and end of the stretches that share byte order and length of the frame."""
+    """Begin and end of the runs of messages that share byte order and length of the frame."""
     begin = 0
     for _, stretch in groupby(message[:2] + message[12:FRAME_END] for message in messages):
         end = begin + sum(1 for _ in stretch)
         yield begin, end
         begin = end
-
-
-def _check_lengths(messages: Sequence[bytes], layout: Layout) -> None:
-    lengths = set(map(len, messages))
-    if min(lengths) < layout.length or (layout.whole and max(lengths) > layout.length + MOST_TRAILING):
-        raise ValueError("a message is longer or shorter than its definition says")

@@ -1,4 +1,4 @@
-"""Answers to bytes: a header, and the part of a row that the message consists of."""
+"""Writes the messages of answers: a header, and the part of a row that the message consists of."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knee_contact_ros.messages.cdr import HEADER, SECOND, STAMP_END, Bytes, Stam
 
 
 def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
-    """Bytes of the `KneeContact` message of an answer; stamp in [ns], the row's own is not looked at.
+    """Bytes of the `KneeContact` message of an answer, with a stamp [ns] that replaces the one in the row.
 
     Raises:
         ValueError: the stamp is beyond what ROS can hold.
@@ -22,17 +22,17 @@ def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
 
 
 def encode_answer_wrench(stamp: int, frame_id: str, row: bytes) -> bytes:
-    """Bytes of the `WrenchStamped` that goes with it: the contact force on the tibia; likewise."""
+    """Bytes of the `WrenchStamped` of an answer, the contact force on the tibia; see `encode_answer`."""
     return header(stamp, frame_id) + row[WRENCH]
 
 
 def encode_answers(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
-    """Bytes of many messages, shape (n, length): row by row those of `encode_answer`."""
+    """Bytes of the `KneeContact` messages of many answers, shape (n, length), as `encode_answer` writes them."""
     return _headed(frame_id, stamps, rows, MESSAGE)
 
 
 def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
-    """Bytes of the wrenches, likewise."""
+    """Bytes of the `WrenchStamped` messages of many answers, shape (n, length); see `encode_answer_wrench`."""
     return _headed(frame_id, stamps, rows, WRENCH)
 
 
@@ -47,7 +47,7 @@ def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
 
 
 def header(stamp: int, frame_id: str) -> bytes:
-    """Encapsulation, stamp [ns] and frame up to where numbers of 8 B begin.
+    """Encapsulation, stamp [ns] and frame of a message, padded to where numbers of 8 B begin.
 
     Raises:
         ValueError: the stamp is beyond what ROS can hold.

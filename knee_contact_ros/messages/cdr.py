@@ -1,8 +1,8 @@
-"""Input messages: bytes to content and back, one by one and many at once, by one declaration of their fields.
+"""Reads and writes the bytes of input messages, one by one and many at once, by one declaration of their fields.
 
-What a message's texts and lengths do not fix are its stamp and its numbers. So a `Layout`, made from the declaration
-(`FIELDS`), texts and lengths, knows where everything lies: as a `struct` for one message, as a NumPy type for many.
-Written are little-endian CDR (XCDR1) and zeros as padding, as `rosbags` writes; read is what ROS may send.
+Messages with the same texts and lengths differ in their stamps and numbers only. So a `Layout`, made from the
+declaration (`FIELDS`), texts and lengths, knows all offsets: as a `struct` for one message, as a NumPy type for many.
+Messages are written as little-endian CDR (XCDR1) with zeros as padding, as `rosbags` does; whatever ROS sends is read.
 """
 
 from __future__ import annotations
@@ -22,51 +22,52 @@ Bytes = NDArray[np.uint8]
 Stamps = NDArray[np.int64]
 Order = Literal["<", ">"]
 SECOND = 1_000_000_000
-"""[ns]"""
+"""Nanoseconds in a second"""
 HEADER = b"\x00\x01\x00\x00"
-"""Little-endian CDR, no options; alignment counts from behind it"""
+"""Encapsulation of little-endian CDR without options; alignment counts from its end"""
 LITTLE_ENDIAN = HEADER[:2]
 BYTE_ORDERS: dict[bytes, Order] = {b"\x00\x01": "<", b"\x00\x00": ">"}
-"""By the first two bytes of the header. The other two are options, which ROS ignores on reading."""
+"""Byte order by the first two bytes of the encapsulation. The other two are options, which ROS ignores on reading."""
 STAMPS = {kind: struct.Struct(f"{order}4xiI").unpack_from for kind, order in BYTE_ORDERS.items()}
-"""Likewise: what takes seconds and nanoseconds out of a message that begins with a header"""
+"""Readers of the seconds and nanoseconds of a message's header, by the first two bytes of the encapsulation"""
 STAMP_END = 12
-"""Behind header and stamp, which all messages begin with [B]"""
+"""Offset [B] behind encapsulation and stamp, with which all messages begin"""
 MOST_TRAILING = 12
-"""Surplus [B] of ROS's `serialize_message` at most: it makes room to align numbers even where none follow"""
+"""Largest surplus [B] of ROS's `serialize_message`, which makes room to align numbers even where none follow"""
 LONGEST = 65536
-"""Messages longer than this [B] are not read here, so that what is remembered of them stays small"""
+"""Largest message [B] that is read here, so that the remembered layouts stay small"""
 MOST_LAYOUTS = 16
-"""Layouts remembered at a time"""
+"""Largest number of layouts remembered at a time"""
 UNKNOWN = (struct.error, ValueError, KeyError)
-"""What reading raises when the bytes are not such a message"""
+"""Errors that reading raises if the bytes are no such message"""
 
 
 class JointState(NamedTuple):
-    """The content of a sensor_msgs/msg/JointState."""
+    """Content of a sensor_msgs/msg/JointState."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     frame_id: str
     name: tuple[str, ...]
+    """Names of the joints"""
     position: tuple[float, ...]
-    """[rad] or [m]"""
+    """Positions [rad] or [m]; empty if they are not given"""
     velocity: tuple[float, ...]
-    """[rad/s] or [m/s]"""
+    """Velocities [rad/s] or [m/s]; empty if they are not given"""
     effort: tuple[float, ...]
-    """[N m] or [N]"""
+    """Efforts [N m] or [N]; empty if they are not given"""
 
 
 class WrenchStamped(NamedTuple):
-    """The content of a geometry_msgs/msg/WrenchStamped."""
+    """Content of a geometry_msgs/msg/WrenchStamped."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     frame_id: str
     force: tuple[float, float, float]
-    """[N]"""
+    """Force x, y, z [N]"""
     torque: tuple[float, float, float]
-    """[N m]"""
+    """Torque x, y, z [N m]"""
 
 
 TEXT, TEXTS, NUMBERS, VECTOR = "a text", "a sequence of texts", "a sequence of numbers", "three numbers"
@@ -74,29 +75,29 @@ FIELDS: dict[type, dict[str, str]] = {
     JointState: {"frame_id": TEXT, "name": TEXTS, "position": NUMBERS, "velocity": NUMBERS, "effort": NUMBERS},
     WrenchStamped: {"frame_id": TEXT, "force": VECTOR, "torque": VECTOR},
 }
-"""What follows the stamp"""
+"""Fields behind the stamp by name, and their kinds, for each type of message"""
 Content = TypeVar("Content", JointState, WrenchStamped)
 Shape = tuple[Any, ...]
-"""For each field its text or texts, or how many numbers it has"""
+"""Shape of a message: for each field its text or texts, or the number of its numbers"""
 
 
 class Layout:
-    """Where everything lies in messages of one shape.
+    """Layout of messages of one shape.
 
-    A message consists of the header's first half, seconds, nanoseconds, and then of what its shape fixes (`known`) and
-    of numbers; between them is padding.
+    The parts of a message are the first half of the encapsulation, seconds, nanoseconds, and then constants, which the
+    shape fixes (`known`), and numbers; between them is padding.
     """
 
     def __init__(self, kind: type, shape: Shape, order: Order = "<", trailing: int = 0) -> None:
-        """Lay a message out; `trailing` [B] follow it."""
+        """Lay out a message of a kind and shape in a byte order, followed by `trailing` bytes."""
         self.written = self
-        """The layout in which such messages are written"""
+        """Layout in which such messages are written"""
         self.known: dict[int, bytes] = {}
-        """By the number of the part"""
+        """Bytes of the constant parts, by the number of the part"""
         self._form, self._end, self._parts = [f"{order}2s2xiI"], STAMP_END, 3
         self.texts: list[Any] = []
-        """Of the fields that are text or texts, which come before the others"""
-        self._slots: list[slice] = []  # for each of those others the parts that are its numbers
+        """Values of the fields that are text or texts, which come before the fields of numbers"""
+        self._slots: list[slice] = []  # the parts of each field of numbers
         self._order, self._types = order, {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
         for (name, form), given in zip(FIELDS[kind].items(), shape, strict=True):
             if form in (NUMBERS, VECTOR):
@@ -105,30 +106,30 @@ class Layout:
                 self._texts(given if form == TEXTS else [given], counted=form == TEXTS)
                 self.texts.append(given)
         self.length = self._end
-        """[B] of a message without what may trail it"""
+        """Length [B] of a message without trailing bytes"""
         self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
-        """For each field of numbers its own, of parts of a message"""
+        """Takes the numbers of each field out of the parts of a message"""
         self._pick = itemgetter(0, *self.known)
         self._fixed = (b"\x00\x01" if order == "<" else b"\x00\x00", *self.known.values())
         packing = struct.Struct("".join(self._form) + f"{trailing}x")
         self.unpack: Callable[[bytes], tuple[Any, ...]] = packing.unpack
-        """Every part of the bytes; padding, where ROS leaves what was in its memory, is passed over"""
+        """Splits the bytes of a message into its parts; padding, in which ROS leaves old memory, is skipped"""
         self.pack = packing.pack
-        """The other way; padding becomes zeros"""
+        """Joins parts to the bytes of a message; padding becomes zeros"""
 
     @property
     def numbers(self) -> np.dtype[Any]:
-        """The type of a message that is written: `seconds`, `nanoseconds`, and its numbers by the names of fields."""
+        """NumPy type of a written message: `seconds`, `nanoseconds`, and its numbers by the names of the fields."""
         formats, offsets = zip(*self._types.values(), strict=True)
         names = list(self._types)
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.length})
 
     def fits(self, parts: tuple[Any, ...]) -> bool:
-        """Whether parts of a message, `unpack`ed, have the shape."""
+        """Whether the parts of a message, from `unpack`, have this shape."""
         return bool(self._pick(parts) == self._fixed)
 
     def parts(self, content: JointState | WrenchStamped) -> list[Any]:
-        """What to `pack` for a content of this shape."""
+        """Parts, for `pack`, of a content of this shape."""
         parts: list[Any] = [HEADER[:2], *divmod(content.stamp, SECOND), *[None] * (self._parts - 3)]
         for number, known in self.known.items():
             parts[number] = known
@@ -174,22 +175,22 @@ class Block(NamedTuple):
 
     shape: Shape
     stamps: Stamps
-    """[ns], shape (n,)"""
+    """Stamps [ns], shape (n,)"""
     numbers: NDArray[Any]
-    """As `Layout.numbers`, shape (n,)"""
+    """Stamps and numbers with the fields of `Layout.numbers`, shape (n,)"""
     data: Bytes
-    """The same as bytes, as they are written, shape (n, length)"""
+    """Bytes of the messages as they are written, shape (n, length)"""
 
 
 class Coder(Generic[Content]):
-    """Bytes to content and back, for one type of message; remembers the last layouts, by the length of the bytes."""
+    """Reader and writer for one type of message; remembers the last layouts, by the length of the bytes."""
 
     def __init__(self, kind: type[Content]) -> None:
         self._kind: Any = kind
         self._layouts: dict[int, Layout] = {}
 
     def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
-        """The content of a message, and the bytes that we write of it; None: ROS's deserializer should look at it."""
+        """Content of a message, and the bytes to record; None if ROS's own deserializer has to read it."""
         try:
             received = data if type(data) is bytes else bytes(data)
             layout = self._layouts.get(len(received))
@@ -205,7 +206,7 @@ class Coder(Generic[Content]):
             return None
 
     def encode(self, content: Content) -> bytes:
-        """The bytes of a message.
+        """Bytes of a message with this content.
 
         Raises:
             ValueError: the stamp is beyond what ROS can hold.
@@ -215,7 +216,7 @@ class Coder(Generic[Content]):
         return layout.pack(*layout.parts(content))
 
     def decode_all(self, messages: Column) -> Block | None:
-        """Many messages, at least one; None if they have not all the same shape, or if `decode` knows one not."""
+        """Contents of many messages, at least one; None if their shapes differ, or `decode` cannot read one of them."""
         first = self.decode(messages[0])
         if first is None:
             return None
@@ -229,7 +230,7 @@ class Coder(Generic[Content]):
             return None
         kind = layout.numbers
         rest = matrix[:, ~_covered(kind)]
-        for index in np.flatnonzero((rest != rest[0]).any(axis=1)).tolist():  # leftovers of memory, as a rule
+        for index in np.flatnonzero((rest != rest[0]).any(axis=1)).tolist():  # as a rule old memory in the padding
             other = self.decode(messages[index])
             if other is None or shape_of(other[0]) != shape:
                 return None
@@ -242,7 +243,7 @@ class Coder(Generic[Content]):
         return Block(shape, stamps, rows, data)
 
     def _read(self, data: bytes) -> Layout:
-        """The layout of a message, remembered; raises one of `UNKNOWN`."""
+        """Find the layout of a message, and remember it; raises one of `UNKNOWN`."""
         if len(data) > LONGEST:
             raise ValueError("too long")
         order = BYTE_ORDERS[data[:2]]
@@ -257,13 +258,13 @@ class Coder(Generic[Content]):
 
 
 class _Walk:
-    """Goes through the bytes of a message once; raises one of `UNKNOWN`."""
+    """Single pass through the bytes of a message; raises one of `UNKNOWN`."""
 
     def __init__(self, data: bytes, order: Order) -> None:
         self._data, self._order, self._at = data, order, STAMP_END
 
     def shape(self, fields: dict[str, str]) -> tuple[Shape, int]:
-        """The message's shape, and where it ends."""
+        """Shape of the message, and the offset [B] of its end."""
         return tuple([self._field(form) for form in fields.values()]), self._at
 
     def _field(self, form: str) -> Any:
@@ -292,7 +293,7 @@ class _Walk:
 
 
 def shape_of(content: JointState | WrenchStamped) -> Shape:
-    """The shape of a message with this content."""
+    """Shape of a message with this content."""
     forms = FIELDS[type(content)].values()
     pairs = zip(forms, content[1:], strict=True)
     return tuple([value if form in (TEXT, TEXTS) else len(value) for form, value in pairs])
@@ -300,18 +301,21 @@ def shape_of(content: JointState | WrenchStamped) -> Shape:
 
 @lru_cache(maxsize=MOST_LAYOUTS)
 def _written_layout(kind: type, shape: Shape) -> Layout:
-    """The layout in which messages of a shape are written."""
+    """Layout in which messages of a shape are written."""
     return Layout(kind, shape)
 
 
 def filled(template: bytes, kind: np.dtype[Any], number: int) -> tuple[NDArray[Any], Bytes]:
-    """Copies of a message as rows of a type and as bytes, shape (number, length): the same memory."""
+    """Copies of a message as rows of a NumPy type, shape (number,), and as bytes, shape (number, length).
+
+    Both share their memory.
+    """
     data = np.tile(np.frombuffer(template, dtype=np.uint8), (number, 1))
     return data.reshape(-1).view(kind), data
 
 
 def _covered(kind: np.dtype[Any]) -> NDArray[np.bool_]:
-    """Which bytes of a message belong to the fields of a type."""
+    """Mask of the bytes of a message that belong to the fields of a NumPy type."""
     mask = np.zeros(kind.itemsize, dtype=bool)
     for field, offset in (entry[:2] for entry in (kind.fields or {}).values()):
         mask[offset : offset + field.itemsize] = True
@@ -319,10 +323,10 @@ def _covered(kind: np.dtype[Any]) -> NDArray[np.bool_]:
 
 
 def check_stamp(stamp: int) -> None:
-    """Refuse a stamp [ns] that no message can hold.
+    """Check that a message can hold a stamp [ns].
 
     Raises:
-        ValueError: its seconds are no int32.
+        ValueError: its seconds are not within int32.
     """
     if not -(2**31) <= stamp // SECOND < 2**31:
         raise ValueError(f"stamp {stamp} ns is beyond the int32 seconds of a ROS time")
@@ -347,12 +351,12 @@ encode_wrench_stamped = WRENCH.encode
 
 
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
-    """The JointState in these bytes; None if ROS's own deserializer should look at them."""
-    found = JOINT_STATE.decode(data)
-    return found and found[0]
+    """Content of a JointState; None if ROS's own deserializer has to read the bytes."""
+    decoded = JOINT_STATE.decode(data)
+    return decoded and decoded[0]
 
 
 def decode_wrench_stamped(data: bytes | bytearray | memoryview) -> WrenchStamped | None:
-    """The WrenchStamped in these bytes; None if ROS's own deserializer should look at them."""
-    found = WRENCH.decode(data)
-    return found and found[0]
+    """Content of a WrenchStamped; None if ROS's own deserializer has to read the bytes."""
+    decoded = WRENCH.decode(data)
+    return decoded and decoded[0]

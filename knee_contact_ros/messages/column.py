@@ -1,4 +1,4 @@
-"""Many messages without an object for each: one piece of memory, and where in it they lie."""
+"""Many messages in one piece of memory, without an object for each."""
 
 from __future__ import annotations
 
@@ -10,29 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 Places = NDArray[np.int64]
-"""[B] in a piece of memory, shape (n,)"""
+"""Offsets [B] in a piece of memory, shape (n,)"""
 MOST_ELSE = 4
-"""Times the messages' size that memory around them may have to be kept, or copied, with them"""
+"""Largest memory that is kept, or copied, for some messages, as a multiple of their size"""
 
 
 @dataclass(frozen=True)
 class Column:
-    """Messages in their order."""
+    """Sequence of messages in one piece of memory."""
 
     data: bytes
+    """The memory"""
     begins: Places
+    """Offsets at which the messages begin"""
     ends: Places
+    """Offsets behind the messages"""
 
     @classmethod
     def of(cls, messages: Sequence[bytes]) -> Column:
-        """Messages that are objects."""
+        """Column of messages that are separate objects."""
         lengths = np.fromiter(map(len, messages), np.int64, len(messages))
         ends = np.cumsum(lengths)
         return cls(b"".join(messages), ends - lengths, ends)
 
     @classmethod
     def together(cls, columns: Sequence[Column]) -> Column:
-        """One behind the other."""
+        """Concatenation of columns."""
         before = np.cumsum([0, *(len(column.data) for column in columns)]).tolist()
         return cls(
             b"".join([column.data for column in columns]),
@@ -41,23 +44,23 @@ class Column:
         )
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Number of messages."""
         return len(self.begins)
 
     def __getitem__(self, index: int) -> bytes:
-        """One of them."""
+        """Message at an index."""
         return self.data[self.begins[index] : self.ends[index]]
 
     def __iter__(self) -> Iterator[bytes]:
-        """One after the other."""
+        """Iterate over the messages."""
         return map(self.data.__getitem__, map(slice, self.begins.tolist(), self.ends.tolist()))
 
     def part(self, chosen: Any) -> Column:
-        """Some of them: a slice, their places in the column, or whether each is one."""
+        """Selection of messages, by a slice, their indices or a mask; it shares the memory."""
         return Column(self.data, self.begins[chosen], self.ends[chosen])
 
     def trimmed(self) -> Column:
-        """The same in memory that holds little else."""
+        """Same messages in memory that holds little else."""
         if not len(self):
             return Column(b"", self.begins, self.ends)
         first, last = int(self.begins.min()), int(self.ends.max())
@@ -68,7 +71,7 @@ class Column:
         return Column(self.data[first:last], self.begins - first, self.ends - first)
 
     def rows(self, length: int) -> NDArray[np.uint8]:
-        """The first bytes of each, shape (n, length); none is shorter."""
+        """First `length` bytes of each message, shape (n, length); no message may be shorter."""
         kind = np.dtype(f"V{length}")
         windows = np.ndarray(max(len(self.data) - length + 1, 0), kind, self.data, strides=(1,))
         return windows[self.begins].view(np.uint8).reshape(len(self), length)

@@ -1,4 +1,4 @@
-"""`dynamic_joint_states` of ros2_control: the positions in a control_msgs/msg/DynamicJointState as a JointState."""
+"""Converts `dynamic_joint_states` of ros2_control (control_msgs/msg/DynamicJointState) to JointState."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from knee_contact_ros.messages.ros_types import stamp_to_ns, typestore
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATE
 
 POSITION = "position"
-"""The interface that is an angle [rad] or a height [m]"""
+"""Name of the interface whose value is an angle [rad] or a height [m]"""
 DEFINITIONS = {
     DYNAMIC_JOINT_STATE: (
         "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
     ),
     "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
 }
-"""As control_msgs declares them"""
+"""Message definitions by type, as in control_msgs"""
 
 
 @cache
@@ -32,9 +32,9 @@ def _types() -> Typestore:
 
 
 def as_joint_state(data: bytes) -> bytes:
-    """The bytes of a JointState with the joints that have a position; none if `data` is no DynamicJointState.
+    """Bytes of a JointState with the joints that have a position; empty if `data` is no DynamicJointState.
 
-    Its velocities and efforts are left out: nothing here goes by them.
+    Velocities and efforts are left out, as they are not used.
     """
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)

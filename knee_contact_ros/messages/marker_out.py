@@ -1,4 +1,4 @@
-"""Markers to bytes: a visualization_msgs/msg/MarkerArray, which viewers of ROS draw."""
+"""Writes markers as a visualization_msgs/msg/MarkerArray, for RViz and other viewers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from knee_contact_ros.messages.cdr import HEADER, SECOND, check_stamp
 
 LIFETIME = 1
-"""How long [s] a viewer shows a marker that does not come again"""
+"""Time [s] for which a viewer shows a marker that is not sent again"""
 Colour = tuple[float, float, float]
-"""RGB, 0 to 1"""
+"""Red, green and blue, from 0 to 1"""
 
 
 class Shape(IntEnum):
-    """What is drawn; the values are those of the message."""
+    """Shape of a marker; the values are those of the message."""
 
     ARROW = 0
     SPHERE = 2
@@ -28,27 +28,27 @@ class Shape(IntEnum):
 
 
 class Action(IntEnum):
-    """What is done; likewise."""
+    """Action of a marker; the values are those of the message."""
 
     ADD = 0
     DELETE = 2
 
 
 class Marker(NamedTuple):
-    """What does not change of a marker; it is the only one of its name."""
+    """Constant properties of a marker; its name is unique."""
 
     name: str
-    """Its namespace"""
+    """Namespace of the marker"""
     shape: Shape
     scale: tuple[float, float, float]
-    """[m] as the shape has it: a line's width; diameters; those of an arrow's shaft and head, and its head's length"""
+    """Sizes [m]: width of a line; diameters of a sphere; diameters of an arrow's shaft and head, and head length"""
     colour: Colour
     points: NDArray[np.float64] = np.empty((0, 2))
-    """Of a line or an arrow, in its own frame, shape (n, 2) [m]"""
+    """Points [m] of a line or an arrow in the marker's own frame, shape (n, 2)"""
 
 
 class _Places(NamedTuple):
-    """Where the parts of a marker lie in the message [B]."""
+    """Offsets [B] of the parts of a marker in the message."""
 
     stamp: int
     action: int
@@ -59,25 +59,26 @@ class _Places(NamedTuple):
 
 STAMP = struct.Struct("<iI")
 KIND = struct.Struct("<2i")
-"""Number and shape, before the action"""
+"""Number and shape of a marker, which precede its action"""
 ACTION = struct.Struct("<i")
 POSE, SCALE, COLOUR, REST = struct.Struct("<7d"), struct.Struct("<3d"), struct.Struct("<4f"), struct.Struct("<iI?3xI")
-"""From a multiple of 8 B on; the rest is lifetime, whether locked to its frame, number of points"""
+"""Parts that begin at a multiple of 8 B; REST is lifetime, whether locked to its frame, number of points"""
 POINT = struct.Struct("<3d")
 NONE, EMPTY = struct.pack("<I", 0), struct.pack("<I4x", 1)
-"""A sequence without elements; a text without letters, which ends with a 0"""
+"""An empty sequence; an empty text, which ends with a 0"""
 NOTHING_MORE = NONE + EMPTY + bytes(8) + 2 * EMPTY + 2 * NONE + 3 * EMPTY + NONE + bytes(1)
-"""The points' colours; texture: name, stamp, frame, format, data, places; text; mesh: name, file, data, materials"""
+"""Unused fields: colours of the points; texture (name, stamp, frame, format, data, coordinates); text; mesh (name,
+file, data, materials)"""
 
 
 class MarkerMessage:
-    """A message that is laid out once; what moves is written over. All is drawn in planes of constant z.
+    """Message that is laid out once, and whose moving parts are overwritten. Shapes lie in planes of constant z.
 
-    The markers are locked to their frame: a viewer draws them where it is now, not where it was at the stamp.
+    The markers are locked to their frame: a viewer draws them where the frame is now, not where it was at the stamp.
     """
 
     def __init__(self, frame_id: str, markers: Sequence[Marker]) -> None:
-        """Lay it out, at stamp 0 and with each marker's own frame at the origin."""
+        """Lay out a message with stamp 0 and with each marker's own frame at the origin."""
         self.frame_id = frame_id
         self._data = bytearray(HEADER + struct.pack("<I", len(markers)))
         self._places = [self._lay_out(marker) for marker in markers]
@@ -86,7 +87,7 @@ class MarkerMessage:
         """Give all markers a stamp [ns].
 
         Raises:
-            ValueError: it is beyond what ROS can hold.
+            ValueError: the stamp is beyond what ROS can hold.
         """
         check_stamp(stamp)
         seconds, nanoseconds = divmod(stamp, SECOND)
@@ -94,27 +95,27 @@ class MarkerMessage:
             STAMP.pack_into(self._data, places.stamp, seconds, nanoseconds)
 
     def move(self, number: int, x: float, y: float, turn: float, z: float = 0.0) -> None:
-        """Put a marker's own frame to a place [m], turned about z by an angle [rad] from x to y."""
+        """Move a marker's own frame to x, y, z [m], turned about z by an angle [rad] from x to y."""
         half = 0.5 * turn
         POSE.pack_into(self._data, self._places[number].pose, x, y, z, 0.0, 0.0, math.sin(half), math.cos(half))
 
     def paint(self, number: int, colour: Colour) -> None:
-        """Give a marker another colour."""
+        """Change the colour of a marker."""
         COLOUR.pack_into(self._data, self._places[number].colour, *colour, 1.0)
 
     def place(self, number: int, *points: tuple[float, float, float]) -> None:
-        """Give a marker other points [m], not more than it has."""
+        """Change the first points [m] of a marker; there may not be more than it has."""
         begin = self._places[number].points
         for point in points:
             POINT.pack_into(self._data, begin, *point)
             begin += POINT.size
 
     def show(self, number: int, shown: bool) -> None:
-        """Have a viewer show a marker, or delete it."""
+        """Have a viewer show a marker, or hide it."""
         ACTION.pack_into(self._data, self._places[number].action, Action.ADD if shown else Action.DELETE)
 
     def tobytes(self) -> bytes:
-        """The message."""
+        """Bytes of the message."""
         return bytes(self._data)
 
     def _lay_out(self, marker: Marker) -> _Places:
@@ -128,12 +129,12 @@ class MarkerMessage:
         self._add(SCALE.pack(*marker.scale), 8)
         colour = self._add(COLOUR.pack(*marker.colour, 1.0), 4)
         self._add(REST.pack(LIFETIME, 0, True, len(points)), 4)
-        place = self._add(points.astype("<f8").tobytes(), 8 if len(points) else 4)  # nothing needs no padding
+        place = self._add(points.astype("<f8").tobytes(), 8 if len(points) else 4)  # without points there is no padding
         self._add(NOTHING_MORE, 4)
         return _Places(stamp, action, pose, colour, place)
 
     def _add(self, part: bytes, size: int) -> int:
-        """Append what begins at a multiple of a size; where it begins."""
+        """Append a part that begins at a multiple of a size [B]; return its offset."""
         self._data += bytes((len(HEADER) - len(self._data)) % size)
         begin = len(self._data)
         self._data += part

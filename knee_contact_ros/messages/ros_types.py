@@ -1,4 +1,4 @@
-"""Message types without ROS: definitions and hashes of the Jazzy messages and of our own."""
+"""Message types without ROS: definitions of the messages of Jazzy and of this package."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NANOSECONDS = 1_000_000_000
 
 @cache
 def typestore() -> Typestore:
-    """The messages of ROS 2 Jazzy and those in our `msg/` folder."""
+    """Types of the messages of ROS 2 Jazzy and of this package's `msg/` folder."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted((share_folder() / "msg").glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
@@ -25,7 +25,7 @@ def typestore() -> Typestore:
 
 @cache  # the next file of a recording must be open at once
 def definition(type_name: str) -> bytes:
-    """A message's definition with those that it consists of; our own with its comments and in its order.
+    """Definition of a message and of the messages in it; this package's own with comments and in their order.
 
     The comments have the units, and Foxglove names a field's values by the constants right before it.
     """
@@ -38,10 +38,10 @@ def definition(type_name: str) -> bytes:
 
 
 def stamp_to_ns(stamp: Any) -> int:
-    """A message's stamp as integer nanoseconds."""
+    """Convert the stamp of a message to nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def deserialize(data: bytes, topic: str) -> Any:
-    """A plain message of one of our topics from its bytes."""
+    """Read the bytes of a message of one of this package's topics, without ROS."""
     return typestore().deserialize_cdr(data, MESSAGE_TYPES[topic])

@@ -1,4 +1,4 @@
-"""`/tf_static`: bytes of a tf2_msgs/msg/TFMessage to its transforms and back, without ROS."""
+"""Reads and writes `/tf_static` (tf2_msgs/msg/TFMessage) without ROS."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 
 
 class Transform(NamedTuple):
-    """Where a frame lies in another one: p_parent = rotation · p_child + translation."""
+    """Pose of a child frame in its parent frame: p_parent = rotation · p_child + translation."""
 
     parent: str
+    """Name of the parent frame"""
     child: str
+    """Name of the child frame"""
     translation: tuple[float, float, float]
-    """[m]"""
+    """Translation x, y, z [m]"""
     rotation: tuple[float, float, float, float]
-    """Quaternion x, y, z, w"""
+    """Rotation as a quaternion x, y, z, w"""
 
 
 def decode_transforms(data: bytes) -> list[Transform]:
-    """The transforms in a message.
+    """Transforms in the bytes of a TFMessage.
 
     Raises:
         ValueError: the bytes are no such message.
@@ -35,7 +37,7 @@ def decode_transforms(data: bytes) -> list[Transform]:
 
 
 def encode_transforms(transforms: list[Transform], stamp: int) -> bytes:
-    """A message of transforms, all of a stamp [ns]."""
+    """Bytes of a TFMessage with transforms that share a stamp [ns]."""
     types = typestore().types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
     transform, stamped = types["geometry_msgs/msg/Transform"], types["geometry_msgs/msg/TransformStamped"]

@@ -34,12 +34,11 @@ from knee_contact_ros.messages.topics import (
     recorded_topics,
 )
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.node.contact_health import ContactHealth
+from knee_contact_ros.node.health import ContactHealth
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
 from knee_contact_ros.node.subscription import HandedInputs
-from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import LATERAL, has_both
 from knee_contact_ros.parameters.reading import READING
@@ -53,7 +52,7 @@ from knee_contact_ros.view.outlines import drawings_of
 from knee_contact_ros.view.window import address
 
 COUNTED = reader("load", "penetration_depth", "fidelity", "status")
-"""Of an answer's row"""
+"""Reader of the fields of an answer's row that the health of the node depends on"""
 _LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
@@ -61,15 +60,15 @@ _LIVE = frozenset({
     "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
 })  # fmt: skip
 LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
-"""Parameters that may change while the node is configured: numbers of the model and of the way to it, which need no
+"""Parameters that may change while the node is configured: numbers of the model and of its inputs, which need no
 other kernel, and the name of the next recording. They take effect between two ticks."""
 
 
 def type_of_angles(source: str) -> Any:
-    """The type of the topic that the angles come from.
+    """Message type of the topic that the angles come from.
 
     Raises:
-        UsageError: it is not installed.
+        UsageError: the type is not installed.
     """
     if source == JOINT_STATES:
         return JointState
@@ -83,7 +82,7 @@ def type_of_angles(source: str) -> Any:
 
 
 class ContactSession(Session):
-    """What a contact node does while it is configured."""
+    """Configured life of a contact node."""
 
     pipeline: Pipeline
     parameters: Parameters
@@ -98,10 +97,10 @@ class ContactSession(Session):
         """Build the model and open the outputs.
 
         Args:
-            node: Whose life it is.
-            parameters: Its own.
-            qos_given: Names the QoS overrides that the user has given.
-            handed: Who hands the inputs over, if they do not come over their topics.
+            node: The node.
+            parameters: Parameters of the node.
+            qos_given: Names of the QoS overrides that the user has given.
+            handed: Where the inputs come from, if another node in this process hands them over.
 
         Raises:
             UsageError: a profile cannot be used or an output file cannot be written.
@@ -111,14 +110,14 @@ class ContactSession(Session):
         super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
         source = parameters.knee.source
         on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state
-        self.inputs = self._listen((source, type_of_angles(source), on_angle), qos_given, handed)
+        self.inputs = self._input_streams(source, type_of_angles(source), on_angle, qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
         topics = recorded_topics(has_both(parameters))
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
-        models = [each.model for each in pipeline.compartments]
-        shown = KneeMarkers(drawings_of(models, knee_name(self._names[KNEE_CONTACT]), parameters.body_weight))
-        contacts = [each.topic for each in pipeline.compartments]
+        models = [compartment.model for compartment in pipeline.compartments]
+        markers = KneeMarkers(drawings_of(models, knee_name(self._names[KNEE_CONTACT]), parameters.body_weight))
+        contacts = [compartment.topic for compartment in pipeline.compartments]
         self._offer(
             {
                 **dict.fromkeys(contacts, (KneeContact, OUTPUT_DEPTH)),
@@ -126,44 +125,39 @@ class ContactSession(Session):
                 KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
             }
         )
-        # Bytes go straight to rclpy's own publisher: ticks come only while the node is active, and nothing else would
-        # be asked on the way there.
+        # Bytes go straight to rclpy's own publisher: ticks come only while the node is active, which is all that a
+        # lifecycle publisher would check.
         self._publish_contact = [self._publishers[topic].handle.publish_raw for topic in contacts]
         self._publish_wrench = self._publishers[KNEE_CONTACT_WRENCH].handle.publish_raw
-        self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], shown)
-        self._transforms = StaticTransformTopic(node, pipeline.frame)
+        self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
         self._open()
         if parameters.rerun.mode in ("serve", "spawn"):
             url = address(parameters.rerun.port)
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
 
     def make_ready(self) -> None:
-        """Compile the model's kernel; where that cannot be, the plain one computes."""
+        """Compile the model's kernel; where that is not possible, the plain one computes."""
         from knee_contact_ros.compiled.ahead import compile_ahead
 
         text = "making the model ready; the first time on a machine it compiles, for a third of a minute or so"
         self.node.get_logger().info(text)
-        compile_ahead(each.model.scene for each in self.pipeline.compartments)
+        compile_ahead(compartment.model.scene for compartment in self.pipeline.compartments)
         self.pipeline.compile(forced)
 
     def stop(self) -> None:
-        """Listen no more; answer what still waits; show nothing any more."""
+        """Close the inputs, answer what still waits, and show no markers any more."""
         was_active = bool(self._timers)
         super().stop()
         if was_active:
             self._markers.newest = None
 
-    def destroy_endpoints(self) -> None:
-        """Offer topics and services no more."""
-        super().destroy_endpoints()
-        self._transforms.close()
-
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
         return [*super()._regular_acts(), (MARKER_PERIOD, self._markers.publish)]
 
-    def _go_on_with(self, parameters: Parameters) -> None:
+    def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
+        """Continue with changed parameters, and warn of those that are implausible; see `Session.retune`."""
         known = self.pipeline.doubts_about_parameters
-        self.pipeline.retune(parameters)
+        super().retune(parameters, changes)
         for doubt in self.pipeline.doubts_about_parameters:
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
@@ -173,7 +167,7 @@ class ContactSession(Session):
 
     def _described(self, parameters: Parameters) -> Knee:
         provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
-        models = {each.topic: each.model for each in self.pipeline.compartments}
+        models = {compartment.topic: compartment.model for compartment in self.pipeline.compartments}
         return Knee(parameters, models, self._names, provenance)
 
     def _publish(self, pair: PairedSample) -> None:
@@ -189,12 +183,12 @@ class ContactSession(Session):
         self._publish_wrench(wrench)
         self.outputs.put(answer)
         self._markers.newest = (pair.load, answer.row)
-        told, begin_of_row = 0, 0
+        all_status, begin_of_row = 0, 0
         for compartment in pipeline.compartments:
             load, depth, fidelity, status = COUNTED.unpack_from(answer.row, begin_of_row)
             compartment.doubts.add(pair.load.stamp, load, depth, status)
-            told, begin_of_row = told | status, begin_of_row + ROW.itemsize
-        self.health.count(fidelity, told, end - begin, latency)
+            all_status, begin_of_row = all_status | status, begin_of_row + ROW.itemsize
+        self.health.count(fidelity, all_status, end - begin, latency)
 
 
 CONTACT_TOPICS = Topics(

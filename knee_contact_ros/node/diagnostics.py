@@ -1,4 +1,4 @@
-"""What `/diagnostics` says once a second: inputs, refused samples, ticks and how late they are, recorder and viewer."""
+"""Meters behind `/diagnostics`: rates and pauses of the inputs, times of the ticks, and how stamps are paired."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from knee_contact_ros.core.types import UNUSABLE, Fidelity, Status
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
@@ -19,16 +19,16 @@ from knee_contact_ros.pipeline.synchronise import Synchroniser
 from knee_contact_ros.sinks.process import WORTH_A_WARNING
 
 REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
-"""Reasons for which samples are refused for their stamps"""
+"""Names of the counters of samples that are refused because of their stamps"""
 
 
 class Problem(NamedTuple):
-    """What is wrong, and how bad that is."""
+    """A fault for `/diagnostics`, and how severe it is."""
 
     text: str
-    """Empty: nothing is"""
+    """Message; empty if nothing is wrong"""
     level: bytes
-    """Of `DiagnosticStatus`"""
+    """Level of `DiagnosticStatus`"""
 
 
 FINE = Problem("", DiagnosticStatus.OK)
@@ -36,35 +36,34 @@ FINE = Problem("", DiagnosticStatus.OK)
 
 @dataclass
 class InputMeter:
-    """Rate, pauses and age of one input stream, and what is wrong with them."""
+    """Measures rate, pauses and age of one input stream, and judges them."""
 
     warn_rate: float = 0.0
-    """[Hz] below which there is something wrong; 0: none"""
+    """Rate [Hz] below which a warning is reported; 0: never"""
     error_rate: float = 0.0
-    """[Hz] below which that is an error; 0: none"""
+    """Rate [Hz] below which an error is reported; 0: never"""
     max_gap: float = math.inf
-    """[s] of silence from which on something is wrong"""
+    """Silence [s] from which a warning is reported"""
     timeout: float = math.inf
-    """[s] of silence from which on all that is known of the stream is stale"""
+    """Silence [s] from which the stream is reported as stale"""
     received: int = 0
+    """Number of messages that have come"""
     last: float = field(default_factory=time.monotonic)
     """Monotonic time [s] of the last message, or of the beginning"""
     periods: list[float] = field(default_factory=list)
-    """[s] from message to message, since the last report"""
+    """Times [s] from message to message, since the last report"""
     ages: list[float] = field(default_factory=list)
-    """[s] from stamps to arrivals by the system's clock, likewise"""
-    reported: int = 0
+    """Times [s] from stamps to arrivals by the system's clock, since the last report"""
     report_time: float = field(default_factory=time.monotonic)
     """Monotonic time of the last report [s]"""
 
     def begin(self) -> None:
-        """Listen from now on: neither silence nor rate counts the time when nobody listened."""
+        """Start to measure: neither silence nor rate counts the time before."""
         self.last = self.report_time = time.monotonic()
-        self.reported = self.received
         self.periods, self.ages = [], []
 
     def count(self, stamp: int | None = None) -> None:
-        """Note that a message has come; `stamp` [ns] is its own, if it has one."""
+        """Count a message; `stamp` [ns] is its own, None if it has none."""
         now = time.monotonic()
         self.received += 1
         self.periods.append(now - self.last)
@@ -74,27 +73,27 @@ class InputMeter:
 
     @property
     def age(self) -> float:
-        """How old [s] the last message is, from when listening began anew; infinite if there was none."""
+        """Time [s] since the last message, or since `begin` if that was later; infinite if none has come."""
         return time.monotonic() - self.last if self.received else math.inf
 
     def report(self) -> tuple[dict[str, str], Problem]:
-        """What there is to say of the time since the last report, and what is wrong."""
+        """Values for the time since the last report, and what is wrong."""
         now = time.monotonic()
-        rate = (self.received - self.reported) / max(now - self.report_time, 1e-9)
+        rate = len(self.periods) / max(now - self.report_time, 1e-9)
         values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
         if self.received:
             values["age [s]"] = f"{self.age:.3f}"
         if self.periods:
             values["longest pause [ms]"] = f"{1e3 * max(self.periods):.1f}"
         values |= statistics_of("period", self.periods) | statistics_of("message age", self.ages)
-        problem = self._problem(rate if self.reported else math.inf)  # the first messages came at some time of a second
-        self.reported, self.report_time = self.received, now
-        self.periods, self.ages = [], []
+        is_first = self.received == len(self.periods)  # the first messages came at some time of a second
+        problem = self._problem(math.inf if is_first else rate)
+        self.report_time, self.periods, self.ages = now, [], []
         return values, problem
 
     @property
     def period(self) -> float:
-        """Mean [s] since the last report; infinite if it is not known."""
+        """Mean time [s] from message to message since the last report; infinite if it is not known."""
         return sum(self.periods) / len(self.periods) if self.periods else math.inf
 
     def _problem(self, rate: float) -> Problem:
@@ -112,7 +111,7 @@ class InputMeter:
 
 
 def statistics_of(name: str, seconds: list[float]) -> dict[str, str]:
-    """Mean, least, largest and standard deviation of times [s], as ROS 2's topic statistics have them; [ms]."""
+    """Mean, minimum, maximum and standard deviation of times [s] in ms, named as in ROS 2's topic statistics."""
     if not seconds:
         return {}
     times = 1e3 * np.array(seconds)
@@ -122,61 +121,62 @@ def statistics_of(name: str, seconds: list[float]) -> dict[str, str]:
 
 @dataclass
 class LagMeter:
-    """How far the node is behind: by how much a timer of a known period comes late.
+    """Measures how far the node is behind, by the delay of a timer of a known period.
 
-    Samples and timers wait in one line, so a timer that is late has waited for as long as a sample would.
+    Samples and timers wait in the same queue of the executor, so a late timer has waited for as long as a sample would.
     """
 
     period: float
-    """Of the timer [s]"""
+    """Period of the timer [s]"""
     now: float = 0.0
-    """Lag when the timer came last [s]"""
+    """Delay of the timer when it came last [s]"""
     largest: float = 0.0
-    """Since the last report [s]"""
+    """Largest delay since the last report [s]"""
     _last: float = field(default_factory=time.monotonic)  # a timer may be late the first time, too
 
     def count(self) -> None:
-        """Note that the timer has come."""
-        time_ = time.monotonic()
-        self.now = max(0.0, time_ - self._last - self.period)
+        """Take note that the timer has come."""
+        last, self._last = self._last, time.monotonic()
+        self.now = max(0.0, self._last - last - self.period)
         self.largest = max(self.largest, self.now)
-        self._last = time_
 
     def report(self) -> float:
-        """The largest lag since the last report [s]."""
+        """Largest delay since the last report [s]."""
         largest, self.largest = self.largest, 0.0
         return largest
 
 
 @dataclass
 class TickMeter:
-    """Ticks, their times and their flags."""
+    """Counts ticks, their times and their status bits."""
 
     names: type[IntEnum] = Fidelity
-    """Of the levels"""
+    """Levels, by name and number"""
     what: str = "fidelity"
-    """What these are called"""
+    """Word for a level in `/diagnostics`"""
     ticks: int = 0
+    """Number of ticks"""
     missed: int = 0
-    """Answers that came later than the deadline"""
+    """Number of answers that came later than the deadline"""
     flagged: Counter[str] = field(default_factory=Counter)
+    """Number of ticks by status bit"""
     levels: Counter[int] = field(default_factory=Counter)
-    """Ticks by level"""
+    """Number of ticks by level"""
     durations: list[float] = field(default_factory=list)
-    """Of the ticks since the last report [s]"""
+    """Computing times of the ticks since the last report [s]"""
     overruns: int = 0
-    """Ticks that took longer than forces are apart"""
+    """Number of ticks that took longer than forces are apart"""
     status: int = Status.OK
-    """Of the last tick"""
+    """Status bits of the last tick"""
     last: float = -math.inf
     """Monotonic time [s] of the last tick"""
     unusable: int = 0
-    """Ticks that nothing must be controlled by"""
-    unusable_told: int = 0
-    """Those of them that were reported"""
+    """Number of answers that must not be used for control"""
+    unusable_reported: int = 0
+    """Number of these that were reported"""
 
     def count(self, level: int, status: int, duration: float, late: bool) -> None:
-        """Note an answer's level and status, the time it took [s], and whether it has missed its deadline."""
+        """Count an answer: its level and status, its computing time [s], and whether it has missed its deadline."""
         self.ticks += 1
         self.missed += late
         self.durations.append(duration)
@@ -187,9 +187,12 @@ class TickMeter:
             self.flagged.update(bit.name or "" for bit in Status if status & bit)
 
     def usability(self, timeout: float) -> tuple[dict[str, str], Problem]:
-        """Whether something may be controlled by the newest answer, and why not; `timeout` [s] is how old it may be."""
-        age, more = time.monotonic() - self.last, self.unusable - self.unusable_told
-        self.unusable_told = self.unusable
+        """Values that say whether the newest answer may be used for control, and what is wrong.
+
+        An answer older than `timeout` [s] may not.
+        """
+        age, more = time.monotonic() - self.last, self.unusable - self.unusable_reported
+        self.unusable_reported = self.unusable
         why = ", ".join(bit.name or "" for bit in Status if self.status & bit & UNUSABLE)
         problem = Problem(f"the newest answer is not usable: {why}", DiagnosticStatus.WARN) if why else FINE
         if more:
@@ -201,7 +204,7 @@ class TickMeter:
         return values | {"not usable": str(self.unusable)}, problem
 
     def values(self, period: float) -> dict[str, str]:
-        """Totals, and tick times since the last report; `period` [s] is that of the forces."""
+        """Totals, and computing times since the last report, of ticks whose forces are a `period` [s] apart."""
         durations, self.durations = sorted(self.durations), []
         self.overruns += sum(duration > period for duration in durations)
         values = {"ticks": str(self.ticks), "missed deadlines": str(self.missed), "overruns": str(self.overruns)}
@@ -215,17 +218,17 @@ class TickMeter:
 
 
 class PairingMeter:
-    """What has gone wrong with the stamps since the last report."""
+    """Finds what has gone wrong with the stamps since the last report."""
 
     def __init__(self, max_gap: float, force_topic: str = JOINT_REACTION_FORCE) -> None:
-        """`max_gap` [s] as in the parameters; `force_topic` is that of the forces."""
+        """Begin to count; `max_gap` is the parameter `pairing.max_gap` [s], `force_topic` the topic of the forces."""
         self._max_gap, self._force_topic = max_gap, force_topic
         self._jumps = {JOINT_STATES: 0, force_topic: 0}
         self._refused = 0
         self._unrecorded = 0
 
     def report(self, synchroniser: Synchroniser) -> tuple[dict[str, str], str, bool]:
-        """What there is to say, what is wrong, and whether something is lost by that."""
+        """Values, what is wrong (empty if nothing is), and whether something is lost because of it."""
         lead, fill = synchroniser.lead, synchroniser.fill
         values = {
             "forces that wait for an angle": str(synchroniser.waiting),
@@ -260,23 +263,16 @@ class PairingMeter:
 
 
 def diagnostic_status(name: str, values: dict[str, str], problem: str = "", lost: bool = False) -> Any:
-    """One entry of the array: a warning if there is a problem, an error if something is lost by it."""
+    """Entry of a `DiagnosticArray`: a warning if there is a problem, an error if something is lost because of it."""
     level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN
     return diagnostic_entry(name, values, Problem(problem, level) if problem else FINE)
 
 
 def diagnostic_entry(name: str, values: dict[str, str], problem: Problem) -> Any:
-    """One entry of the array."""
+    """Entry of a `DiagnosticArray` with a level of its own."""
     return DiagnosticStatus(
         level=problem.level,
         name=name,
         message=problem.text or "ok",
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
-
-
-def diagnostic_array(stamp: Any, statuses: list[Any]) -> Any:
-    """The message."""
-    message = DiagnosticArray(status=statuses)
-    message.header.stamp = stamp
-    return message

@@ -1,4 +1,4 @@
-"""What tells one kind of node from another: its parameters, its topics, and what it does while configured."""
+"""Description of a kind of node: its parameters, its topics, and its session."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
 
 class Topics(NamedTuple):
-    """Those that a user may override the QoS of."""
+    """Topics whose QoS a user may override."""
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
 
 class NodeKind(NamedTuple):
-    """A kind of node; what all have in common is in `node.py` and `session.py`."""
+    """Kind of node; what all kinds have in common is in `node.py` and `session.py`."""
 
     reading: NodeReading[Any]
-    """Of its parameters, with its name"""
+    """Name of the node, and how its parameters are read"""
     live: frozenset[str]
-    """Parameters that may change while it is configured: they take effect between two ticks"""
+    """Names of the parameters that may change while the node is configured: they take effect between two ticks"""
     topics: Topics
     session: Callable[[LifecycleNode, Any, Collection[str]], Session]
-    """Its configured life; see `Session`"""
+    """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""

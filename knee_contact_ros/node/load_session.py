@@ -31,7 +31,6 @@ from knee_contact_ros.node.health import Health
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
 from knee_contact_ros.node.subscription import HandedInputs, HandOver
-from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
@@ -45,7 +44,7 @@ LIVE = frozenset({
 
 
 class LoadSession(Session):
-    """What a load node does while it is configured."""
+    """Configured life of a load node."""
 
     pipeline: LoadPipeline
     parameters: LoadParameters
@@ -60,10 +59,10 @@ class LoadSession(Session):
         """Build the estimator and open the outputs.
 
         Args:
-            node: Whose life it is.
-            parameters: Its own.
-            qos_given: Names the QoS overrides that the user has given.
-            takers: Where angles and joint reactions go beside their topics.
+            node: The node.
+            parameters: Parameters of the node.
+            qos_given: Names of the QoS overrides that the user has given.
+            takers: Where angles and joint reactions are handed to, in addition to their topics.
 
         Raises:
             UsageError: an output file cannot be written.
@@ -71,7 +70,7 @@ class LoadSession(Session):
         pipeline = LoadPipeline(parameters, deserialize)
         health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
         super().__init__(node, parameters, pipeline, health)
-        self.inputs = self._listen((JOINT_STATES, JointState, self._on_joint_state), qos_given)
+        self.inputs = self._input_streams(JOINT_STATES, JointState, self._on_joint_state, qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
         self._offer(
             {
@@ -81,18 +80,9 @@ class LoadSession(Session):
         )
         self._reaction, self._estimate = self._publishers[JOINT_REACTION_FORCE], self._publishers[LOAD_ESTIMATE]
         self._takers = takers or HandedInputs(HandOver(), HandOver())
-        self._transforms = StaticTransformTopic(node, pipeline.frame)
         self._open()
         trust = "calibrated" if parameters.calibrated else "not calibrated: nothing must be gated by it"
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
-
-    def destroy_endpoints(self) -> None:
-        """Offer topics and services no more."""
-        super().destroy_endpoints()
-        self._transforms.close()
-
-    def _go_on_with(self, parameters: LoadParameters) -> None:
-        self.pipeline.retune(parameters)
 
     def _described(self, parameters: LoadParameters) -> Knee:
         provenance = load_provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
@@ -101,28 +91,28 @@ class LoadSession(Session):
     def _on_joint_state(self, data: bytes) -> None:
         try:
             self._takers.angles.give(data)
-        finally:  # what fails there is told, and no reason to lose anything here
+        finally:  # a failure there is reported, and no reason to lose the message here
             super()._on_joint_state(data)
 
     def _publish(self, pair: PairedSample) -> None:
         begin = time.perf_counter()
         messages = self.pipeline.compute(pair)
         try:
-            self._takers.forces.give(messages[0])  # whoever takes it publishes what somebody waits for
+            self._takers.forces.give(messages[0])  # the contact is what somebody waits for
         finally:
-            self._tell(pair, messages, begin)
+            self._publish_estimate(pair, messages, begin)
 
-    def _tell(self, pair: PairedSample, messages: list[bytes], begin: float) -> None:
-        """Publish and record the tick that began at a time [s], and count it."""
+    def _publish_estimate(self, pair: PairedSample, messages: list[bytes], begin: float) -> None:
+        """Publish, record and count the tick whose computation began at a time [s]."""
         reaction, estimate = messages
         self._reaction.publish(reaction)
         end = time.perf_counter()
         latency = end - pair.load.arrived
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
-        said = self.pipeline.estimate
-        assert said is not None  # noqa: S101  (it was computed)
-        self.health.count(said.level, said.status, end - begin, latency)
+        computed = self.pipeline.estimate
+        assert computed is not None  # noqa: S101  (by `compute`)
+        self.health.count(computed.level, computed.status, end - begin, latency)
 
 
 LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))

@@ -1,7 +1,7 @@
-"""A managed ROS 2 node of any of our kinds: `contact_session.py`, `load_session.py`.
+"""Managed ROS 2 node of any kind (`contact_session.py`, `load_session.py`): its life cycle, and its process.
 
-Configure reads the parameters and opens the outputs, activate starts the stream. With the parameter `autostart` (the
-default) it does both by itself.
+The transition configure reads the parameters and opens the outputs, activate opens the inputs. With the parameter
+`autostart` (the default) the node does both by itself.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from knee_contact_ros.node.health import at_most_every
 from knee_contact_ros.node.kind import NodeKind
-from knee_contact_ros.node.parameters import NodeParameters
-from knee_contact_ros.node.qos_overrides import given_by_user
+from knee_contact_ros.node.parameters import NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.node.stop import Stop
 from knee_contact_ros.system.errors import UsageError
@@ -30,14 +29,15 @@ from knee_contact_ros.system.ros_graph import joining
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
-"""How often [s] the main loop looks for a signal to stop."""
+"""Period [s] in which the main loop checks for a signal to stop"""
 FAILURE_LOG_PERIOD = 5.0
-Answer = Callable[[Any, Any], Any]
-"""A service's callback: request and empty response to response"""
+"""Shortest time [s] between two reports of unexpected failures in the log"""
+ServiceCallback = Callable[[Any, Any], Any]
+"""Callback of a service: takes the request and an empty response, returns the response"""
 
 
 class ManagedNode(LifecycleNode):
-    """The managed node: its life cycle; what it does while configured is a `Session`."""
+    """Managed node: its life cycle. What it does while it is configured is in its `Session`."""
 
     def __init__(self, kind: NodeKind, stop: Stop) -> None:
         """Read and check the parameters.
@@ -52,17 +52,17 @@ class ManagedNode(LifecycleNode):
         self.kind = kind
         self.session: Session | None = None
         self.complete = True
-        """Whether the outputs of the last session are complete as far as they went"""
+        """Whether the outputs of the last session could be completed"""
         self._stop = stop
         for service in self.services:
             service.callback = self._answering(service.callback, service.srv_name)
 
-    def _answering(self, answer: Answer, name: str) -> Answer:
-        """A service for which a request that does not fit is one that fails, and no more."""
+    def _answering(self, callback: ServiceCallback, name: str) -> ServiceCallback:
+        """Callback of a service that reports a failing request in the log instead of raising."""
 
         def answered(request: Any, response: Any) -> Any:
             try:
-                return answer(request, response)
+                return callback(request, response)
             except Exception as error:
                 self.get_logger().warning(f"{name}: the request is refused: {error}")
                 return response
@@ -70,11 +70,11 @@ class ManagedNode(LifecycleNode):
         return answered
 
     def configure(self) -> None:
-        """Read the parameters, build what computes and have it ready, open the outputs.
+        """Read the parameters, build the session, prepare it for its first tick and open the outputs.
 
         Raises:
-            UsageError: see `Session`.
-            KeyboardInterrupt: the process has been told to stop while it compiled.
+            UsageError: a parameter, a file that it names or an output cannot be used.
+            KeyboardInterrupt: the process was told to stop while it compiled.
         """
         try:
             self.session = self.kind.session(self, self.node_parameters.read(), given_by_user(self))
@@ -87,7 +87,7 @@ class ManagedNode(LifecycleNode):
             raise
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """See `configure`; a bad parameter leaves the node unconfigured."""
+        """Configure the node; a bad parameter leaves it unconfigured."""
         try:
             if self.session is None:
                 self.configure()
@@ -99,12 +99,12 @@ class ManagedNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the stream; what goes wrong is told, as whoever asked for it hears only that it has."""
+        """Open the inputs; a failure is logged, as the caller of the transition does not get the reason."""
         result = super().on_activate(state)
         if self.session:
             try:
                 self.session.start()
-            except Exception as error:  # as in `Session`
+            except Exception as error:  # rclpy has many kinds
                 self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
                 return TransitionCallbackReturn.ERROR
             topics = " and ".join(self.resolve_topic_name(stream.topic) for stream in self.session.inputs)
@@ -112,7 +112,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the stream; answer what still waits."""
+        """Close the inputs; answer what still waits."""
         if self.session:
             self.session.stop()
         return super().on_deactivate(state)
@@ -123,7 +123,7 @@ class ManagedNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and close."""
+        """Close inputs and outputs."""
         self.finish()
         return super().on_shutdown(state)
 
@@ -134,7 +134,7 @@ class ManagedNode(LifecycleNode):
         return super().on_error(state)
 
     def finish(self) -> None:
-        """End in whatever state the node is: answer what waits, complete the files."""
+        """End the session, if there is one: answer what waits, complete the files."""
         session, self.session = self.session, None
         self.node_parameters.user = None
         if session:
@@ -145,12 +145,16 @@ class ManagedNode(LifecycleNode):
 
 
 def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
-    """Run nodes in one process until SIGINT or SIGTERM; complete their files: 1 if one had to be given up, or 0.
+    """Run nodes in one process until SIGINT or SIGTERM, then complete their files.
+
+    Returns:
+        Exit code: 0, or 1 if a file could not be completed.
 
     Raises:
-        UsageError: a parameter is unknown or not allowed, an output file cannot be written, or ROS does not let us in.
+        UsageError: a parameter is unknown or not allowed, an output file cannot be written, or the ROS graph cannot be
+            joined.
     """
-    if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would pass them over, and the node run without them
+    if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would ignore them, and the node run without them
         raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, behind {ROS_ARGUMENTS}")
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
@@ -172,17 +176,17 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         check_names(nodes)
         start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
-        while not stop.asked:
+        while not stop.requested:
             spin(executor, nodes[0])
     finally:
-        finish(nodes)  # whatever has happened: what was recorded is completed
+        finish(nodes)  # recordings are completed, whatever has happened
         rclpy.shutdown()
     return 0 if all(node.complete for node in nodes) else 1
 
 
 @contextmanager
 def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
-    """Where a process has nodes of several kinds, have what is wrong with one tell with which."""
+    """Begin errors with the name of the node, if the process has nodes of several kinds."""
     try:
         yield
     except UsageError as error:
@@ -190,7 +194,7 @@ def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
 
 
 def finish(nodes: Sequence[ManagedNode]) -> None:
-    """End nodes; all outputs are told to end before one is waited for."""
+    """End nodes; all outputs are told to end before any of them is waited for."""
     for session in [node.session for node in nodes if node.session]:
         session.end()
     for node in nodes:
@@ -199,10 +203,10 @@ def finish(nodes: Sequence[ManagedNode]) -> None:
 
 
 def check_names(nodes: Sequence[ManagedNode]) -> None:
-    """Check that nodes in one process can be told apart, and that each hears what the one before it hands over.
+    """Check that nodes in one process have different names, and the same names for the topics that they share.
 
     Raises:
-        UsageError: two have the same name, or a topic has another name for the one than for the other.
+        UsageError: two nodes have the same name, or a topic has different names in two nodes.
     """
     for giver, taker in pairwise(nodes):
         names = giver.get_fully_qualified_name(), taker.get_fully_qualified_name()
@@ -219,7 +223,7 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:
-    """Do what there is to do; what fails without a reason that we know is told, and the node goes on."""
+    """Let the executor work for a moment; an unexpected failure is logged, and the node runs on."""
     try:
         executor.spin_once(timeout_sec=SPIN_PERIOD)
     except Exception:
@@ -228,7 +232,7 @@ def spin(executor: Executor, node: ManagedNode) -> None:
 
 
 def start(nodes: Sequence[ManagedNode]) -> None:
-    """Configure the nodes, and activate them when all are ready; they may be told to stop meanwhile.
+    """Configure the nodes, and activate them when all are ready; a signal to stop ends this early.
 
     Raises:
         UsageError: see `run_nodes`.

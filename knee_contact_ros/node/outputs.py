@@ -12,44 +12,44 @@ from knee_contact_ros.bags.answer_recorder import refuse
 from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
-from knee_contact_ros.sinks.protocol import Knee, Sink
+from knee_contact_ros.sinks.protocol import Discard, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names
 
 RECORDER = "recorder"
 MOST_ENDING = 4
-"""Recordings that may be in the course of being completed: each is a process"""
+"""Largest number of recordings that are being completed at a time: each is a process"""
 
 
 class Outputs:
-    """Takes answers off the tick path: every output is a process of its own, and nothing here waits but `close`."""
+    """Hands answers to the outputs: each is a process of its own, and nothing here waits except `close`."""
 
-    def __init__(self, knee: Knee, tell: Listeners) -> None:
-        """Begin all outputs that the parameters ask for.
+    def __init__(self, knee: Knee, listeners: Listeners) -> None:
+        """Start all outputs that the parameters ask for.
 
-        `tell` says who is told, from another thread, of an output that cannot be opened or stops.
+        `listeners` are called from another thread when an output cannot be opened or stops.
 
         Raises:
-            UsageError: parameters ask for one that there cannot be.
+            UsageError: an output that the parameters ask for is not possible.
         """
-        self._tell = tell
+        self._listeners = listeners
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
         self._deadline = math.inf
-        """Until when [s, monotonic] `close` waits, once all were told to end"""
+        """Monotonic time [s] until which `close` waits, once all outputs were told to end"""
         described = [
             (sink_of(section, knee), queue_of(section, knee.parameters))
             for section in sections_of_outputs(type(knee.parameters))
         ]
-        for sink, queue in described:  # begun when all can be
+        for sink, queue in described:  # started when all are possible
             if sink:
-                self._sinks[sink.title] = SinkProcess(sink, queue, tell)
+                self._sinks[sink.title] = SinkProcess(sink, queue, listeners)
 
     def wait_until_known(self) -> None:
-        """Wait until all outputs are open, or cannot be: that is told, and the node goes on without them.
+        """Wait until all outputs are open or cannot be opened, which is reported; the node runs on without those.
 
-        If the waiting is broken off, none is left behind.
+        If the waiting is interrupted, all outputs are removed.
         """
         try:
             for sink in self._sinks.values():
@@ -58,28 +58,28 @@ class Outputs:
             sinks, self._sinks = self._sinks, {}
             deadline = time.monotonic() + PATIENCE
             for sink in sinks.values():
-                sink.begin_discarding()
+                sink.end(Discard())
             for sink in sinks.values():
                 sink.discard(max(deadline - time.monotonic(), 0.0))
             raise
 
     def put(self, answer: Answer) -> None:
-        """Hand over an answer."""
+        """Hand an answer to all outputs."""
         for sink in self._sinks.values():
             sink.put(answer)
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Hand over something that is worth a remark between two answers."""
+        """Hand a note, which belongs between two answers, to all outputs."""
         for sink in self._sinks.values():
             sink.note(name, values)
 
     def start_recording(self, knee: Knee) -> Path:
-        """Record from the next answer on, under the name that is returned.
+        """Start a recording with the next answer, and return the name of its file.
 
-        That the file cannot be opened after all is told later.
+        A file that cannot be opened after all is reported later.
 
         Raises:
-            UsageError: there is no name, it cannot be written, or too much is being written already.
+            UsageError: the parameters name no file, it cannot be written, or too many files are being written already.
         """
         recording = self._sinks.get(RECORDER)
         if recording and not recording.failure:
@@ -96,14 +96,14 @@ class Outputs:
         sink, name = sink_of("record", knee), next(all_names(Path(path)))
         assert sink  # noqa: S101  (there is a path)
         queue = queue_of("record", knee.parameters)
-        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._tell)
+        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._listeners)
         return name
 
     def stop_recording(self, ending: Ending) -> str:
-        """Have the recording completed, and return its name.
+        """Have the recording completed, and return the name of its file.
 
         Raises:
-            UsageError: there is none.
+            UsageError: nothing is being recorded.
         """
         recording = self._sinks.pop(RECORDER, None)
         if recording is None:
@@ -114,21 +114,21 @@ class Outputs:
         self._ending.append(recording)
         return recording.name
 
-    def said(self) -> Iterator[tuple[str, dict[str, str], str, bool]]:
-        """For every output its name, what it says of itself, what is wrong, and whether something is lost by that."""
+    def reports(self) -> Iterator[tuple[str, dict[str, str], str, bool]]:
+        """For every output its name, its diagnostic values, what is wrong, and whether answers are lost by that."""
         for name, sink in self._sinks.items():
             yield name, sink.diagnostics(), *sink.problem()
 
     def end(self, ending: Ending) -> None:
-        """Have all files completed, without waiting for that."""
+        """Have all files completed, without waiting for it."""
         self._deadline = min(self._deadline, time.monotonic() + PATIENCE)
         for sink in [*self._ending, *self._sinks.values()]:
             sink.end(ending)
 
     def close(self, ending: Ending) -> bool:
-        """Complete all files; whether none had to be given up.
+        """Complete all files, and return whether that worked for all of them.
 
-        That takes as long as `sinks.process.PATIENCE` says at most, from `end` on if that was called before.
+        Waits for at most `sinks.process.PATIENCE`, counted from `end` if that was called before.
         """
         self.end(ending)
         sinks, deadline = [*self._ending, *self._sinks.values()], self._deadline
@@ -139,21 +139,21 @@ class Outputs:
 
 
 def sections_of_outputs(schema: type[Section]) -> list[str]:
-    """The sections of a node's parameters that name an output's module."""
+    """Names of the sections of a node's parameters that belong to an output."""
     return [name for name, field in schema.model_fields.items() if hasattr(field.annotation, "output")]
 
 
 def sink_of(section: str, knee: Knee) -> Sink | None:
-    """The output of a section, as its module describes it; None if parameters ask for none.
+    """Describe the output of a section, by its module's `sink_for`; None if the parameters ask for none.
 
     Raises:
-        UsageError: it cannot be opened.
+        UsageError: the output cannot be opened.
     """
     sink: Sink | None = import_module(getattr(knee.parameters, section).output).sink_for(knee)
     return sink
 
 
 def queue_of(section: str, parameters: Section) -> Queue:
-    """What may wait for the output of a section."""
-    asked = getattr(parameters, section)
-    return Queue(asked.queue, asked.queue_size * MB, section)
+    """Size of the queue of the output of a section."""
+    options = getattr(parameters, section)
+    return Queue(options.queue, options.queue_size * MB, section)

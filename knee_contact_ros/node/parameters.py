@@ -1,25 +1,38 @@
-"""The parameters as ROS 2 sees them: overrides in, declarations with descriptions out, changes at run time."""
+"""ROS 2 parameters of a node: overrides, declarations with descriptions, changes at run time, and QoS overrides.
+
+rclpy ignores QoS overrides that do not fit; here they are refused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
-from knee_contact_ros.node.kind import NodeKind
-from knee_contact_ros.node.qos_overrides import PREFIX, check_qos_overrides
+from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.parameters.declared import Declaration, all_values
 from knee_contact_ros.system.errors import UsageError
 
 LARGEST_INTEGER = 2**63 - 1
-"""That a parameter can hold"""
+"""Largest integer that a parameter can hold"""
+PREFIX = "qos_overrides."
+STANDARD_TOPICS = ("/clock.", "/parameter_events.", "/rosout.")
+"""Topics of every ROS 2 node, whose overrides are not checked here"""
+LARGEST_DEPTH = 2**31 - 1
+"""Largest depth that the middleware can hold"""
+POLICIES = {
+    policy: tuple(member.name.lower() for member in members if member.name != "UNKNOWN")
+    for policy, members in (("history", HistoryPolicy), ("reliability", ReliabilityPolicy))
+}
+"""Allowed values of the QoS policies that may be overridden beside `depth`"""
 
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
-    """What tools show of a parameter: its meaning, and a range or what is allowed."""
+    """Descriptor of a parameter for ROS 2 tools: its meaning, and its range or what is allowed."""
     limits = declaration.limits
     descriptor = ParameterDescriptor(name=name, description=declaration.description, dynamic_typing=True)
     descriptor.additional_constraints = f"allowed: {limits.words}" if limits.words else ""
@@ -32,7 +45,7 @@ def described(name: str, declaration: Declaration) -> ParameterDescriptor:
 
 
 class NodeParameters:
-    """Our parameters on a node that declares its overrides by itself.
+    """Parameters of a node that declares the overrides of its user automatically.
 
     A change is checked at once. Types are checked here and not by rclpy, so that `5000` is as good as `5000.0`, offline
     and live.
@@ -46,7 +59,7 @@ class NodeParameters:
         """
         self._node, self._kind, self._known = node, kind, kind.reading.known()
         self.user: Callable[[Any, dict[str, Any]], None] | None = None
-        """Who is told of changes while the node is configured: all parameters, and those that have changed"""
+        """Called after a change while the node is configured, with all parameters and those that have changed"""
         overrides = self._values()
         values = all_values(kind.reading.load(overrides))
         check_qos_overrides(node, kind.topics, overrides.items())
@@ -59,7 +72,7 @@ class NodeParameters:
         node.add_post_set_parameters_callback(self._after_set)
 
     def read(self) -> Any:
-        """The parameters as they are now, of the kind's schema."""
+        """Current parameters, in the schema of the kind of node."""
         return self._kind.reading.load(self._values())
 
     def _values(self) -> dict[str, Any]:
@@ -78,7 +91,10 @@ class NodeParameters:
         return SetParametersResult(successful=True, reason="")
 
     def _is_fixed(self, name: str) -> bool:
-        """Whether it cannot change while the node is configured; rclpy declares overrides then, which are new."""
+        """Whether a parameter cannot change while the node is configured.
+
+        QoS overrides that are new then are declared by rclpy itself.
+        """
         if name.startswith(PREFIX):
             return bool(self._node.has_parameter(name))
         return name in self._known and name not in self._kind.live
@@ -87,3 +103,40 @@ class NodeParameters:
         ours = {change.name: change.value for change in changes if change.name in self._kind.live}
         if self.user and ours:
             self.user(self.read(), ours)
+
+
+def given_by_user(node: Node) -> frozenset[str]:
+    """Names of the QoS overrides that the user has given; rclpy declares the others itself, as read-only."""
+    names = [PREFIX + name for name in node.get_parameters_by_prefix(PREFIX.rstrip("."))]
+    return frozenset(name for name in names if not node.describe_parameter(name).read_only)
+
+
+def check_qos_overrides(node: Node, topics: Topics, given: Iterable[tuple[str, object]]) -> None:
+    """Check the QoS overrides among parameters, given as names and values, for the topics of a node.
+
+    Raises:
+        UsageError: an override names none of the node's topics or an unknown policy, or its value is not allowed.
+    """
+    ours = [
+        f"{PREFIX}{node.resolve_topic_name(topic)}.{side}."
+        for side, of_side in (("subscription", topics.inputs), ("publisher", topics.outputs))
+        for topic in of_side
+    ]
+    for name, value in given:
+        if not name.startswith(PREFIX) or name.removeprefix(PREFIX).startswith(STANDARD_TOPICS):
+            continue
+        beginning, _, policy = name.rpartition(".")
+        if f"{beginning}." not in ours or policy not in (*POLICIES, "depth"):
+            known = ", ".join(f"{topic}*" for topic in ours)
+            raise UsageError(f"unknown parameter {name}; allowed: {known} with depth, {', '.join(POLICIES)}")
+        _check_value(name, policy, value)
+
+
+def _check_value(name: str, policy: str, value: object) -> None:
+    if policy == "depth":
+        allowed, words = type(value) is int and 0 <= value <= LARGEST_DEPTH, f"an integer from 0 to {LARGEST_DEPTH}"
+    else:
+        allowed = isinstance(value, str) and value.lower() in POLICIES[policy]
+        words = ", ".join(POLICIES[policy])
+    if not allowed:
+        raise UsageError(f"parameter {name}: {value!r} is not allowed; allowed: {words}")

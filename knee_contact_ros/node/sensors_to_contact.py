@@ -1,6 +1,6 @@
-"""Both nodes in one process, `knee_load` and `knee_contact`: the one hands its inputs and answers to the other.
+"""Both nodes, `knee_load` and `knee_contact`, in one process: the first hands its angles and answers to the second.
 
-A hop over a topic takes longer than estimate and contact together (decision 60). All topics are published as before.
+A message over a topic takes longer than estimate and contact together (decision 60). All topics are published as usual.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from knee_contact_ros.node.subscription import HandedInputs, HandOver
 
 
 def load_and_contact() -> tuple[NodeKind, NodeKind]:
-    """Both kinds of node, joined."""
+    """Kinds of both nodes, `knee_load` first, connected within the process."""
     handed = HandedInputs(HandOver(), HandOver())
     return (
         LOAD_NODE._replace(session=partial(LoadSession, takers=handed)),

@@ -1,4 +1,4 @@
-"""One configured life of a node: pipeline, outputs, and the streams between them."""
+"""One configured life of a node: its inputs, its pipeline, and its outputs."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from knee_contact_ros.node.diagnostics import InputMeter, LagMeter
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import HandedInputs, HandedStream, Inputs, InputStream
+from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.synchronise import PairedSample
@@ -33,29 +34,31 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
 
 OUTPUT_DEPTH = 100
-"""Messages that a publisher keeps for subscribers that are slow"""
+"""Number of messages that a publisher keeps for slow subscribers"""
 DIAGNOSTICS, DIAGNOSTICS_PERIOD = "/diagnostics", 1.0
+"""Topic of the diagnostics, and the period [s] of its messages"""
 ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped, GROUND_REACTION_FORCE: WrenchStamped}
 
 
 def deserialize(data: bytes, topic: str) -> Any:
-    """An input message the ordinary way."""
+    """Read an input message with ROS's own deserializer."""
     return deserialize_message(data, ROS_TYPES[topic])
 
 
 class Session(ABC):
-    """Made by configure, started by activate, stopped by deactivate, closed by cleanup."""
+    """Configured life of a node: made by configure, started by activate, stopped by deactivate, closed by cleanup."""
 
     streaming: ClassVar[set[Session]] = set()
-    """Those of this process that are started: the garbage collector is off as long as there is one"""
+    """Sessions of this process that are started: the garbage collector is off as long as there is one"""
 
     def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Intake, health: Health) -> None:
-        """A session whose inputs and outputs are still to be opened; `parameters` are those of the kind of node."""
+        """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
         self.node, self.parameters, self.pipeline, self.health = node, parameters, pipeline, health
         self.inputs: Inputs
         self.outputs: Outputs
+        self._transforms: StaticTransformTopic
         self._publishers: dict[str, Any] = {}
-        """By their topics"""
+        """Publishers by their topics"""
         self._services: list[Any] = []
         self._timers: list[Any] = []
 
@@ -65,37 +68,38 @@ class Session(ABC):
 
     @abstractmethod
     def _described(self, parameters: Any) -> Knee:
-        """What outputs that begin now are described from."""
+        """Description for outputs that begin now, with these parameters."""
 
     def make_ready(self) -> None:  # noqa: B027
-        """Have ready what takes long; it may be interrupted."""
+        """Prepare what takes long, such as a compiled kernel; it may be interrupted."""
 
-    def _listen(
-        self, angles: tuple[str, Any, Callable[[bytes], None]], qos_given: Collection[str],
+    def _input_streams(
+        self,
+        angle_topic: str,
+        angle_type: type,
+        on_angle: Callable[[bytes], None],
+        qos_given: Collection[str],
         handed: HandedInputs | None = None,
-    ) -> Inputs:  # fmt: skip
-        """The streams of angles (their topic, its type, and who takes them) and of forces, or who hands these over."""
-        asked, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
-        topic, type_, on_angle = angles
-        meters = (
-            InputMeter(asked.angle_warn_rate, asked.angle_error_rate, max_gap, asked.timeout),
-            InputMeter(asked.force_warn_rate, asked.force_error_rate, max_gap, asked.timeout),
-        )
-        forces = self.pipeline.force_topic, WrenchStamped, self._on_force
-        return (
-            HandedStream(topic, on_angle, meters[0], handed.angles)
-            if handed and topic == JOINT_STATES
-            else InputStream(self.node, type_, topic, on_angle, qos_given, meters[0]),
-            HandedStream(forces[0], forces[2], meters[1], handed.forces)
-            if handed
-            else InputStream(self.node, forces[1], forces[0], forces[2], qos_given, meters[1]),
-        )
+    ) -> Inputs:
+        """Streams of angles and of forces, from their topics or from another node in this process (`handed`)."""
+        limits, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
+        angle_meter = InputMeter(limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout)
+        force_meter = InputMeter(limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout)
+        angles: InputStream | HandedStream
+        if handed and angle_topic == JOINT_STATES:
+            angles = HandedStream(angle_topic, on_angle, angle_meter, handed.angles)
+        else:
+            angles = InputStream(self.node, angle_type, angle_topic, on_angle, qos_given, angle_meter)
+        topic = self.pipeline.force_topic
+        if handed:
+            return angles, HandedStream(topic, self._on_force, force_meter, handed.forces)
+        return angles, InputStream(self.node, WrenchStamped, topic, self._on_force, qos_given, force_meter)
 
     def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
-        """Offer topics, each with its type and depth, and the diagnostics.
+        """Advertise topics, each with its type and depth, and the diagnostics.
 
         Raises:
-            UsageError: the middleware does not know one of the QoS overrides, say.
+            UsageError: a topic cannot be advertised, as the middleware does not know one of the QoS overrides.
         """
         by_user = QoSOverridingOptions.with_default_policies()
         try:
@@ -109,19 +113,20 @@ class Session(ABC):
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
 
     def _open(self) -> None:
-        """Offer the services and open the outputs; a file is opened when all else is well."""
+        """Open the transforms, the services and the outputs; files come last, when all else is well."""
+        self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
         acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
-        tell = Listeners(self.node.get_logger().error, self.node.get_logger().warning)
+        listeners = Listeners(self.node.get_logger().error, self.node.get_logger().warning)
         try:
             for name, act in acts.items():
                 self._services.append(self._service(name, act))
-            self.outputs = Outputs(self._knee(), tell)
+            self.outputs = Outputs(self._knee(), listeners)
         except BaseException:
             self.destroy_endpoints()
             raise
 
     def start(self) -> None:
-        """Listen."""
+        """Open the inputs and the timers."""
         # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
         gc.unfreeze()  # what an earlier session has left while another one streams
         gc.collect()
@@ -137,11 +142,11 @@ class Session(ABC):
         self._timers = [self.node.create_timer(period, act, clock=STEADY) for period, act in self._regular_acts()]
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        """What is done regularly, each with its period [s]."""
+        """Functions that are called regularly, each with its period [s]."""
         return [(self.health.lag.period, self._on_wait_timer), (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer)]
 
     def stop(self) -> None:
-        """Listen no more; answer what still waits."""
+        """Close the inputs and the timers; answer what still waits."""
         if self._timers:
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
@@ -157,26 +162,23 @@ class Session(ABC):
         self._timers = []
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
-        """Go on with parameters of which some have changed."""
+        """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
         self.parameters = self.health.parameters = parameters
-        self._go_on_with(parameters)
+        self.pipeline.retune(parameters)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
 
-    @abstractmethod
-    def _go_on_with(self, parameters: Any) -> None:
-        """Have the pipeline go on with other numbers."""
-
     def end(self) -> None:
-        """Stop, and have the files completed, without waiting for that."""
+        """Stop, and have the files completed without waiting for it."""
         self.stop()
         self.outputs.end(self.pipeline.ending())
 
     def close(self) -> bool:
-        """Complete the files; whether none had to be given up."""
+        """Complete the files, and return whether that worked for all of them."""
         return self.outputs.close(self.pipeline.ending())
 
     def destroy_endpoints(self) -> None:
-        """Offer topics and services no more."""
+        """Withdraw topics and services."""
+        self._transforms.close()
         for service in self._services:
             self.node.destroy_service(service)
         for publisher in self._publishers.values():
@@ -188,21 +190,21 @@ class Session(ABC):
     def _on_force(self, data: bytes) -> None:
         pairs = self.pipeline.take_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
-            note = self.pipeline.frame.told()
+            note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
             self.node.get_logger().info(text, **at_most_every(REFUSAL_LOG_PERIOD))
             self.outputs.note(FORCE_TURNED, note)
         self._answer(pairs)
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
-        """A service that does something and says what, or why not."""
+        """Service that calls a function and answers with its message, or with the reason why it failed."""
 
         def answer(_request: Any, response: Any) -> Any:
             try:
                 response.success, response.message = True, act()
             except UsageError as error:
                 response.success, response.message = False, str(error)
-            except Exception as error:  # whatever it is, the caller shall know, and the node go on
+            except Exception as error:  # whatever it is, the caller must know, and the node runs on
                 response.success, response.message = False, f"{type(error).__name__}: {error}"
                 self.node.get_logger().error(f"~/{name}: {response.message}")
             return response
@@ -210,7 +212,7 @@ class Session(ABC):
         return self.node.create_service(Trigger, f"~/{name}", answer)
 
     def _answer_all(self) -> None:
-        """Answer what waits or was kept aside, and hold nothing of the streams any more."""
+        """Answer what waits or was kept aside, and forget the streams."""
         self._answer(self.pipeline.synchroniser.finish())
         self.pipeline.synchroniser.forget()
 
@@ -228,14 +230,14 @@ class Session(ABC):
         return f"{path} will be complete in a moment"
 
     def _knee(self) -> Knee:
-        """What outputs that begin now are described from, with the time in their names."""
+        """Description for outputs that begin now, with the time in the names of their files."""
         names = [name for name in ("record", "rerun") if hasattr(self.parameters, name)]
         sections = {name: getattr(self.parameters, name) for name in names}
         update = {name: part.model_copy(update={"path": stamped(part.path)}) for name, part in sections.items()}
         return self._described(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:
-        """Answer loads whose angle is late; listen to publishers that could not be heard."""
+        """Answer loads whose angle is late; adapt to publishers that could not be received."""
         self.health.lag.count()
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
@@ -243,7 +245,7 @@ class Session(ABC):
             stream.adapt()
 
     def _answer(self, pairs: Sequence[PairedSample]) -> None:
-        """Compute and publish one after the other."""
+        """Compute and publish ticks one after another."""
         for pair in pairs:
             self._publish(pair)
         if self.pipeline.last_refusal:
@@ -252,6 +254,6 @@ class Session(ABC):
             self.pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
-        """Report, and free what reference counting does not."""
+        """Publish the diagnostics, and free what reference counting does not."""
         self._publishers[DIAGNOSTICS].publish(self.health.report(self.inputs, self.outputs))
         gc.collect(0)

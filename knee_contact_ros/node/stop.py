@@ -1,4 +1,4 @@
-"""Signals that tell a node's process to stop."""
+"""Signals that stop the process of a node."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from contextlib import contextmanager
 from typing import Any
 
 MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
-"""Signals that would end a process that does not care for them"""
+"""Signals without a meaning for a node, which would end a process that does not handle them"""
 LOST_PERIOD = 0.01
-"""How long [s] after an interruption was lost the next one is tried"""
+"""Time [s] after which a lost interruption is repeated"""
 
 
 class Stop:
-    """The signals that end the node: noted; while the model compiles the first one interrupts. Others do not end it."""
+    """Handler of the signals that end the node: SIGINT, SIGTERM and SIGHUP. Other ones do not end it.
+
+    As a rule a signal is only noted (`requested`); while the model compiles, the first one interrupts.
+    """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.requested = False
         self._interrupts = False
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if (number, signal.getsignal(number)) != (signal.SIGHUP, signal.SIG_IGN):  # as nohup has it
@@ -30,30 +33,30 @@ class Stop:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let the first signal raise KeyboardInterrupt meanwhile; so does one that has come before.
+        """Let the first signal raise KeyboardInterrupt within the `with` block, at once if it has come before.
 
-        What is raised in a finalizer or in a callback from C, of which the compiler has many, is lost: it is raised
-        again a little later.
+        An exception in a finalizer or in a callback from C, of which the compiler has many, is lost: it is raised again
+        a little later.
         """
-        self._interrupts, told = True, sys.unraisablehook
+        self._interrupts, previous_hook = True, sys.unraisablehook
 
         def on_lost(lost: Any) -> None:
             if not issubclass(lost.exc_type, KeyboardInterrupt):
-                told(lost)
+                previous_hook(lost)
                 return
             self._interrupts = True
             threading.Timer(LOST_PERIOD, os.kill, (os.getpid(), signal.SIGINT)).start()
 
         sys.unraisablehook = on_lost
         try:
-            if self.asked:
+            if self.requested:
                 raise KeyboardInterrupt
             yield
         finally:
-            self._interrupts, sys.unraisablehook = False, told
+            self._interrupts, sys.unraisablehook = False, previous_hook
 
     def _on_signal(self, _number: int, _frame: object) -> None:
-        self.asked = True
+        self.requested = True
         if self._interrupts:
-            self._interrupts = False  # another one must not interrupt what clears up behind this one
+            self._interrupts = False  # another one must not interrupt the cleaning up after this one
             raise KeyboardInterrupt

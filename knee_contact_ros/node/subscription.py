@@ -1,4 +1,4 @@
-"""One input topic of the node: its subscription, as reliable as its publishers, and what came over it."""
+"""One input topic of the node: a subscription as reliable as its publishers allow, and a meter of its messages."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.node.diagnostics import InputMeter
 
 DEPTH = 1000
-"""Samples that may wait: one second at 1 kHz"""
+"""Number of messages that may wait: one second at 1 kHz"""
 
 
 def stamp_of(data: bytes) -> int | None:
-    """The stamp [ns] of a message; None if its bytes tell of none."""
+    """Stamp [ns] of a message; None if its bytes do not hold one."""
     try:
         return stamp_in(data)
     except ValueError:
@@ -26,44 +26,45 @@ def stamp_of(data: bytes) -> int | None:
 
 
 class HandOver:
-    """From one node to another in the same process: who takes a message, if somebody does."""
+    """Hands messages from one node to another in the same process."""
 
     def __init__(self) -> None:
         self.taker: Callable[[bytes], None] | None = None
+        """Function of the receiving node that takes a message; None if it does not listen"""
 
     def give(self, data: bytes) -> None:
-        """Hand a message over."""
+        """Hand over a message, if the other node listens."""
         if self.taker:
             self.taker(data)
 
 
 class HandedInputs(NamedTuple):
-    """Both inputs of a node, by another one in the same process."""
+    """Both inputs of a node that another node in the same process provides."""
 
     angles: HandOver
     forces: HandOver
 
 
 class HandedStream:
-    """An input that comes from a node in the same process, and not over its topic: nothing is to be waited for."""
+    """Input that comes from a node in the same process, not from its topic; used like an `InputStream`."""
 
     reliability, publishers = "handed over", 1
 
     def __init__(self, topic: str, on_data: Callable[[bytes], None], meter: InputMeter, source: HandOver) -> None:
-        """`meter` counts what `source` gives."""
+        """Take the messages of `source`: `on_data` gets their bytes, `meter` counts them."""
         self.topic, self.meter = topic, meter
         self._on_data, self._source = on_data, source
 
     def open(self) -> None:
-        """Take."""
+        """Begin to take messages."""
         self._source.taker = self._on_message
 
     def close(self) -> None:
-        """Take no more."""
+        """Take no more messages."""
         self._source.taker = None
 
     def adapt(self) -> None:
-        """There is nothing to be adapted to."""
+        """Do nothing: there is no publisher to adapt to."""
 
     def _on_message(self, data: bytes) -> None:
         self._on_data(data)
@@ -71,10 +72,10 @@ class HandedStream:
 
 
 class InputStream:
-    """Subscribes to the bytes of a topic.
+    """Subscription to the bytes of a topic.
 
-    A reliable subscription hears nothing from a best-effort publisher, and a best-effort one may miss samples. So it
-    begins as reliable, and becomes best-effort when a publisher is met that is not, unless the user has said which.
+    A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So it
+    begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
     """
 
     def __init__(
@@ -86,20 +87,23 @@ class InputStream:
         qos_given: Collection[str],
         meter: InputMeter,
     ) -> None:
-        """`qos_given` names the QoS overrides that the user has given; `meter` counts."""
+        """Prepare a subscription: `on_data` gets the bytes of the messages, `meter` counts them.
+
+        `qos_given` has the names of the QoS overrides that the user has given.
+        """
         self.topic = topic
         self.meter = meter
         self.best_effort = False
         self._node = node
         self._type = message_type
         self._on_data = on_data
-        self._unheard = False  # a publisher whose samples cannot come
+        self._unheard = False  # there is a publisher whose samples cannot come
         name = f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
         self._decided_by_user = name in qos_given
         self._subscription: Any = None
 
     def open(self) -> None:
-        """Listen."""
+        """Subscribe."""
         reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
         self._unheard = False
         self._subscription = self._node.create_subscription(
@@ -113,29 +117,32 @@ class InputStream:
         )
 
     def _left_to_user(self) -> list[QoSPolicyKind]:
-        """What a user may override; once declared, the reliability would stay as it was at first."""
+        """QoS policies that a user may override; once declared, the reliability would stay as it was at first."""
         ours = self.best_effort and not self._decided_by_user
         reliability = [] if ours else [QoSPolicyKind.RELIABILITY]
         return [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, *reliability]
 
     def close(self) -> None:
-        """Listen no more."""
+        """End the subscription."""
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         self._subscription = None
 
     @property
     def reliability(self) -> str:
-        """How the node listens; empty if it does not."""
+        """Reliability of the subscription; empty if there is none."""
         return self._subscription.qos_profile.reliability.name.lower() if self._subscription is not None else ""
 
     @property
     def publishers(self) -> int:
-        """How many publishers are heard."""
+        """Number of publishers that the subscription is matched with."""
         return self._subscription.get_publisher_count() if self._subscription is not None else 0
 
     def adapt(self) -> None:
-        """Listen anew if a publisher could not be heard; not to be called from the subscription's own callbacks."""
+        """Subscribe as best effort if a publisher could not be received.
+
+        Not to be called from the subscription's own callbacks.
+        """
         if not self._unheard or self.best_effort:
             return
         self._unheard = False
@@ -157,4 +164,4 @@ class InputStream:
 
 
 Inputs = tuple[InputStream | HandedStream, InputStream | HandedStream]
-"""Of angles and of forces"""
+"""Streams of angles and of forces"""

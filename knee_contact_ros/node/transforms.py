@@ -1,4 +1,4 @@
-"""Static transforms: the node says where its tibia frame lies, and hears where those of the forces do."""
+"""Static transforms: the node publishes where its tibia frame lies, and listens where the frames of the forces lie."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, at_most_every
 from knee_contact_ros.pipeline.frames import ForceFrame, isb_transform
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""As tf2 has it: who comes late hears all that was said"""
+"""QoS of `/tf_static` as tf2 has it: late subscribers get all earlier messages"""
 
 
 class StaticTransformTopic:
-    """`/tf_static`, both ways, while `frame.tibia` names a frame; without tf2_msgs, neither."""
+    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame and tf2_msgs is installed."""
 
     def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
-        """Say where the tibia frame lies, if its name tells; what is heard goes to `frame`."""
+        """Publish where the tibia frame lies, if its name says so; transforms of others are handed to `frame`."""
         self._node, self._frame = node, frame
         self._publisher: Any = None
         self._subscription: Any = None
@@ -40,7 +40,7 @@ class StaticTransformTopic:
         self._subscription = node.create_subscription(TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True)
 
     def close(self) -> None:
-        """Neither say nor hear any more."""
+        """Close publisher and subscription."""
         if self._publisher is not None:
             self._node.destroy_publisher(self._publisher)
         if self._subscription is not None:

@@ -1,4 +1,4 @@
-"""The gait bags that come with the package, as arrays."""
+"""The gait bags that are part of the package, as arrays."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from knee_contact_ros.system.resources import share_folder
 
 
 def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Time [s], flexion angle [rad] and half the axial load [N] of a bundled bag; both topics have the same stamps.
+    """Return time [s], flexion angle [rad] and half the axial load [N] of a bundled bag.
+
+    Both topics of the bag have the same stamps.
 
     Args:
-        side: right or left.
+        side: `right` or `left`.
 
     Returns:
         Three arrays of shape (n,).

@@ -1,7 +1,7 @@
 """`knee-contact demo`: the real node in a process of its own, fed over real topics in a private ROS graph.
 
-What is played, and to which nodes, a `Source` says: a recorded joint reaction to the contact node (`Recorded`), or a
-leg's sensors to the load node before it (`demo_sensors.py`). The results appear under their names when all is done; an
+A `Source` says what is played to which nodes: a recorded joint reaction to the contact node (`Recorded`), or a leg's
+sensors to the load node before it (`demo_sensors.py`). The results appear under their names when all is done; an
 interrupted demo leaves nothing behind.
 """
 
@@ -9,29 +9,17 @@ from __future__ import annotations
 
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import Protocol
 
 import click
 import numpy as np
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
-from knee_contact_ros.offline.stage import (
-    COMPANION_LOG,
-    LOAD_LOG,
-    LOAD_RECORDING,
-    NODE_LOG,
-    RECORDING,
-    RERUN_FILE,
-    Listener,
-    Play,
-    companion_process,
-    node_process,
-    play,
-)
+from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import counts, show_summary
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -48,60 +36,70 @@ from knee_contact_ros.view.picture import write_peak
 from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
 
 PICTURE = Path("knee.png")
-RESULTS = (RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG)
-"""Of all demos: those of an earlier one give way"""
+RESULTS = (
+    stage.RECORDING.parent, stage.LOAD_RECORDING.parent, stage.RERUN_FILE, PICTURE, stage.NODE_LOG, stage.LOAD_LOG,
+    stage.COMPANION_LOG,
+)  # fmt: skip
+"""Names of the results of all demos: a demo replaces those of an earlier one"""
 
 
-class Source(Protocol):
-    """What is played, to which nodes, and what there is to say of it."""
+class Source(ABC):
+    """What a demo plays, to which nodes, and what it reports of it."""
 
-    bag: Path
-    companion: bool
-    """Whether the example of an assist controller listens, too"""
     inputs: Sequence[str]
-    """Topics of the bag, angles first"""
+    """Names of the topics of the bag that are played, angles first"""
     heard: Sequence[str]
-    """What the nodes must hear before it begins: as `Listener.heard`"""
-    parameters: Parameters
-    """Of the contact node"""
+    """Inputs that the nodes must hear before the demo begins, as in `stage.Listener.heard`"""
 
+    def __init__(self, bag: Path, companion: bool, parameters: Parameters) -> None:
+        """Play `bag`, with the example of an assist controller listening too if there is a `companion`.
+
+        `parameters` are those of the contact node.
+        """
+        self.bag, self.companion, self.parameters = bag, companion, parameters
+
+    @abstractmethod
     def check(self) -> Doubts:
-        """Tell what a node could only refuse, and give what makes no sense in the parameters.
+        """Refuse what a node could only refuse; return the doubts about the parameters.
 
         Raises:
-            UsageError: a bad profile, a joint that is not there, and the like.
+            UsageError: a profile cannot be used, a joint is missing from the bag, and the like.
         """
 
+    @abstractmethod
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """The nodes and the companion, which leave their files in a folder."""
+        """Make the processes of the nodes and the companion, which leave their files in the folder `work`."""
 
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:
-        """An input as it is to be published while the companion commands a torque [N m]."""
+    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
+        """Return an input as it is published while the companion commands a torque [N m]: as a rule unchanged."""
+        return message
 
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """Rows of the table that only this source has."""
+    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
+        """Return rows of the table that only this source has: as a rule none."""
+        return {}
 
-    def files(self, output: Path) -> dict[str, str]:
-        """Further results, and where they are."""
+    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
+        """Return names and places of results that only this source has: as a rule none."""
+        return {}
 
 
-class Recorded:
-    """A recorded joint reaction, for the contact node alone."""
+class Recorded(Source):
+    """A recorded joint reaction, played to the contact node alone."""
 
     inputs: Sequence[str] = INPUTS
     heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
 
     def __init__(self, bag: Path, parameter_files: list[Path], companion: bool) -> None:
-        """Read the parameters.
+        """Read the parameter files of the contact node.
 
         Raises:
-            UsageError: they cannot be used.
+            UsageError: a parameter file cannot be used.
         """
-        self.bag, self.companion, self._files = bag, companion, parameter_files
-        self.parameters = load_parameters(parameter_files)
+        super().__init__(bag, companion, load_parameters(parameter_files))
+        self._files = parameter_files
 
     def check(self) -> Doubts:
-        """See `Source`."""
+        """See `Source.check`; the first angle of the bag is tried."""
         pipeline = Pipeline(self.parameters, compiled=False)
         with BagReader(self.bag) as reader:
             angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
@@ -113,33 +111,21 @@ class Recorded:
         return pipeline.doubts
 
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """See `Source`."""
-        return [node_process(self._files, work), *([companion_process(work, {})] if self.companion else [])]
-
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
-        """As it is: what was recorded does not change with assistance."""
-        return message
-
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
-        """None."""
-        return {}
-
-    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
-        """None."""
-        return {}
+        """See `Source.processes`."""
+        return [stage.node_process(self._files, work), *([stage.companion_process(work, {})] if self.companion else [])]
 
 
 def run_demo(source: Source, output: Path, rate: float) -> None:
     """Run the demo and print its table.
 
     Raises:
-        UsageError: the bag, a parameter or the output folder cannot be used, ROS does not let us in, a node or the
-            companion has failed, or a node has answered nothing.
+        UsageError: the bag, a parameter or the output folder cannot be used, ROS cannot be joined, a node or the
+            companion has failed, or the contact node has answered nothing.
     """
     doubts, types = source.check(), {f"/{topic}": MESSAGE_TYPES[topic] for topic in source.inputs}
     with BagReader(source.bag, types) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        listener = Listener(source.inputs[1])
+        listener = stage.Listener(source.inputs[1])
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in source.processes(work)]
 
@@ -147,38 +133,33 @@ def run_demo(source: Source, output: Path, rate: float) -> None:
                 for child in children:
                     child.check()
 
-            how = Play(rate, source.inputs, source.heard, source.companion, source.changed)
-            play(reader, how, listener, all_are_alive)
-        summary = read_summary(work / RECORDING.parent, source.parameters.body_weight, doubts)
+            options = stage.Play(rate, source.inputs, source.heard, source.companion, source.changed)
+            stage.play(reader, options, listener, all_are_alive)
+        summary = read_summary(work / stage.RECORDING.parent, source.parameters.body_weight, doubts)
         if not summary.ticks:
             raise UsageError(f"bag {source.bag}: the node has answered nothing; refused: {counts(summary.refused)}")
         rows = live_rows(listener, summary) | source.rows(work, summary)
-        picture = draw_peak(work)
+        picture = draw_peak(work, output)
         for result in RESULTS:
             replace(work / result, output / result)
-    files = source.files(output) | result_files(output, source.companion) | picture_row(output, picture)
+    files = source.files(output) | result_files(output, source.companion) | picture
     show_summary(summary, rows, files)
     warn(summary.sentences)
     if viewer():
-        offer(output / RERUN_FILE)
+        offer(output / stage.RERUN_FILE)
 
 
-def draw_peak(work: Path) -> str:
-    """Draw the knee at the largest load; give why there is no picture, nothing if there is one."""
+def draw_peak(work: Path, output: Path) -> dict[str, str]:
+    """Draw the knee at the largest load; return the row with the picture's place, or with why there is none."""
     try:
-        write_peak(work / RECORDING.parent, work / PICTURE)
+        write_peak(work / stage.RECORDING.parent, work / PICTURE)
     except UsageError as error:
-        return str(error)
-    return ""
-
-
-def picture_row(output: Path, missing: str) -> dict[str, str]:
-    """Where the picture is, or why it is missing."""
-    return {"No picture": missing} if missing else {"Knee at the peak": str(output / PICTURE)}
+        return {"No picture": str(error)}
+    return {"Knee at the peak": str(output / PICTURE)}
 
 
 def offer(scene: Path) -> None:
-    """On a terminal with a screen, ask whether to open the scene, and do."""
+    """Ask whether to open the scene in a viewer, if there are a terminal and a screen."""
     if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
         return
     from knee_contact_ros.offline.view import look_at  # Rerun, which may be missing
@@ -188,8 +169,8 @@ def offer(scene: Path) -> None:
             look_at(scene)
 
 
-def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
-    """Rows of the table that only a live run has."""
+def live_rows(listener: stage.Listener, summary: Summary) -> dict[str, str]:
+    """Return the rows of the table that only a live run has."""
     rows = {"dropped": str(len(listener.published) - summary.ticks)}
     if listener.latencies:
         median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
@@ -203,11 +184,11 @@ def live_rows(listener: Listener, summary: Summary) -> dict[str, str]:
 
 
 def result_files(output: Path, companion: bool) -> dict[str, str]:
-    """Where the results are, and how to look at them."""
-    files = {"Recording": str(output / RECORDING.parent), "Node's log": str(output / NODE_LOG)}
+    """Return the names and places of the results, and the command that shows them."""
+    files = {"Recording": str(output / stage.RECORDING.parent), "Node's log": str(output / stage.NODE_LOG)}
     if companion:
-        files["Companion's log"] = str(output / COMPANION_LOG)
+        files["Companion's log"] = str(output / stage.COMPANION_LOG)
     if not viewer():
         return files | {"Not drawn": NOT_INSTALLED}
-    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
-    return files | {"Rerun file": str(output / RERUN_FILE), "To see it": to_see}
+    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / stage.RERUN_FILE}"
+    return files | {"Rerun file": str(output / stage.RERUN_FILE), "To see it": to_see}

@@ -1,8 +1,8 @@
 """`knee-contact demo --from-sensors`: a leg's sensors to the load node, and its estimate to the contact node.
 
-With a companion the loop closes through the estimate: the torque that it commands stands as `effort` in the joint
-states that are played, the load node takes it off the net moment, and load and contact follow, to which the companion
-listens.
+With a companion the loop is closed through the estimate: the torque that it commands is the `effort` in the joint
+states that are played, the load node subtracts it from the net moment, and load and contact, to which the companion
+listens, follow.
 """
 
 from __future__ import annotations
@@ -29,18 +29,11 @@ from knee_contact_ros.messages.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
-from knee_contact_ros.offline.bag_inputs import BagInputs
+from knee_contact_ros.offline import stage
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
+from knee_contact_ros.offline.demo import Source
 from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
-from knee_contact_ros.offline.joints import check_joints, wanted_joints
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.stage import (
-    LOAD_LOG,
-    LOAD_RECORDING,
-    RECORDING,
-    companion_process,
-    load_process,
-    node_process,
-)
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint, LoadParameters
 from knee_contact_ros.parameters.plausibility import Doubts
@@ -50,11 +43,11 @@ from knee_contact_ros.system.processes import Child
 from knee_contact_ros.system.resources import share_folder
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
-"""Shipped: what a leg's sensors tell, and the joint reaction of the same gait by a musculoskeletal model"""
+"""Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
 LOAD_FILE = "load/gait2354.yaml"
-"""The parameters for it"""
+"""Parameter file of the load node for `BAG`"""
 FORCE_LIMIT = 900.0
-"""[N] above which the companion gives way: its own limit is above what the sensors' estimate reaches"""
+"""Contact force [N] above which the companion lowers its torque; its default is above what the estimate reaches"""
 NOT_KNOWN = (
     "with an actuator's help people pull their muscles against each other otherwise than without, and nothing here "
     "measures that: what the estimate loses is the net moment alone"
@@ -62,21 +55,21 @@ NOT_KNOWN = (
 
 
 class Peak(NamedTuple):
-    """A joint reaction at its largest."""
+    """The largest joint reaction of a bag."""
 
     axial: float
-    """[N]"""
+    """Axial force [N]"""
     deviation: float
-    """[N] standard deviation of an estimate; 0 of what is none"""
+    """Standard deviation [N] of an estimate; 0 for a joint reaction that is no estimate"""
 
-    def told(self, weight: float) -> str:
-        """In N and in body weights of so many N."""
+    def text(self, weight: float) -> str:
+        """Return the force in N and in body weights as text; `weight` is the body weight [N]."""
         deviation = f", standard deviation {self.deviation:.0f} N" if self.deviation else ""
         return f"{self.axial:.1f} N ({self.axial / weight:.2f} BW){deviation}"
 
 
-class Sensors:
-    """What a leg's sensors tell, for the load node, and the contact node behind it."""
+class Sensors(Source):
+    """A leg's sensors, played to the load node, whose estimate the contact node answers."""
 
     inputs: Sequence[str] = LOAD_INPUTS
     heard: Sequence[str] = (
@@ -85,27 +78,27 @@ class Sensors:
     )
 
     def __init__(self, bag: Path | None, files: list[Path], load_files: list[Path], companion: bool) -> None:
-        """Read the parameters.
+        """Read the parameter files of both nodes.
 
         Args:
-            bag: None: the shipped one.
-            files: for the contact node; it gets the person's body weight beside them.
-            load_files: for the load node.
-            companion: whether there is one, which closes the loop.
+            bag: The bag to play; None: the bundled one.
+            files: Parameter files of the contact node, which gets the person's body weight too.
+            load_files: Parameter files of the load node.
+            companion: Whether the example of an assist controller closes the loop.
 
         Raises:
-            UsageError: the parameters cannot be used.
+            UsageError: a parameter file cannot be used.
         """
-        self.bag, self.companion = bag or share_folder() / "bags" / BAG, companion
         self._files, self._load_files = files, load_files
         assisted = {"knee.assisted": True} if companion else {}
         self.load_parameters: LoadParameters = LOAD_READING.load([*load_files, assisted])
         self.weight = self.load_parameters.person.constants.weight
-        """[N] of the person"""
-        self.parameters = load_parameters([*files, {"body_weight": self.weight}])
+        """Body weight [N] of the person"""
+        parameters = load_parameters([*files, {"body_weight": self.weight}])
+        super().__init__(bag or share_folder() / "bags" / BAG, companion, parameters)
 
     def check(self) -> Doubts:
-        """See `Source`."""
+        """See `Source.check`; all joints that the nodes need are looked for."""
         pipeline = Pipeline(self.parameters, compiled=False)
         with BagInputs(self.bag, JOINT_STATES, OWN_NAMES, GROUND_REACTION_FORCE) as inputs:
             check_joints(inputs, named_joints(self.load_parameters))
@@ -113,42 +106,45 @@ class Sensors:
         return pipeline.doubts
 
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """See `Source`."""
+        """See `Source.processes`."""
         assisted = {"knee.assisted": "true"} if self.companion else {}
         return [
-            node_process(self._files, work, values={"body_weight": str(self.weight)}),
-            load_process(self._load_files, work, assisted),
-            *([companion_process(work, {"force_limit": str(FORCE_LIMIT)})] if self.companion else []),
+            stage.node_process(self._files, work, values={"body_weight": str(self.weight)}),
+            stage.load_process(self._load_files, work, assisted),
+            *([stage.companion_process(work, {"force_limit": str(FORCE_LIMIT)})] if self.companion else []),
         ]
 
     def changed(self, message: RawMessage, torque: float) -> RawMessage:
-        """With the companion's torque as the knee's effort."""
+        """Return an input; joint states get the companion's torque as the effort of the knee."""
         if not self.companion or message.topic != f"/{JOINT_STATES}":
             return message
         return message._replace(data=with_assistance(message.data, self.load_parameters.knee, torque))
 
     def rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """The estimate beside what was recorded, and the contact with and without assistance."""
-        told = "yes" if self.load_parameters.calibrated else "no: for looking, not for gating anything"
-        rows = {"load's level": self.load_parameters.chosen_level, "calibrated": told}
-        rows["estimated load"] = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE).told(self.weight)
+        """Return rows on the estimated and the recorded load, and on the contact with and without assistance."""
+        calibrated = "yes" if self.load_parameters.calibrated else "no: for looking, not for gating anything"
+        rows = {"load's level": self.load_parameters.chosen_level, "calibrated": calibrated}
+        rows["estimated load"] = largest(work / stage.LOAD_RECORDING.parent, LOAD_ESTIMATE).text(self.weight)
         if self.bag.resolve() == (share_folder() / "bags" / BAG).resolve():
             recorded = largest(self.bag.with_name(RECORDED), JOINT_REACTION_FORCE)
-            rows["recorded load"] = f"{recorded.told(self.weight)}, by OpenSim from muscles"
+            rows["recorded load"] = f"{recorded.text(self.weight)}, by OpenSim from muscles"
         return rows | (self._assisted_rows(work, summary) if self.companion else {})
 
     def files(self, output: Path) -> dict[str, str]:
-        """See `Source`."""
-        return {"Load's recording": str(output / LOAD_RECORDING.parent), "Load's log": str(output / LOAD_LOG)}
+        """See `Source.files`."""
+        return {
+            "Load's recording": str(output / stage.LOAD_RECORDING.parent),
+            "Load's log": str(output / stage.LOAD_LOG),
+        }
 
     def _assisted_rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """The contact beside that of the same bag without assistance, which is computed offline."""
+        """Return rows that compare the contact with that of the same bag without assistance, computed offline."""
         loads, blocks = work / "without_assistance.mcap", list[Rows]()
         parameters = LOAD_READING.load([self.load_parameters, {"knee.assisted": False}])
         estimate_load(self.bag, parameters, loads, lambda _done, _total: None)
         keep = lambda rows: blocks.append(rows[0])  # noqa: E731
         without = solve(loads, self.parameters, None, lambda _done, _total: None, keep=keep).peaks["contact_force"]
-        less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / RECORDING.parent)]))
+        less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / stage.RECORDING.parent)]))
         return {
             "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
             "largest contact": f"{without.value:.1f} N without assistance, "
@@ -160,17 +156,17 @@ class Sensors:
 
 
 def relief(without: Rows, assisted: Rows) -> NDArray[np.float64]:
-    """By how much the contact force [N] is less with assistance, at the stamps that both answers have."""
+    """Return how much less the contact force [N] is with assistance, at the stamps that both answers have."""
     _, first, second = np.intersect1d(without["stamp"], assisted["stamp"], return_indices=True)
     less: NDArray[np.float64] = without["contact_force"][first] - assisted["contact_force"][second]
     return less
 
 
 def with_assistance(data: bytes, knee: ActuatedJoint, torque: float) -> bytes:
-    """A JointState, as bytes, in which an actuator exerts a torque [N m] that extends the knee.
+    """Return a JointState, as bytes, in which an actuator exerts a torque [N m] that extends the knee.
 
     An effort is in the sense of its joint's position: where that grows with flexion (`knee.sign` 1), it is minus the
-    torque. A message without the knee, or which only ROS can read, stays as it is.
+    torque. A message without the knee, or one that only ROS can decode, is returned unchanged.
     """
     message = decode_joint_state(data)
     if message is None or knee.joint_name not in message.name:
@@ -181,7 +177,7 @@ def with_assistance(data: bytes, knee: ActuatedJoint, torque: float) -> bytes:
 
 
 def largest(bag: Path, topic: str) -> Peak:
-    """The largest joint reaction of a bag: of `joint_reaction_force`, or of `load_estimate`."""
+    """Return the largest joint reaction of a bag, on the topic `joint_reaction_force` or `load_estimate`."""
     with BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic]}) as reader:
         messages = [message.message for message in reader.messages()]
     if topic == LOAD_ESTIMATE:

@@ -1,30 +1,80 @@
-"""`knee-contact estimate-load`: a bag of a leg's sensors to joint reaction forces, without ROS."""
+"""`knee-contact estimate-load`: joint reaction forces from a bag of a leg's sensors, without ROS."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
-from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
-from knee_contact_ros.offline.joints import check_joints
-from knee_contact_ros.offline.load_summary import LoadSummary
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
 from knee_contact_ros.system.errors import UsageError
 
-FEWEST_BETWEEN_NEWS = 1000
-"""Messages from one call of `advance` to the next"""
+MESSAGES_PER_ADVANCE = 1000
+"""Number of messages from one call of `advance` to the next"""
+
+
+@dataclass
+class LoadSummary:
+    """Figures of all joint reactions that were estimated from a bag; memory grows by 16 B with each."""
+
+    level: str
+    """Name of the level of the estimator"""
+    calibrated: bool
+    """Whether the constants are fitted to the person"""
+    peak: Estimate | None = None
+    """Estimate with the largest axial force"""
+    flagged: Counter[str] = field(default_factory=Counter)
+    """Number of estimates by the name of a status bit that they have"""
+    refused: Counter[str] = field(default_factory=Counter)
+    """Number of refused samples by reason"""
+    damage: list[str] = field(default_factory=list)
+    """Damage of the bag, as sentences"""
+    _stamps: array[int] = field(default_factory=lambda: array("q"))
+    _axial: array[float] = field(default_factory=lambda: array("d"))
+
+    def add(self, stamp: int, estimate: Estimate) -> None:
+        """Add an estimate and its stamp [ns]."""
+        self._stamps.append(stamp)
+        self._axial.append(estimate.axial_force)
+        if self.peak is None or estimate.axial_force > self.peak.axial_force:
+            self.peak = estimate
+        if estimate.status:
+            self.flagged.update(bit.name or "" for bit in Status if estimate.status & bit)
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Stamps of the estimates [ns], shape (n,)."""
+        return np.array(self._stamps)
+
+    @property
+    def axial(self) -> NDArray[np.float64]:
+        """Axial forces [N], compressive positive, shape (n,)."""
+        return np.array(self._axial)
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from the first to the last estimate."""
+        return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
 
 
 def estimate_load(
@@ -33,20 +83,24 @@ def estimate_load(
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
-    The messages are those that the node would publish, bit for bit. `advance` is called now and then with the number of
-    messages done and in all; `names` are those of the inputs in the bag; `keep` is given every estimate, and its stamp.
+    The messages are those that the load node would publish, bit for bit.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
+        parameters: Parameters of the load node.
+        output: The .mcap file to write; None: only the summary is wanted.
+        advance: Called now and then with the number of messages done, and of all messages.
+        overwrite: Replace an existing output, once the new one is complete.
+        names: Names of the inputs in the bag.
+        keep: Called with the stamp [ns] of every estimate and the estimate.
 
     Raises:
-        UsageError: the bag or the output cannot be used, or nothing could be estimated. `output` is then not there.
+        UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
     """
     with ExitStack() as opened:
-        inputs = opened.enter_context(BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE))
         if output:
             refuse_input(bag, output)
-        check_joints(inputs, named_joints(parameters))
-        pipeline = LoadPipeline(parameters)
-        if parameters.frame.ground:
-            learn_transforms(bag, pipeline.frame)
+        inputs, pipeline = opened.enter_context(leg_pipeline(bag, parameters, names))
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
@@ -57,7 +111,7 @@ def estimate_load(
         for number, message in enumerate(inputs.messages(), start=1):
             take = pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
             _keep(take(message.data), pipeline, recorder, takers)
-            if number % FEWEST_BETWEEN_NEWS == 0:
+            if number % MESSAGES_PER_ADVANCE == 0:
                 advance(number, inputs.reader.count)
         _keep(pipeline.finish(), pipeline, recorder, takers)
         advance(inputs.reader.count, inputs.reader.count)
@@ -69,14 +123,29 @@ def estimate_load(
                 recorder.bag.add_metadata(SOURCE_DAMAGE, faults)
         if summary.peak is None:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            told = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
+            damage = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
             why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
-            raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){told}")
+            raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){damage}")
     return summary
 
 
+@contextmanager
+def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterator[tuple[BagInputs, LoadPipeline]]:
+    """Open a bag of a leg's sensors, and make the pipeline that takes its messages.
+
+    Raises:
+        UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
+    """
+    with BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE) as inputs:
+        check_joints(inputs, named_joints(parameters))
+        pipeline = LoadPipeline(parameters)
+        if parameters.frame.ground:
+            learn_transforms(bag, pipeline.frame)
+        yield inputs, pipeline
+
+
 def named_joints(parameters: LoadParameters) -> dict[str, str]:
-    """Joints that the parameters name, by these parameters."""
+    """Return the names of the joints that the load node needs, by the parameters that give them."""
     joints = {"knee": parameters.knee, "ankle": parameters.ankle, "hip": parameters.hip}
     return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
 
@@ -88,7 +157,7 @@ def _keep(
     for answer in answers:
         if recorder:
             if pipeline.frame.turn_note:
-                recorder.note(FORCE_TURNED, pipeline.frame.told())
+                recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
             recorder.write(answer.records)
         assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
         for taker in takers:

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.solve`: what the command of that name computes, for a notebook."""
+"""`knee_contact_ros.solve`: the command `solve` as a function of Python, with arrays as its result."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_v
 from knee_contact_ros.bags.topic_names import Names, names_in_bag
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW, Rows
+from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subject import Subject
@@ -39,7 +38,7 @@ ARGUMENTS = (
     (r"--overwrite\b", "overwrite=True"),
     (r"--(params|remap|namespace|subject|free|sigma)\b", r"\1"),
 )
-"""What the command is told, and how it is told in Python"""
+"""Options of the command in its messages, as regular expressions, and the arguments of Python in their place"""
 
 
 def solve(
@@ -63,41 +62,44 @@ def solve(
         params: As for `load_model`. None: the healthy knee; of a recording of ours, the parameters stored in it.
         values: Single parameters, which win over all others: `{"contact.damping": 0.0}`.
         subject: A subject file; `params` wins over it.
-        output: Recording to write, too.
+        output: A recording to write as well.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
         namespace: Take the inputs from /NAMESPACE/... of the bag.
         compiled: As for `load_model`.
 
-    What makes no sense in parameters or answers, and what of a damaged bag cannot be read, is warned of.
+    Implausible parameters or answers, and what of a damaged bag cannot be read, cause warnings.
 
     Raises:
         UsageError: bag, parameters or output cannot be used, or no tick could be computed.
     """
     with in_python_words():
-        path, how, names = asked_in_python(bag, params, values, subject, remap, namespace)
+        path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         written = checked_output(Path(output), "output", ".mcap") if output else None
         blocks: list[Sequence[Rows]] = []
         with progress("Solving") as advance:
-            summary = solve_bag(path, how, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
-        for sentence in _doubts(path, summary):
+            summary = solve_bag(path, basis, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
+        doubts = [*others_beside(path), *summary.warnings]
+        if summary.damage:
+            doubts.append(f"bag {path} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+        for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
         medial.lateral = lateral[0]
-    for results, model in zip((medial, *lateral), _models(how), strict=False):
+    for results, model in zip((medial, *lateral), _models(basis), strict=False):
         results.model = model
     return medial
 
 
-def _models(how: Parameters | Provenance) -> list[KneeModel]:
-    """Of each compartment; none where a recording's parameters changed, so that no model computed all of it."""
-    if isinstance(how, Parameters):
-        return [each.model for each in compartments_of(how, curve_texts(how, {}))]
-    return [] if how.changes else [each.model for each in compartments_of(how.parameters, how.texts())]
+def _models(basis: Parameters | Provenance) -> list[KneeModel]:
+    """Build the model of each compartment; none if the parameters of a recording changed while it was made."""
+    if isinstance(basis, Provenance) and basis.changes:
+        return []
+    return [compartment.model for compartment in compartments_of(parameters_in(basis), texts_of(basis))]
 
 
-def asked_in_python(
+def solve_inputs(
     bag: Name | None,
     params: Source | None,
     values: Mapping[str, Any] | None,
@@ -105,25 +107,25 @@ def asked_in_python(
     remap: Mapping[str, str] | None,
     namespace: str,
 ) -> tuple[Path, Parameters | Provenance, Names]:
-    """Which bag, what to compute it with, and the names of the inputs in it; the arguments are those of `solve`.
+    """Check arguments of `solve`; return the bag, what it is computed with, and the names of the inputs in it.
 
     Raises:
-        UsageError: one of them cannot be used.
+        UsageError: an argument cannot be used.
     """
     check_mappings(values, remap)
     person = Subject(expanded(str(subject))) if subject else None
     path = expanded(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
-    how = asked_of(path, params, dotted(values or {}), person)
-    return path, how, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+    basis = basis_of(path, params, dotted(values or {}), person)
+    return path, basis, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
 
 
 def check_mappings(values: object, remap: object) -> None:
-    """Refuse arguments of `solve` and `estimate_load` that are no mappings.
+    """Refuse arguments `values` and `remap` that are no mappings.
 
     Raises:
-        UsageError: one is none.
+        UsageError: one of them is no mapping.
     """
     for name, mapping in (("values", values), ("remap", remap)):
         if mapping is not None and not isinstance(mapping, Mapping):
@@ -131,13 +133,14 @@ def check_mappings(values: object, remap: object) -> None:
 
 
 def _joined(blocks: Sequence[Rows]) -> Results:
+    """Join blocks of answers to one array."""
     whole = bytearray().join(rows.tobytes() for rows in blocks)  # NumPy would not copy what is between the fields
     return np.frombuffer(whole, ROW).view(Results)
 
 
 @contextmanager
 def in_python_words() -> Iterator[None]:
-    """Errors of the command, in Python's words."""
+    """Let errors name arguments of Python instead of options of the command; see `in_python`."""
     try:
         yield
     except UsageError as error:
@@ -145,21 +148,21 @@ def in_python_words() -> Iterator[None]:
 
 
 def in_python(message: str) -> str:
-    """A command's message with its options as arguments of `solve`."""
+    """Replace the options in a message of a command by the arguments of its function in Python."""
     for option, argument in ARGUMENTS:
         message = re.sub(option, argument, message)
     return message
 
 
-def asked_of(
+def basis_of(
     bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
 ) -> Parameters | Provenance:
-    """What to compute a bag with: as asked, else as a recording says of itself, else the healthy knee.
+    """Return what a bag is computed with: given parameters, else the provenance of a recording, else the healthy knee.
 
-    `values`, by dotted names, win over `params`, and these over the person's.
+    `values`, by dotted names, win over `params`, and these over the subject file of a `person`.
 
     Raises:
-        UsageError: see `load_parameters` and `read_provenance`.
+        UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
     """
     stored = read_provenance(bag) if params is None and person is None else None
     if stored:
@@ -168,13 +171,3 @@ def asked_of(
         params = () if person else DEFAULT_PARAMETERS
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
     return load_parameters([*(person.sources() if person else ()), *given, values])
-
-
-def _doubts(bag: Path, summary: Summary) -> list[str]:
-    """What a reader of the answers must know."""
-    doubts = [*others_beside(bag), *summary.sentences]
-    if summary.split and summary.split.problem:
-        doubts.append(summary.split.problem)
-    if summary.damage:
-        doubts.append(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
-    return doubts

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.estimate_load`: what the command `estimate-load` computes, for a notebook."""
+"""`knee_contact_ros.estimate_load`: the command `estimate-load` as a function of Python."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]
 DTYPE = np.dtype([("stamp", np.int64), *((name, kind) for name, kind in get_type_hints(Estimate).items())])
-"""Of the result"""
+"""Data type of the rows of the result"""
 
 
 def estimate_load(
@@ -44,7 +44,7 @@ def estimate_load(
         bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force.
         params: A parameter file of the node knee_load, a mapping, or a list of these; None: the defaults.
         values: Single parameters, which win over all others: `{"person.mass": 70.0}`.
-        output: Bag to write, too, which `solve` goes on from.
+        output: A bag to write as well, from which `solve` can be run.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
         namespace: Take the inputs from /NAMESPACE/... of the bag.
@@ -58,7 +58,8 @@ def estimate_load(
     path = expanded(str(bag))
     with in_python_words():
         check_mappings(values, remap)
-        parameters = LOAD_READING.load([*_parts(params), dotted(values or {})])
+        sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
+        parameters = LOAD_READING.load([*sources, dotted(values or {})])
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None
@@ -73,9 +74,3 @@ def estimate_load(
         for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
     return np.array(rows, DTYPE)
-
-
-def _parts(params: Any) -> list[Any]:
-    if params is None:
-        return []
-    return list(params) if isinstance(params, (list, tuple)) else [params]

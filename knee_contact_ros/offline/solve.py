@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +15,27 @@ from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.block_recorder import write_messages
-from knee_contact_ros.bags.provenance import Provenance, provenance_record
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    RESET,
+    TICK,
+    Change,
+    Provenance,
+    change_record,
+    provenance_record,
+)  # fmt: skip
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_STATES, recorded_topics
-from knee_contact_ros.offline.bag_inputs import BagInputs, learn_transforms
-from knee_contact_ros.offline.history import Changes
-from knee_contact_ros.offline.joints import check_joints, wanted_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import has_both
+from knee_contact_ros.parameters.reading import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.frames import FORCE_TURNED
 from knee_contact_ros.pipeline.pipeline import Pipeline
@@ -33,16 +43,16 @@ from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
-"""Messages that are taken at once: few enough for a few MB, many enough for their handling to cost nothing"""
+"""Number of messages in a block: few enough for a few MB, many enough that handling a block costs nothing"""
 SOURCE_DAMAGE = "source_damage"
-"""Name of the metadata record that says what is wrong with the bag"""
+"""Name of the metadata record of an output that lists the damage of the bag it was computed from"""
 MESSAGES_OF_A_TICK = 2
-"""An angle and a force"""
+"""Number of input messages that a tick needs: an angle and a force"""
 
 
 def solve(
     bag: Path,
-    how: Parameters | Provenance,
+    basis: Parameters | Provenance,
     output: Path | None,
     advance: Callable[[int, int], None],
     overwrite: bool = False,
@@ -55,21 +65,29 @@ def solve(
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
 
-    `how` is what a recording says of itself (`read_provenance`), to compute it again, or parameters. `advance` is
-    called now and then with the number of messages done and in all. With `overwrite`, an existing output is replaced
-    once the new one is complete. `names` are those of the inputs in the bag. Of a damaged bag, what can be read is
-    computed; the summary and a metadata record say what is wrong with it. `compiled` is as for `load_model`; `keep` is
-    given all answers, by and by: an array for each compartment; `prepare` is given the pipeline before its first
-    message. `curves` has the contents of files that parameters name, by parameter, and none is opened then.
+    A damaged bag is computed as far as it can be read; the summary and a metadata record of the output list its damage.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
+        basis: Parameters, or the provenance of a recording (`read_provenance`) that is computed again.
+        output: The .mcap file to write; None: only the summary is wanted.
+        advance: Called now and then with the number of messages done, and of all messages.
+        overwrite: Replace an existing output, once the new one is complete.
+        names: Names of the inputs in the bag.
+        compiled: As for `load_model`.
+        keep: Called with the answers of every block: an array for each compartment.
+        prepare: Called with the pipeline before its first message.
+        curves: Contents of the files that parameters name, by parameter; None: the files are read.
 
     Raises:
-        UsageError: the bag or the output cannot be used, or no tick could be computed. `output` is then not there.
+        UsageError: the bag or the output cannot be used, or no tick could be computed. No output is left then.
     """
-    parameters = how.parameters if isinstance(how, Provenance) else how
-    curves = texts_of(how) if curves is None else curves
-    changes = Changes(how.changes if isinstance(how, Provenance) else ())
+    recording = basis if isinstance(basis, Provenance) else None
+    parameters = parameters_in(basis)
+    curves = texts_of(basis) if curves is None else curves
+    changes = Changes(recording.changes if recording else ())
     with ExitStack() as opened:
-        source = JOINT_STATES if isinstance(how, Provenance) else parameters.knee.source  # recorded are JointStates
+        source = JOINT_STATES if recording else parameters.knee.source  # a recording holds JointStates
         inputs = opened.enter_context(BagInputs(bag, source, names))
         reader = inputs.reader
         if output:
@@ -77,14 +95,14 @@ def solve(
         check_joints(inputs, wanted_joints(parameters))
         pipeline = Pipeline(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
-        pipeline.frame.is_known = isinstance(how, Provenance)
-        if parameters.frame.tibia and not pipeline.frame.is_known:
+        pipeline.frame.is_known = recording is not None
+        if parameters.frame.tibia and not recording:
             learn_transforms(bag, pipeline.frame)
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-            names_of_topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
-            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), names_of_topics)
+            topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
+            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), topics)
         if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
             pipeline.compile(forced)
         prepare(pipeline)
@@ -100,94 +118,132 @@ def solve(
             recorder.finish(pipeline.ending())
         summary.finish()
         damage = reader.damage
-        if isinstance(how, Provenance):
+        if recording:
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
-            damage = [*how.damage, *damage, *(late if damage and how.changes else []), *_order(pipeline)]
+            damage = [*recording.damage, *damage, *(late if damage and recording.changes else []), *_order(pipeline)]
         if damage and recorder:
             recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if pipeline.varies else None
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            told = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){told}")
+            why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){why}")
     return summary
 
 
-def texts_of(how: Parameters | Provenance) -> Mapping[str, str]:
-    """Contents of the files that parameters name, by parameter.
+def parameters_in(basis: Parameters | Provenance) -> Parameters:
+    """Return the parameters that a bag is computed with: given ones, or those of a recording."""
+    return basis.parameters if isinstance(basis, Provenance) else basis
+
+
+def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
+    """Return the contents of the files that parameters name, by parameter.
 
     Raises:
-        UsageError: one cannot be read, or a recording does not hold it.
+        UsageError: a file cannot be read, or a recording does not hold its contents.
     """
-    return how.texts() if isinstance(how, Provenance) else curve_texts(how, {})
+    return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
 
 
 def _order(pipeline: Pipeline) -> list[str]:
-    """What is wrong with the order in which a recording was read: it holds nothing that the node has refused."""
+    """Report samples of a recording that are refused for their order: the node had accepted all that it recorded."""
     refused = pipeline.synchroniser.refused
     out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
     words = "samples that were answered then are refused now: stamps go back, and a recording is read in their order"
     return [f"{out_of_order} {words}"] if out_of_order else []
 
 
+@dataclass
 class Run:
-    """Takes messages, and writes what comes of them, if there is a recorder, and tells others."""
+    """A pipeline that is fed with blocks of messages, and whose answers are recorded and passed on."""
 
-    def __init__(
-        self,
-        pipeline: Pipeline,
-        recorder: AnswerWriter | None,
-        takers: Sequence[Callable[[Sequence[Rows]], object]],
-        changes: Changes,
-        behind: Behind,
-    ) -> None:
-        """What is taken at once is written `behind`; all is when `keep` returns."""
-        self._pipeline, self._recorder, self._takers, self._changes = pipeline, recorder, takers, changes
-        self._behind = behind
+    pipeline: Pipeline
+    recorder: AnswerWriter | None
+    """Writer of the recording; None: nothing is recorded"""
+    takers: Sequence[Callable[[Sequence[Rows]], object]]
+    """Functions that are called with the rows of answers, an array for each compartment"""
+    changes: Changes
+    """Changes that are made at their ticks"""
+    behind: Behind
+    """Thread that writes blocks which were computed at once; when `keep` returns, all is written"""
 
     def take(self, block: Batch) -> None:
-        """Take angles (0) and forces (1) in their order: at once if they allow it, else one by one."""
-        if self._changes.waiting or not self._take_at_once(block):
+        """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
+        if self.changes.waiting or not self._take_at_once(block):
             self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
-        """Write answers and take them into account, and what has changed between them."""
+        """Record answers and pass their rows on; make the changes that are due between them."""
         rows = []
-        self._behind.wait()
+        self.behind.wait()
         for answer in answers:
-            if self._pipeline.frame.turn_note:
-                self._note(FORCE_TURNED, self._pipeline.frame.told())
-            if self._recorder:
-                self._recorder.write(answer.records)
+            if self.pipeline.frame.turn_note:
+                self._note(FORCE_TURNED, self.pipeline.frame.take_turn_note())
+            if self.recorder:
+                self.recorder.write(answer.records)
             rows.append(answer.row)
             self._make_changes()
         if rows:
-            together, number = np.frombuffer(b"".join(rows), ROW), len(self._pipeline.compartments)
-            self._tell([together[first::number] for first in range(number)])
+            together, number = np.frombuffer(b"".join(rows), ROW), len(self.pipeline.compartments)
+            self._pass_on([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Batch) -> bool:
-        answers = take(self._pipeline, block.of(0), block.of(1))
+        answers = take(self.pipeline, block.of(0), block.of(1))
         if answers is None:
             return False
-        if self._recorder:
+        if self.recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
-            self._behind.do(write_messages, self._recorder.bag, parts)
-        self._tell(answers.rows)
+            self.behind.do(write_messages, self.recorder.bag, parts)
+        self._pass_on(answers.rows)
         return True
 
-    def _tell(self, rows: Sequence[Rows]) -> None:
-        for taker in self._takers:
+    def _pass_on(self, rows: Sequence[Rows]) -> None:
+        for taker in self.takers:
             taker(rows)
 
     def _note(self, name: str, values: dict[str, str]) -> None:
-        if self._recorder:
-            self._recorder.note(name, values)
+        if self.recorder:
+            self.recorder.note(name, values)
 
     def _take_one(self, number: int, data: bytes) -> Iterator[Answer]:
         self._make_changes()
-        return (self._pipeline.force if number else self._pipeline.joint_state)(data)
+        return (self.pipeline.force if number else self.pipeline.joint_state)(data)
 
     def _make_changes(self) -> None:
-        for name, values in self._changes.make(self._pipeline):
+        for name, values in self.changes.make(self.pipeline):
             self._note(name, values)
+
+
+class Changes:
+    """Resets and changed parameters of the node that made a recording, to be made again at the same ticks."""
+
+    def __init__(self, changes: Iterable[Change]) -> None:
+        self._waiting = deque(changes)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether changes are left that have not been made yet."""
+        return bool(self._waiting)
+
+    def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
+        """Make the changes whose tick has come; yield the name and the values of the metadata record of each.
+
+        Raises:
+            UsageError: this version of the package does not allow the changed parameters.
+        """
+        while self._waiting and pipeline.ticks >= self._waiting[0].tick:
+            tick, values = self._waiting.popleft()
+            if values is None:
+                pipeline.reset()
+                yield RESET, {TICK: str(tick)}
+            else:
+                pipeline.retune(_changed(pipeline, tick, values))
+                yield PARAMETERS_CHANGED, change_record(tick, values)
+
+
+def _changed(pipeline: Pipeline, tick: int, values: Mapping[str, Any]) -> Parameters:
+    try:
+        return load_parameters(all_values(pipeline.parameters) | dict(values))
+    except UsageError as error:
+        raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None

@@ -1,8 +1,8 @@
 """Many samples through the pipeline at once, offline: the same bytes as one by one, in a tenth of the time.
 
-A block whose messages share their layouts, with samples in order and none to refuse, is decoded, paired, computed and
-written as columns of numbers. Anything else is left to the ordinary way, sample by sample, and the next block is tried
-again: `Synchroniser.steady` and `go_on` hand over what waits between them.
+A block whose messages share their layouts, whose samples are in order, and none of which is to be refused, is decoded,
+paired, computed and written as columns of numbers. Any other block is computed sample by sample, and the next block is
+tried again. `Synchroniser.steady` and `Synchroniser.go_on` hand over the samples that wait between two blocks.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ from knee_contact_ros.pipeline.timeline import STEPS
 
 Floats = NDArray[np.float64]
 Fresh = NDArray[np.bool_]
-"""Of every angle of a block: whether it is still to be recorded"""
+"""Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""
 
 
 class Answers(NamedTuple):
-    """The answers to a block."""
+    """The answers to a block of messages."""
 
     rows: tuple[Rows, ...]
-    """For each compartment, shape (n,)"""
+    """Rows of the answers, an array of shape (n,) for each compartment"""
     messages: tuple[Messages, ...]
-    """What is to be recorded"""
+    """Messages to record, inputs and outputs, with their places in the order of the recording"""
 
 
 class _Received(NamedTuple):
-    """Messages behind those that waited before them."""
+    """The messages of a block, behind those that were waiting already."""
 
     states: Column
     forces: Column
 
 
 class _Samples(NamedTuple):
-    """The samples in a block's messages."""
+    """The samples of a block as columns."""
 
     states: Block
     stamps: Stamps
-    """[ns] at which the angles hold, as in `AngleSample`"""
+    """Stamps [ns] of the angles, less `pairing.angle_delay`"""
     angles: Floats
     heights: Floats | None
     wrenches: Block
@@ -61,9 +61,10 @@ class _Samples(NamedTuple):
 
 
 def take(pipeline: Pipeline, states: Column, forces: Column) -> Answers | None:
-    """Take the messages of both topics, in the order in which they come; None: nothing was taken.
+    """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
 
-    What `pipeline` holds afterwards is what it would hold after all of them one by one.
+    Afterwards `pipeline` is in the state that it would have after the same messages one by one. Returns None if the
+    block has to be computed sample by sample; `pipeline` is unchanged then.
     """
     steady = pipeline.synchroniser.steady()
     if steady is None or not (len(states) and len(forces)):
@@ -89,7 +90,7 @@ def take(pipeline: Pipeline, states: Column, forces: Column) -> Answers | None:
 
 
 def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Received, Fresh]:
-    """The messages behind those that wait; and which of the angles are still to be recorded."""
+    """Put the messages of a block behind those that wait; say which of the angles are still to be recorded."""
     held = {angle.stamp: angle.data for angle in (*steady.fresh, *steady.angles)}
     untaken = {angle.stamp for angle in steady.fresh}
     block = _Received(
@@ -100,7 +101,7 @@ def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Receive
 
 
 def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
-    """Steps [ns] of the angles and of the loads: the last ones before, and those on to and between the new samples."""
+    """Return the time steps [ns] of angles and loads: the last ones before the block, and those within it."""
     held = {angle.stamp for angle in (*steady.fresh, *steady.angles)}
     angles, loads = samples.stamps[len(held) :], samples.wrenches.stamps[len(steady.loads) :]
     return (
@@ -110,7 +111,7 @@ def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
 
 
 def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
-    """Columns of samples; None if one would be refused, or has to be looked at alone."""
+    """Decode a block into columns of samples; None if a sample would be refused, or has to be treated alone."""
     decoded, wrenches = JOINT_STATE.decode_all(block.states), WRENCH.decode_all(block.forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
@@ -135,6 +136,7 @@ def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
 
 
 def _position(states: Block, joint: str) -> Floats | None:
+    """Return the positions of a joint, shape (n,); None if the joint states do not give them."""
     _, names, known, *_ = states.shape
     if joint not in names or names.index(joint) >= known:
         return None
@@ -142,7 +144,7 @@ def _position(states: Block, joint: str) -> Floats | None:
 
 
 def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> Answers:
-    """The answers to the loads that have found their angles, and what is to be recorded of inputs and answers."""
+    """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
     number = len(paired.angle)
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
     axial = samples.axial[:number]
@@ -158,8 +160,8 @@ def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fres
     states, each = samples.states, len(rows) + 3
     place = each * np.arange(number)
     answered = [
-        Messages(compartment.topic, stamps, encode_answers(frame_id, stamps, of_it), place + behind)
-        for behind, (compartment, of_it) in enumerate(zip(pipeline.compartments, rows, strict=True), start=2)
+        Messages(compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind)
+        for behind, (compartment, answers) in enumerate(zip(pipeline.compartments, rows, strict=True), start=2)
     ]
     wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
     messages = (
@@ -179,7 +181,7 @@ def _hand_over(
     fresh: Fresh,
     steps: tuple[Stamps, Stamps],
 ) -> None:
-    """Have the synchroniser hold what it would hold after all samples one by one."""
+    """Put the synchroniser into the state that it would have after all samples one by one."""
     number, (states, forces) = len(paired.angle), block
     angle_stamps, load_stamps = samples.stamps, samples.wrenches.stamps
     last = int(load_stamps[number - 1])

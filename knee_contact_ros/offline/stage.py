@@ -1,4 +1,4 @@
-"""What demos have in common: nodes and companion in processes of their own, and a bag that is played to them.
+"""Parts that demos share: nodes and companion in processes of their own, and a bag that is played to them.
 
 This process replays the bag and listens to the answers; the nodes compute, record and draw. The example of an assist
 controller can listen beside them, as a companion in a further process.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -38,52 +38,54 @@ from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.view.window import viewer
 
 NODE_START = 300.0
-"""How long [s] the nodes may take to appear; they may have to compile first."""
-LOOK = 0.05
-"""How often [s] to look for files that are being completed"""
+"""Time [s] that the nodes may take to appear; they may have to compile first"""
+POLL_PERIOD = 0.05
+"""Time [s] between two looks at files that are being completed"""
 LAST_ANSWERS = 3.0
-"""How long [s] to wait for the last answers once nothing more comes."""
+"""Time [s] to wait for further answers after the last one"""
 RECORDING = Path("recording") / "recording_0.mcap"
 LOAD_RECORDING = Path("load_recording") / "load_recording_0.mcap"
 RERUN_FILE = Path("knee_contact.rrd")
 NODE_LOG = Path("node.log")
 LOAD_LOG = Path("load.log")
 COMPANION_LOG = Path("companion.log")
+NODE_NAMES = {"node": "the node", "load": "the load node"}
+"""Names of the nodes in messages, by command"""
 COMPANION_COMMANDS = "knee_effort_controller/commands"
 
 
 @dataclass
 class Listener:
-    """Counts what was published and what was answered, and how long each answer took."""
+    """Counts published inputs and answers, and measures how long each answer took."""
 
     force_topic: str
-    """The force that every answer is to"""
+    """Name of the topic of the forces, each of which has an answer"""
     published: dict[int, float] = field(default_factory=dict)
     """Time [s] at which the force of a stamp [ns] was published"""
     latencies: list[float] = field(default_factory=list)
-    """[s] from publishing a force to receiving its answer"""
+    """Times [s] from publishing a force to receiving its answer"""
     torques: list[float] = field(default_factory=list)
-    """[N m] the companion's commands"""
+    """Torques [N m] that the companion commanded"""
     heard: set[str] = field(default_factory=set)
-    """Inputs on which a node hears somebody, as it says itself: `knee_contact: joint_states`, say"""
+    """Inputs of nodes that have a publisher, by their diagnostics, as `knee_contact: joint_states`"""
 
     def on_published(self, message: RawMessage) -> None:
-        """Note a published input."""
+        """Note the time at which an input was published, if it is a force."""
         if message.topic == f"/{self.force_topic}":
             self.published[stamp_in(message.data)] = time.perf_counter()
 
     def on_contact(self, message: KneeContact) -> None:
-        """Note an answer."""
+        """Note the latency of an answer."""
         sent = self.published.get(stamp_to_ns(message.header.stamp))
         if sent is not None:
             self.latencies.append(time.perf_counter() - sent)
 
     def on_command(self, message: Float64MultiArray) -> None:
-        """Note a command of the companion."""
+        """Note the torque that the companion commands."""
         self.torques.append(message.data[0])
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note what a node hears: it may find a publisher later than the publisher finds it."""
+        """Note which inputs have a publisher: a node may find a publisher later than the publisher finds the node."""
         for status in message.status:
             counts = [value.value for value in status.values if value.key == "publishers"]
             if counts and counts != ["0"]:
@@ -91,32 +93,38 @@ class Listener:
 
     @property
     def torque(self) -> float:
-        """[N m] the companion's newest command; 0 before the first one."""
+        """Newest torque [N m] that the companion commanded; 0 before the first one."""
         return self.torques[-1] if self.torques else 0.0
 
     @property
     def missing(self) -> int:
-        """Forces without an answer so far."""
+        """Number of forces without an answer so far."""
         return len(self.published) - len(self.latencies)
 
 
 class Play(NamedTuple):
-    """How a bag is played."""
+    """Options of playing a bag."""
 
     rate: float
-    """Seconds of the bag per second"""
+    """Rate in seconds of the bag per second"""
     inputs: Sequence[str]
-    """Topics"""
+    """Names of the topics that are played"""
     heard: Collection[str]
-    """What the nodes must hear first: as `Listener.heard`"""
+    """Inputs that must have a publisher before the bag is played, as in `Listener.heard`"""
     companion: bool
-    """Whether there is one, to be waited for"""
+    """Whether there is a companion to wait for"""
     changed: Callable[[RawMessage, float], RawMessage]
-    """An input as it is to be published while the companion commands a torque [N m]"""
+    """Function that returns an input as it is published while the companion commands a torque [N m]"""
 
 
-def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callable[[], None]) -> None:
-    """Replay the bag and collect the answers, and the companion's commands."""
+def play(reader: BagReader, options: Play, listener: Listener, all_are_alive: Callable[[], None]) -> None:
+    """Replay the bag, and collect the answers and the companion's commands.
+
+    `all_are_alive` raises an error if a process has ended.
+
+    Raises:
+        UsageError: the nodes did not appear in time.
+    """
     with joining():
         rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("knee_contact_demo")
@@ -126,7 +134,7 @@ def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callab
         node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
         node.create_subscription(DiagnosticArray, "/diagnostics", listener.on_diagnostics, QoSProfile(depth=100))
         messages = list(reader.raw_messages())
-        replayer = Replayer(node, inputs=how.inputs)
+        replayer = Replayer(node, inputs=options.inputs)
 
         def spin(seconds: float) -> Sequence[Command]:
             executor.spin_once(timeout_sec=seconds)
@@ -137,8 +145,8 @@ def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callab
             while not (
                 replayer.wait_for_subscribers(0.1, spin)
                 and node.count_publishers(KNEE_CONTACT)
-                and listener.heard >= set(how.heard)
-                and (not how.companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
+                and listener.heard >= set(options.heard)
+                and (not options.companion or (node.count_publishers(COMPANION_COMMANDS) and listener.torques))
             ):
                 spin(0.1)
                 all_are_alive()
@@ -146,7 +154,7 @@ def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callab
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
             player = Player(
-                lambda message: replayer.publish(how.changed(message, listener.torque)), spin, rate=how.rate
+                lambda message: replayer.publish(options.changed(message, listener.torque)), spin, rate=options.rate
             )
             for number, (message, _) in enumerate(player.play(messages), start=1):
                 listener.on_published(message)
@@ -160,7 +168,7 @@ def play(reader: BagReader, how: Play, listener: Listener, all_are_alive: Callab
 
 
 def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -> None:
-    """Wait until every force is answered, or until nothing has come for a while."""
+    """Wait until every force is answered, or until no answer has come for `LAST_ANSWERS`; `spin` waits so long [s]."""
     missing, since = listener.missing, time.monotonic()
     while missing and time.monotonic() - since < LAST_ANSWERS:
         spin(0.1)
@@ -168,55 +176,50 @@ def wait_for_last_answers(listener: Listener, spin: Callable[[float], object]) -
             missing, since = listener.missing, time.monotonic()
 
 
-@contextmanager
 def node_process(
     parameter_files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, str] | None = None
-) -> Iterator[Child]:
-    """The node in a process of its own, which records, and draws if Rerun is installed, in the folder `work`.
+) -> AbstractContextManager[Child]:
+    """Run the contact node in a process of its own, which records, and draws if Rerun is installed, in `work`.
 
-    `values` are further parameters. See `child_process`.
+    `values` are further parameters, as ROS 2 spells them on the command line; for `patience` [s] see `child_process`.
     """
     outputs = {"record.path": work / RECORDING} | ({"rerun.path": work / RERUN_FILE} if viewer() else {})
     drawing = {"rerun.mode": '"file"'} if viewer() else {}
-    arguments = arguments_of("node", parameter_files, outputs, {**drawing, **(values or {})})
-    with child_process("the node", arguments, work / NODE_LOG, patience) as node:
-        yield node
-    wait_until_complete(outputs.values(), patience)
+    return _node("node", parameter_files, outputs, {**drawing, **(values or {})}, work / NODE_LOG, patience)
+
+
+def load_process(parameter_files: list[Path], work: Path, values: Mapping[str, str]) -> AbstractContextManager[Child]:
+    """Run the load node in a process of its own, which records in `work`; `values` are further parameters."""
+    outputs = {"record.path": work / LOAD_RECORDING}
+    return _node("load", parameter_files, outputs, values, work / LOAD_LOG, PATIENCE)
 
 
 @contextmanager
-def load_process(parameter_files: list[Path], work: Path, values: Mapping[str, str]) -> Iterator[Child]:
-    """The load node in a process of its own, which records in the folder `work`; `values` are further parameters."""
-    outputs = {"record.path": work / LOAD_RECORDING}
-    with child_process(
-        "the load node", arguments_of("load", parameter_files, outputs, values), work / LOAD_LOG
-    ) as node:
-        yield node
-    wait_until_complete(outputs.values(), PATIENCE)
-
-
-def arguments_of(
-    command: str, parameter_files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, str]
-) -> list[str]:
-    """What Python is to be told to run a node with these outputs and values."""
+def _node(
+    command: str, parameter_files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, str], log: Path,
+    patience: float,
+) -> Iterator[Child]:  # fmt: skip
+    """Run a command that is a node, with parameter files, paths of outputs by parameter, and further parameters."""
     arguments = ["-m", "knee_contact_ros.cli.main", command, "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
     for name, value in {**{name: f'"{path}"' for name, path in outputs.items()}, **values}.items():
         arguments += ["-p", f"{name}:={value}"]
-    return arguments
+    with child_process(NODE_NAMES[command], arguments, log, patience) as node:
+        yield node
+    wait_until_complete(outputs.values(), patience)
 
 
 def wait_until_complete(outputs: Collection[Path], patience: float) -> None:
-    """Wait for files, for `patience` [s] at most: on a busy machine they are complete after their node has ended."""
+    """Wait for files, for `patience` [s] at most: on a busy machine they are completed after their node has ended."""
     deadline = time.monotonic() + patience
     while any(partial_name(path).exists() for path in outputs) and time.monotonic() < deadline:
-        time.sleep(LOOK)
+        time.sleep(POLL_PERIOD)
 
 
 @contextmanager
 def companion_process(work: Path, values: Mapping[str, str]) -> Iterator[Child]:
-    """The example of an assist controller in a process of its own; `values` are parameters that differ."""
+    """Run the example of an assist controller in a process of its own; `values` are parameters that differ."""
     example = share_folder() / "examples" / "assist_as_needed.py"
     arguments = [str(example), "--ros-args", "--params-file", str(example.with_suffix(".yaml"))]
     for name, value in values.items():

@@ -1,4 +1,4 @@
-"""What a run amounts to: counts, and the peaks of load, contact force and depth."""
+"""Summary of a run: counts, and the peaks of load, contact force and depth."""
 
 from __future__ import annotations
 
@@ -16,78 +16,82 @@ from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.core.types import Fidelity, Rows, Status
 from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.messages.topics import KNEE_CONTACT_LATERAL
+from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL
 from knee_contact_ros.parameters.compartments import Split
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvent, GaitEvents
 
 PEAKS = ("load", "contact_force", "penetration_depth")
-"""Fields whose largest values are kept"""
+"""Fields of an answer whose largest values are kept"""
 LOOK_BACK = 3_000_000_000
-"""[ns] A peak of the load is certain within two seconds"""
+"""Time [ns] for which answers are kept: whether the load had a peak is certain within two seconds"""
 
 
 class Peak(NamedTuple):
-    """A value and its stamp."""
+    """The largest value of a field."""
 
     value: float
-    """In the field's SI unit"""
+    """Value in the SI unit of the field"""
     stamp: int
-    """[ns]"""
+    """Stamp [ns] of its answer"""
 
 
 class LoadPeak(NamedTuple):
-    """The contact where the load has a local peak."""
+    """The contact at a local peak of the load."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns] of the peak"""
     load: float
-    """[N]"""
+    """Compressive load [N]"""
     contact_force: float
-    """[N]"""
+    """Contact force [N]"""
     penetration_depth: float
-    """[m]"""
+    """Penetration depth [m]"""
 
 
 @dataclass
 class Summary:
-    """Running figures of a run of any length."""
+    """Figures of a run of any length, updated block by block."""
 
     body_weight: float
-    """[N]"""
+    """Body weight [N], the unit of reported forces"""
     doubts: Doubts = field(default_factory=Doubts)
-    """What makes no sense"""
+    """Doubts about parameters and answers"""
     ticks: int = 0
+    """Number of ticks"""
     flagged: Counter[str] = field(default_factory=Counter)
-    """Ticks per status bit"""
+    """Number of ticks by the name of a status bit that they have"""
     refused: Counter[str] = field(default_factory=Counter)
-    """Refused samples per reason"""
+    """Number of refused samples by reason"""
     damage: list[str] = field(default_factory=list)
-    """What is wrong with the bag that was computed, as sentences"""
+    """Damage of the bag that was computed, as sentences"""
     levels: Counter[str] = field(default_factory=Counter)
-    """Ticks by the level that computed them"""
+    """Number of ticks by the name of the level that computed them"""
     evaluations: int = 0
+    """Number of contact-law evaluations"""
     largest_error: float = 0.0
-    """[m] of the depth; infinite if one is not a number"""
+    """Largest estimated error of the depth [m]; infinite if one is not a number"""
     largest_force_error: float = 0.0
-    """[N] of the contact force; infinite if one is not a number"""
+    """Largest estimated error of the contact force [N]; infinite if one is not a number"""
     first_stamp: int = 0
+    """Stamp [ns] of the first tick"""
     last_stamp: int = 0
+    """Stamp [ns] of the last tick"""
     peaks: dict[str, Peak] = field(default_factory=dict)
-    """Largest value of a field"""
+    """Largest values of `PEAKS` by field"""
     split: Split | None = None
-    """Where the share that the medial compartment gets varies"""
+    """Share of the load that the medial compartment gets, where it varies"""
     lateral: Summary | None = None
-    """Of the lateral compartment, where there are two"""
+    """Summary of the lateral compartment, where there are two"""
     load_peaks: list[LoadPeak] = field(default_factory=list)
-    """Where the load has a peak of stance; see `GaitEvents`. Complete after `finish`"""
+    """Local peaks of the load in stance, see `GaitEvents`; complete after `finish`"""
 
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
         self._recent = np.empty(0, [(name, np.int64 if name == "stamp" else np.float64) for name in LoadPeak._fields])
 
     def add(self, answers: Rows) -> None:
-        """Take answers into account, at least one."""
+        """Add a block of answers, at least one, to all figures."""
         stamps, status = answers["stamp"], answers["status"]
         if not self.ticks:
             self.first_stamp = int(stamps[0])
@@ -110,13 +114,13 @@ class Summary:
                 self.flagged[bit.name or ""] += count
 
     def add_each(self, rows: Sequence[Rows]) -> None:
-        """Take the answers of each compartment into account, the lateral one's in `lateral`."""
+        """Add the answers of each compartment: an array for the medial, and one for the lateral where there are two."""
         for summary, answers in zip((self, self.lateral), rows, strict=False):
             if summary:
                 summary.add(answers)
 
     def finish(self) -> None:
-        """Nothing more comes."""
+        """Complete the figures after the last answers."""
         self._keep(self._events.finish())
         if self.lateral:
             self.lateral.finish()
@@ -137,40 +141,45 @@ class Summary:
 
     @property
     def sentences(self) -> list[str]:
-        """What makes no sense, in either compartment."""
-        of_lateral = self.lateral.doubts.sentences if self.lateral else []
-        return list(dict.fromkeys((*self.doubts.sentences, *of_lateral)))
+        """Doubts about parameters and answers of either compartment, as sentences."""
+        lateral = self.lateral.doubts.sentences if self.lateral else []
+        return list(dict.fromkeys((*self.doubts.sentences, *lateral)))
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences for the user: what is implausible, and whether the share left the range that it was measured in."""
+        return [*self.sentences, *([self.split.problem] if self.split and self.split.problem else [])]
 
     @property
     def duration(self) -> float:
-        """From the first to the last tick [s]."""
+        """Time [s] from the first to the last tick."""
         return (self.last_stamp - self.first_stamp) / NANOSECONDS
 
 
 def bound(errors: float | NDArray[np.float64]) -> float:
-    """The largest of some errors, at least one; what is not a number bounds nothing."""
+    """Return the largest of estimated errors, at least one; infinite if one is not a number."""
     return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
 
 
 def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = None) -> Summary:
-    """Summarise a recording, a file or a folder. `body_weight` is in N.
+    """Summarise the answers of a recording, a file or a folder.
 
-    `doubts` are those about its parameters, if they are known.
+    `body_weight` is in N; `doubts` are the doubts about the parameters of the recording, if they are known.
     """
     summary = Summary(body_weight, doubts or Doubts())
-    for answers in answer_blocks(recording):
-        summary.add(answers)
-    if (lateral := f"/{KNEE_CONTACT_LATERAL}") in answer_topics(recording):
-        summary.lateral = Summary(body_weight)
-        for answers in answer_blocks(recording, lateral):
-            summary.lateral.add(answers)
+    summaries = {KNEE_CONTACT: summary}
+    if f"/{KNEE_CONTACT_LATERAL}" in answer_topics(recording):
+        summary.lateral = summaries[KNEE_CONTACT_LATERAL] = Summary(body_weight)
+    for topic, compartment in summaries.items():
+        for answers in answer_blocks(recording, f"/{topic}"):
+            compartment.add(answers)
     summary.finish()
     summary.refused = read_refused(recording)
     return summary
 
 
 def read_refused(recording: Path) -> Counter[str]:
-    """Refused samples by reason, as the recording, a file or a folder of several, tells."""
+    """Return the number of refused samples by reason, from the metadata of a recording (a file or a folder)."""
     records: dict[str, dict[str, str]] = {}
     for path in recording.glob("*.mcap") if recording.is_dir() else (recording,):
         records |= {record.name: record.metadata for record in metadata_records(path)}

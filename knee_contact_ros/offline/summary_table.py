@@ -1,4 +1,4 @@
-"""The table of results that `demo` and `solve` print."""
+"""The tables of results that `demo` and `solve` print."""
 
 from __future__ import annotations
 
@@ -9,33 +9,30 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.results.columns import begin_of, told
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, shown
+from knee_contact_ros.results.columns import begin_of, stamp_text
+from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
 
 MOST_PEAKS = 12
-"""That have a row each"""
+"""Largest number of load peaks that have a row each"""
 ONE_MOMENT = 100_000_000
-"""[ns] within which the largest load, force and depth are those of one peak"""
+"""Time [ns] within which the largest load, force and depth belong to one peak"""
 MM = 1e3
 MICROMETRE = 1e6
 
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
-    """Print the peaks, the figures of the run and where the files are; `live` has rows that only a live run knows."""
-    console = Console(width=WIDTH)
+    """Print the peaks, the figures of the run with further rows `live`, and the names and places of the `files`."""
+    console = Console(width=WIDTH, emoji=False)
     for name, compartment in compartments(summary):
         if name:
             console.print(f"{name} compartment")
         console.print(peak_table(compartment))
-    figures = Table(box=None, show_header=False, pad_edge=False)
-    figures.add_column(no_wrap=True)
-    figures.add_column(overflow="fold")
+    figures = figure_table()
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
     figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}")
@@ -49,7 +46,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     for name, each in compartments(summary):
         of = f"{name}: " if name else ""
         figures.add_row("ticks flagged", of + counts(each.flagged))
-        errors = f"{error_of_depth(each)} of depth at most, {error_of_force(each)} of force"
+        depth = error_text(each.largest_error * MICROMETRE, "um")
+        errors = f"{depth} of depth at most, {error_text(each.largest_force_error, 'N')} of force"
         figures.add_row("error estimate", of + errors)
         figures.add_row("levels", of + _shares(each.levels))
         figures.add_row("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
@@ -58,30 +56,28 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     console.print(figures)
     console.print()
     for name, path in files.items():
-        console.print(printable(f"{name}: {path}"), soft_wrap=True, highlight=False, markup=False)
+        say(f"{name}: {path}")
+
+
+def figure_table() -> Table:
+    """Make an empty table of names and values, without headings."""
+    return Table(Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False)
 
 
 def compartments(summary: Summary) -> list[tuple[str, Summary]]:
-    """The only compartment, without a name, or both by theirs."""
+    """Return the name and the summary of each compartment; the name is empty if there is only one."""
     return [(MEDIAL, summary), (LATERAL, summary.lateral)] if summary.lateral else [("", summary)]
 
 
-def error_of_depth(summary: Summary) -> str:
-    """The largest estimate of the depth's error, with its unit."""
-    error = summary.largest_error
-    return f"{error * MICROMETRE:.2g} um" if math.isfinite(error) else "no bound"
-
-
-def error_of_force(summary: Summary) -> str:
-    """The largest estimate of the contact force's error, with its unit."""
-    error = summary.largest_force_error
-    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
+def error_text(error: float, unit: str) -> str:
+    """Return an estimated error as text, with its unit."""
+    return f"{error:.2g} {unit}" if math.isfinite(error) else "no bound"
 
 
 def peak_table(summary: Summary) -> Table:
-    """In N, BW and mm: each peak of the load, or their mean if there are many, and the largest values of the run.
+    """Make the table of the load peaks (or of their mean if there are many) and the largest values, in N, BW and mm.
 
-    Stamps that are dates are told from the first one on: as seconds since 1970 they are too long to be read.
+    Stamps that are dates are given as the time since the first one: seconds since 1970 are too long to be read.
     """
     begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
@@ -100,10 +96,10 @@ def peak_table(summary: Summary) -> Table:
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        table.add_row(f"peak {number}", *values, told(peak.stamp, begin))
+        table.add_row(f"peak {number}", *values, stamp_text(peak.stamp, begin))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
     stamps = load.stamp, force.stamp, depth.stamp
-    when = told(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
+    when = stamp_text(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
     table.add_row("largest", *forces(load.value, force.value, depth.value), when)
     if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
         table.collapse_padding = True
@@ -111,11 +107,12 @@ def peak_table(summary: Summary) -> Table:
 
 
 def counts(counter: Mapping[str, int]) -> str:
-    """How many in all, and of which."""
+    """Return the total of a counter as text, with the count of each name in brackets."""
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
     return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
 
 
 def _shares(levels: Mapping[str, int]) -> str:
+    """Return the share of each level in percent, as text."""
     whole = max(sum(levels.values()), 1)
     return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))

@@ -23,151 +23,148 @@ from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
 from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
 from knee_contact_ros.system.resources import refuse_twice
 from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.view import window
 from knee_contact_ros.view.cursor import put_on_peak
 from knee_contact_ros.view.file_server import served
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
 from knee_contact_ros.view.scene import Scene
-from knee_contact_ros.view.window import (
-    ANY_PORT,
-    connect_command,
-    ending,
-    executable,
-    hidden,
-    refuse_blind,
-    uncoloured,
-)
 
 SERVED = ("rerun+", "http://")
-"""How the address of a scene begins that a node serves, or `--serve`"""
-INSTEAD = "say --save OUT.rrd or --serve"
+"""Beginnings of the address of a scene that a node or `--serve` serves"""
+ALTERNATIVES = "say --save OUT.rrd or --serve"
 PATIENCE = 5.0
-"""How long [s] a viewer may take to end"""
-DRAWN = ".rrd"
-"""How the name of a Rerun file ends"""
+"""Time [s] that a viewer may take to end"""
+RERUN_SUFFIX = ".rrd"
+"""Suffix of a Rerun file"""
 
 
 class ViewOptions(NamedTuple):
-    """How to see them; on a screen of this machine if nothing else is said."""
+    """Options of viewing: by default in a window on a screen of this machine."""
 
     save: Path | None = None
-    """`.rrd` file to write"""
+    """Rerun file (.rrd) to write instead"""
     overwrite: bool = False
     serve: bool = False
-    """To browsers and viewers on this machine"""
+    """Whether to serve the scene to browsers and viewers on this machine instead"""
     port: int = 9876
-    """Where; browsers on the next one"""
+    """Port at which viewers are served; browsers are served at the next one"""
 
 
 @interrupted_by_sigterm()
-def run_view(sources: Sequence[str], parameters: Parameters, way: ViewOptions) -> None:
-    """Show recordings, gait bags, Rerun files or what nodes serve.
+def run_view(sources: Sequence[str], parameters: Parameters, options: ViewOptions) -> None:
+    """Show recordings, gait bags, a Rerun file or scenes that nodes serve.
 
-    `parameters` are those of files that do not tell theirs.
+    Files that do not hold their parameters are drawn with `parameters`.
 
     Raises:
-        UsageError: a source or a way cannot be used.
+        UsageError: a source or an option cannot be used.
         IncompleteError: the viewer failed.
     """
     addresses = [source for source in sources if source.startswith(SERVED)]
     if addresses:
-        if len(addresses) < len(sources) or way.save or way.serve:
+        if len(addresses) < len(sources) or options.save or options.serve:
             raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
-        refuse_blind(INSTEAD)
-        look(connect_command(addresses))
+        window.refuse_blind(ALTERNATIVES)
+        look(window.connect_command(addresses))
         return
-    check(way)
-    if sources[0].endswith(DRAWN):
-        present(drawn_already(sources, way), way)
+    check(options)
+    if sources[0].endswith(RERUN_SUFFIX):
+        present(drawn_already(sources, options), options)
         return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         work = Path(folder)
-        path = way.save or work / "knee_contact.rrd"
+        path = options.save or work / "knee_contact.rrd"
         refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(Path(source), path)
         knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
-        draw(knees, path, way.overwrite)
+        draw(knees, path, options.overwrite)
         for knee in knees:
             if not knee.known:
                 say(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
-        if way.save:
-            say(f"Rerun file   {way.save}")
+        if options.save:
+            say(f"Rerun file   {options.save}")
         else:
-            present(path, way)
+            present(path, options)
 
 
-def present(path: Path, way: ViewOptions) -> None:
-    """Show a Rerun file."""
-    if way.serve:
-        serve(path, way.port)
+def present(path: Path, options: ViewOptions) -> None:
+    """Serve a Rerun file, or show it in a window."""
+    if options.serve:
+        serve(path, options.port)
     else:
         look_at(path)
 
 
 def look_at(path: Path) -> None:
-    """Show a Rerun file in a window, at its largest load, until that is closed.
+    """Show a Rerun file in a window, at its largest load, until the window is closed.
 
     Raises:
-        UsageError: as `look`.
+        UsageError: Rerun is not installed.
+        IncompleteError: the viewer failed.
     """
-    place = hidden()
+    place = window.hidden()
     put_on_peak(path, place.url)
-    look([str(executable()), *place.options, str(path)])
+    look([str(window.executable()), *place.options, str(path)])
 
 
-def drawn_already(sources: Sequence[str], way: ViewOptions) -> Path:
-    """The Rerun file that is the only source."""
+def drawn_already(sources: Sequence[str], options: ViewOptions) -> Path:
+    """Return the Rerun file that is the only source.
+
+    Raises:
+        UsageError: there are other sources, or the file does not exist.
+    """
     path = Path(sources[0])
-    if len(sources) > 1 or way.save:
+    if len(sources) > 1 or options.save:
         raise UsageError(f"{path} is a Rerun file: it can be looked at or served, alone")
     if not path.is_file():
         raise UsageError(f"no Rerun file at {path}")
     return path
 
 
-def check(way: ViewOptions) -> None:
-    """Tell before any work that it would be in vain.
+def check(options: ViewOptions) -> None:
+    """Refuse options before any work that would be in vain.
 
     Raises:
-        UsageError: the file exists, a port is taken, or there is no screen.
+        UsageError: the file to write exists, a port is taken, or there is no screen.
     """
-    if way.save and way.serve:
+    if options.save and options.serve:
         raise UsageError("--save and --serve: one of them")
-    if way.save and not way.overwrite:
-        refuse_existing(way.save)
-    if way.serve:
-        for port in (way.port, way.port + 1):
+    if options.save and not options.overwrite:
+        refuse_existing(options.save)
+    if options.serve:
+        for port in (options.port, options.port + 1):
             refuse_taken(port, "--port")
-    if not way.save and not way.serve:
-        refuse_blind(INSTEAD)
+    if not options.save and not options.serve:
+        window.refuse_blind(ALTERNATIVES)
 
 
 def with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
-    """Recordings with answers and their names: those given, or the given bag computed into the folder `work`."""
+    """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`."""
     names = distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
-    found = {}
+    recordings = {}
     for path, name in zip(paths, names, strict=True):
         answered = path
         if not answer_topics(path):
             answered = work / f"{name}.mcap"
             with progress(f"Solving {name}") as advance:
                 solve(path, parameters, answered, advance)
-        found[answered] = name
-    return found
+        recordings[answered] = name
+    return recordings
 
 
 def draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> None:
-    """Write the scene of some knees to a file, which is there when it is complete."""
+    """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
     outlet = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
         for number, knee in enumerate(knees):
             scene = Scene(outlet.recording, knee.drawing, number=number if len(knees) > 1 else None)
             with progress(f"Drawing {knee.drawing.knee}") as advance:
-                for changes, shown in answers_of(knee, advance):
+                for changes, answers in answers_of(knee, advance):
                     for change in changes:
                         scene.note(*note_of(change))
-                    scene.show(shown)
+                    scene.show(answers)
             scene.finish()
         outlet.close()
     except BaseException:
@@ -176,34 +173,45 @@ def draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> 
 
 
 def note_of(change: Change) -> tuple[str, dict[str, str]]:
-    """Name and values of the note that told of a change."""
+    """Return the name and the values of the note with which the node reported a change."""
     if change.values is None:
         return RESET, {}
     return PARAMETERS_CHANGED, {name: json.dumps(value) for name, value in change.values.items()}
 
 
 def serve(path: Path, port: int) -> None:
-    """Show a file to browsers and viewers on this machine until Ctrl-C.
+    """Serve a Rerun file to browsers and viewers on this machine until Ctrl-C.
 
-    Rerun serves the page only, which holds nothing of the file: while it serves a file it keeps a whole processor busy,
-    and answers whoever asks.
+    Rerun itself serves only the page, which holds nothing of the file: while it serves a file it keeps a whole
+    processor busy, and it answers everybody.
     """
     web = port + 1
     with suppress(KeyboardInterrupt), served(path, port, page=web) as scene:
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        look([str(executable()), "--bind", LOCALHOST, *ANY_PORT, "--serve-web", "--web-viewer-port", str(web), scene])
+        look(
+            [
+                str(window.executable()),
+                "--bind",
+                LOCALHOST,
+                *window.ANY_PORT,
+                "--serve-web",
+                "--web-viewer-port",
+                str(web),
+                scene,
+            ]
+        )
 
 
 def look(command: Sequence[str]) -> None:
-    """Run a viewer until it ends.
+    """Run the command of a viewer until it ends.
 
     Raises:
-        IncompleteError: it failed.
+        IncompleteError: the viewer failed.
     """
     with TemporaryFile() as log:
-        with kept(command, log, PATIENCE, env=uncoloured()) as process:
+        with kept(command, log, PATIENCE, env=window.uncoloured()) as process:
             code = process.wait()
         if code:
-            raise IncompleteError(f"the Rerun viewer {ending(code, log)}")
+            raise IncompleteError(f"the Rerun viewer {window.ending(code, log)}")

@@ -1,1 +1,1 @@
-"""From names in a file to a model."""
+"""Reads parameters, and builds models from them."""

@@ -1,9 +1,10 @@
-"""From parameters to a model: names become laws, surfaces and mechanisms here, and nowhere else."""
+"""Builds models from parameters: the only place where names become laws, surfaces and mechanisms."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -37,40 +38,41 @@ def load_model(
 ) -> KneeModel:
     """Build the model that a parameter file (or several, or mappings) describes. Needs no ROS.
 
-    Without an argument it is the healthy knee. Names mean what they mean on the command line: a file as given or one of
-    the package's own, as `"osteoarthritis"`; of several, as `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`, the
-    later one wins.
+    Without an argument it is the healthy knee. Names have the same meaning as on the command line: a file as given or
+    one of the package's own, as `"osteoarthritis"`. Of several, the later one wins:
+    `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
-    The compiled kernel computes the same bits some hundred times quicker, after a quarter or a third of a minute of
-    compiling or, if this machine has compiled this kind of scene before, a tenth of a second of loading. By itself the
-    model takes it for a run where that answers sooner, and for a stream where it need not be compiled; with `compiled`
-    True it always does, with False never. Where Numba cannot be used, one warning says so, and the
-    plain kernel computes.
+    The compiled kernel computes the same bits some hundred times faster, after 15 to 20 s of compiling or, if this
+    machine has compiled this kind of scene before, 0.1 s of loading. Without `compiled` the model uses it for a run
+    where that is faster altogether, and for a stream where it need not be compiled; with `compiled` True always, with
+    False never. Where Numba cannot be used, a warning says so once, and the plain kernel computes.
 
-    `curves` gives the contents of files that parameters name, by parameter, in place of the files. What makes no sense
-    in the parameters (a stiffness or a body weight that must be meant in other units) is warned of.
+    `curves` has the contents of files that parameters name, by parameter, in place of the files. Implausible parameters
+    (a stiffness or a body weight that must be in other units) cause a warning.
 
     Raises:
-        UsageError: see `load_parameters`; also a profile or a table that cannot be used.
+        UsageError: a parameter file cannot be read, a parameter is unknown or not allowed (see `load_parameters`), or a
+            profile or a table cannot be used.
     """
     parameters = load_parameters(source)
-    plain = build_model(parameters, compiled=False, curves=curve_texts(parameters, curves))
+    plain = build_model(parameters, curves=curve_texts(parameters, curves))
     model = replace(plain if compiled is False else (forced if compiled else chosen)(plain), results=Results)
     for doubt in doubts_about(parameters, model).about_parameters:
         warnings.warn(doubt, stacklevel=2)
     return model
 
 
-def build_model(
-    parameters: Parameters, *, compiled: bool = False, curves: Mapping[str, str] | None = None
-) -> KneeModel:
-    """A model from parameters, without a warning.
+def build_model(parameters: Parameters, *, curves: Mapping[str, str] | None = None) -> KneeModel:
+    """Build a model from parameters, with the plain kernel and without warnings.
 
-    `curves` gives the contents of all files that are needed, and none is opened then.
+    `curves` has the contents of all files that are needed, by parameter; with it no file is opened.
+
+    Raises:
+        UsageError: a file cannot be read, or a profile, a table or the contact law cannot be used.
     """
     texts = curve_texts(parameters, {}) if curves is None else curves
     law = contact_law(parameters.contact)
-    model = KneeModel(
+    return KneeModel(
         pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
         mechanism=mechanism(parameters.translation, texts),
         modes=law,
@@ -82,17 +84,12 @@ def build_model(
         level=LEVELS[parameters.fidelity.level],
         patch=contact_patch(parameters.contact, law),
     )
-    if not compiled:
-        return model
-    from knee_contact_ros.compiled.kernel import compiled as with_compiled_kernel  # LLVM
-
-    return with_compiled_kernel(model)
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
-    """A model with the numbers of other parameters: law's constants, mass, tolerances and budget.
+    """Copy of a model with the numbers of other parameters: the law's constants, mass, tolerances and budget.
 
-    Surfaces, mechanism, level and the law's name are the model's own, so that its kernel fits.
+    Surfaces, mechanism, level and the law's name stay, so that the compiled kernel still fits.
     """
     law = contact_law(parameters.contact)
     return replace(
@@ -103,7 +100,7 @@ def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
 
 
 def contact_law(contact: ContactParameters) -> ContactModes:
-    """The contact law by its name, with the parameters that its signature asks for.
+    """Contact law by its name, with the parameters that are the arguments of its factory.
 
     Raises:
         UsageError: the law breaks the contract of `ContactLaw`.
@@ -117,7 +114,10 @@ def contact_law(contact: ContactParameters) -> ContactModes:
 
 
 def untried_law(contact: ContactParameters) -> ContactModes:
-    """The same without trying its contract, which takes a millisecond: for those who vary the numbers of one law."""
+    """Contact law as `contact_law` makes it, but without the check of its contract, which takes a millisecond.
+
+    For callers that vary the numbers of one law.
+    """
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
         constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
@@ -125,7 +125,7 @@ def untried_law(contact: ContactParameters) -> ContactModes:
 
 
 def material_stiffness(contact: ContactParameters) -> dict[str, float]:
-    """Hertz stiffness of both layers [N/m^1.5] from modulus, Poisson's ratio and radii."""
+    """Hertz stiffness of both layers [N/m^1.5], by parameter, from modulus, Poisson's ratio and radii."""
     radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
     return {
         "stiffness": hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius),
@@ -134,9 +134,9 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
 
 
 def contact_patch(contact: ContactParameters, modes: ContactModes) -> ContactPatch | None:
-    """What the contact spreads over, from the law's radii and thickness; None if the radii are none of a knee's.
+    """Contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
 
-    The cartilage is as thick as the law's first layer, of a law with one layer as `contact.foundation_thickness`.
+    The cartilage is as thick as the law's first layer; if the law has one layer, as `contact.foundation_thickness`.
     """
     try:
         radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
@@ -148,34 +148,37 @@ def contact_patch(contact: ContactParameters, modes: ContactModes) -> ContactPat
 
 
 def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile:
-    """The femoral surface by its name; `texts` has the contents of files by parameter."""
+    """Femoral surface by the name of its geometry; `texts` has the contents of files by parameter."""
     if femur.geometry == "circle":
         return Circle(femur.radius)
     points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
-    try:
+    with _naming("femur.profile", femur.profile):
         return Profile(*(femur.scale * column for column in points))
-    except ValueError as error:
-        raise UsageError(f"parameter femur.profile: {femur.profile}: {error}") from None
 
 
 def contact_pair(femur: Circle | Profile, tibia: Tibia, texts: Mapping[str, str]) -> ContactPair:
-    """The femur over the tibial surface by its name."""
+    """Contact pair of the femur and the tibial surface, by the name of its geometry."""
     pair = TIBIAL_GEOMETRIES[tibia.geometry]
     if tibia.geometry != "profile":
         return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
     points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
-    try:
+    with _naming("tibia.profile", tibia.profile):
         return pair(femur, *(tibia.scale * column for column in points))
-    except ValueError as error:
-        raise UsageError(f"parameter tibia.profile: {tibia.profile}: {error}") from None
 
 
 def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:
-    """The knee mechanism by its name."""
+    """Knee mechanism by its name."""
     if translation.mechanism != "table":
         return MECHANISMS[translation.mechanism]()
     columns = translation_points("translation.table", translation.table, texts["translation.table"])
-    try:
+    with _naming("translation.table", translation.table):
         return MECHANISMS["table"](*columns)
+
+
+@contextmanager
+def _naming(parameter: str, file: str) -> Iterator[None]:
+    """Turn a ValueError into a UsageError that begins with a parameter and the file that it names."""
+    try:
+        yield
     except ValueError as error:
-        raise UsageError(f"parameter translation.table: {translation.table}: {error}") from None
+        raise UsageError(f"parameter {parameter}: {file}: {error}") from None

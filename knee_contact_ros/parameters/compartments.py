@@ -1,4 +1,4 @@
-"""The compartment's part of a joint reaction, and whether its split can be used.
+"""The compartment's part of a joint reaction, and checks whether the split between compartments makes sense.
 
 The joint reaction acts on the tibia, in the tibia frame (x anterior, y superior, z to the right; left legs are mirrored
 to this): an axial compression F = -F_y and a frontal moment M_x. Two compartments a spacing 2d apart, the medial one
@@ -25,30 +25,30 @@ if TYPE_CHECKING:
     from knee_contact_ros.parameters.schema import Parameters
 
 Rule = Callable[[Any, Any, Any], Any]
-"""See above"""
+"""Function of axial compression [N], frontal moment [N m] and flexion angle [rad], as described above"""
 LOADED = 0.5
-"""Axial compression [BW] from which on a leg is taken to stand; below it a share says little"""
+"""Axial compression [BW] from which a leg is taken to stand; below it a share says little"""
 
 
 def total(_parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
-    """All of the axial joint reaction."""
+    """Rule for the whole axial joint reaction."""
     return lambda axial, _moment, _flexion: axial
 
 
 def fixed_share(parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
-    """The share `load.share` of it."""
+    """Rule for the share `load.share` of the axial joint reaction."""
     share = parameters.load.share
     return lambda axial, _moment, _flexion: share * axial
 
 
 def moment_balance(parameters: Parameters, _texts: Mapping[str, str]) -> Rule:
-    """What balances the frontal moment, with the compartments `load.compartment_spacing` [m] apart."""
+    """Rule for the load that balances the frontal moment, with compartments `load.compartment_spacing` [m] apart."""
     spacing = parameters.load.compartment_spacing
     return lambda axial, moment, _flexion: 0.5 * axial - moment / spacing
 
 
 def measured_share(parameters: Parameters, texts: Mapping[str, str]) -> Rule:
-    """The share that the table `load.share_file` has at this load, in body weights, and flexion."""
+    """Rule for the share that the table `load.share_file` has at this load, in body weights, and flexion."""
     name = parameters.load.share_file
     return MeasuredShare(read_share_table(name, texts[SHARE_FILE]), parameters.body_weight)
 
@@ -59,46 +59,45 @@ COMPARTMENTS: Mapping[str, Callable[[Parameters, Mapping[str, str]], Rule]] = {
     "moment_balance": moment_balance,
     "measured_share": measured_share,
 }
-"""How a compartment's load follows from the joint reaction, by the name in `load.compartment`.
+"""Rules by which a compartment's load follows from the joint reaction, by the name in `load.compartment`.
 
-From the parameters and the contents of the files that they name, by parameter (`curve_texts`).
+Each entry makes a rule from the parameters and the contents of the files that they name (`curve_texts`).
 """
-
-
 BOTH = "both"
-"""In `load.compartment`: medial and lateral contact at once; a rule of `SPLITS` says what the medial one gets"""
+"""Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
 SPLITS = tuple(name for name in COMPARTMENTS if name != "total")
-"""Rules that leave something to the lateral compartment"""
+"""Names of the rules that leave a load to the lateral compartment"""
 BY_MOMENT = frozenset({"moment_balance"})
-"""Those that need the moment, and may give a compartment more than all of the load, or less than nothing"""
+"""Names of the rules that need the moment, and may give a compartment a share above 1 or below 0"""
 VARYING = BY_MOMENT | {"measured_share"}
-"""Those whose share is another at every tick"""
+"""Names of the rules whose share varies from tick to tick"""
 MOST_BEYOND = 0.1
-"""Part of the samples under load that may lie beyond a table of shares before it is said to be another gait's"""
+"""Largest part of the samples under load that may lie beyond a table of shares without a warning"""
 
 
 @dataclass
 class Split:
-    """What shares of the axial load a compartment got while the leg stood, in a run of any length."""
+    """Statistics of a compartment's share of the axial load while the leg stood, in a run of any length."""
 
     body_weight: float
-    """[N]"""
+    """Body weight [N]"""
     samples: int = 0
-    """Taken while the leg stood"""
+    """Number of samples while the leg stood"""
     above: int = 0
-    """With more than all of the load: the other compartment would have to pull"""
+    """Number of samples with a share above 1: the other compartment would have to pull"""
     below: int = 0
-    """With less than nothing of it: this one would have to"""
+    """Number of samples with a share below 0: this compartment would have to pull"""
     at_bound: int = 0
-    """With all of it, or with nothing"""
+    """Number of samples with a share of 0 or 1"""
     beyond: int = 0
-    """At a load or a flexion that a table of shares does not reach to"""
+    """Number of samples whose load or flexion lies beyond the table of shares"""
     smallest: float = math.inf
-    """Share [1]"""
+    """Smallest share"""
     largest: float = -math.inf
+    """Largest share"""
 
     def add(self, axial: float, load: float, beyond: bool = False) -> None:
-        """Take a sample: axial compression and the compartment's load, both in N; `beyond` a table of shares or not."""
+        """Add a sample: axial compression [N], the compartment's load [N], and whether it lies beyond the table."""
         if axial >= LOADED * self.body_weight:
             share = load / axial
             self.samples += 1
@@ -111,7 +110,7 @@ class Split:
     def add_all(
         self, axial: NDArray[np.float64], loads: NDArray[np.float64], beyond: NDArray[np.bool_] | None = None
     ) -> None:
-        """Take many samples into account: as above, arrays of one shape."""
+        """Add many samples, given as arrays of one shape; see `add`."""
         stands = axial >= LOADED * self.body_weight
         shares = loads[stands] / axial[stands]
         if len(shares):
@@ -125,16 +124,16 @@ class Split:
 
     @property
     def text(self) -> str:
-        """The range of the shares, and how often there was none between 0 and 1, or in the table."""
+        """Range of the shares, and how often they were 0 or 1, or beyond the table, for a person."""
         if not self.samples:
             return "the leg never stood"
         counted = (("0 or 1", self.at_bound), ("beyond the table", self.beyond))
-        told = [f"{what} in {100.0 * number / self.samples:.1f} %" for what, number in counted if number]
-        return ", ".join([f"{self.smallest:.2f} to {self.largest:.2f}", *told])
+        parts = [f"{what} in {100.0 * number / self.samples:.1f} %" for what, number in counted if number]
+        return ", ".join([f"{self.smallest:.2f} to {self.largest:.2f}", *parts])
 
     @property
     def problem(self) -> str:
-        """Why the split cannot be used; empty if it can."""
+        """Reason why the split cannot be used; empty if it can."""
         if self.beyond > MOST_BEYOND * self.samples:
             return (
                 f"load or flexion lie beyond the table of shares in {100.0 * self.beyond / self.samples:.1f} % of the "

@@ -1,6 +1,6 @@
-"""Copies of models, and models in other processes: named tuples that are made of something else than their fields.
+"""Makes models copyable and picklable: registers the named tuples whose `__new__` does not take their fields.
 
-Registered here and not as `__reduce__` in the core, whose source decides which compiled kernels are still good.
+Registered here and not as `__reduce__` in the core: a changed source there makes compiled kernels invalid.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.core.mechanisms import Table
 
 MADE_OF_OTHERS = (CurveContact, OnPlane, Profile, Table, TibialCircle, TibialProfile)
-"""Named tuples with a `__new__` of their own"""
+"""Classes of named tuples with a `__new__` of their own"""
 
 
 def _as_it_is(part: tuple[Any, ...]) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-    """How `pickle` and `copy` make a part again: of the fields that it has, without computing them anew."""
+    """Reduce a part for `pickle` and `copy` to its fields, so that they are not computed again."""
     return tuple.__new__, (type(part), tuple(part))
 
 

@@ -1,4 +1,4 @@
-"""Curves that parameters name: CSV files with two columns, comments after # and one line of column names or none."""
+"""Curves that parameters name: CSV files of surfaces, of the translation and of shares."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import LARGEST_ANGLE
+from knee_contact_ros.parameters.columns import LARGEST, read_columns
 from knee_contact_ros.parameters.lateral import LATERAL, has_both, lateral_knee
 from knee_contact_ros.parameters.measured_share import PARAMETER as SHARE_FILE
 from knee_contact_ros.parameters.schema import Femur, Parameters, Tibia
@@ -17,17 +18,10 @@ from knee_contact_ros.system.regular_file import read_regular
 from knee_contact_ros.system.resources import find_file
 
 Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
-LARGEST = 2**20
-"""[B] of a file, and characters of a text"""
-MOST_POINTS = 2000
-"""Of a curve; those of this package have 120, and at 2000 the points of a condyle are 0.05 mm apart.
-
-What a profile takes to build grows with their square: 0.8 GB here.
-"""
 
 
 def curve_files(parameters: Parameters) -> dict[str, str]:
-    """Files that the answers with some parameters need, by the parameter that names them."""
+    """Names of the files that a computation with these parameters needs, by the parameter that names them."""
     names = _surfaces(parameters, "")
     if has_both(parameters):
         names |= _surfaces(lateral_knee(parameters), LATERAL)
@@ -39,16 +33,16 @@ def curve_files(parameters: Parameters) -> dict[str, str]:
 
 
 def _surfaces(parameters: Parameters, before: str) -> dict[str, str]:
-    """Files of a compartment's surfaces; the names of its parameters begin with `before`."""
+    """Names of the files of a compartment's surfaces, by parameter; `before` begins the names of its parameters."""
     surfaces: dict[str, Femur | Tibia] = {"femur.profile": parameters.femur, "tibia.profile": parameters.tibia}
     return {before + name: bone.profile for name, bone in surfaces.items() if bone.geometry == "profile"}
 
 
 def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, str]:
-    """Contents of the files that a user's parameters name, by parameter; as in `known` if there.
+    """Contents of the files that parameters name, by parameter; those in `known` are not read.
 
     Raises:
-        UsageError: one cannot be read.
+        UsageError: a file cannot be read.
     """
     return {
         parameter: known[parameter] if parameter in known else read_curve(parameter, name)
@@ -57,10 +51,17 @@ def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, s
 
 
 def stored_texts(parameters: Parameters, stored: Mapping[str, str], recording: Path | str) -> dict[str, str]:
-    """Texts of the curves of parameters that a recording tells, from what it holds: no file that it names is opened.
+    """Contents of the files that the parameters of a recording name, by parameter, as the recording holds them.
+
+    No file is opened.
+
+    Args:
+        parameters: Parameters of the recording.
+        stored: Contents that the recording holds, by parameter.
+        recording: Name of the recording, for errors.
 
     Raises:
-        UsageError: it does not hold one.
+        UsageError: the recording does not hold one of the files.
     """
     names = curve_files(parameters)
     for parameter, name in names.items():
@@ -73,7 +74,7 @@ def stored_texts(parameters: Parameters, stored: Mapping[str, str], recording: P
 
 
 def read_curve(parameter: str, name: str) -> str:
-    """The text of the file that a parameter names.
+    """Read the text of the file `name` that a parameter names.
 
     Raises:
         UsageError: it cannot be read.
@@ -88,42 +89,27 @@ def read_curve(parameter: str, name: str) -> str:
 
 
 def profile_points(parameter: str, name: str, text: str) -> Columns:
-    """Columns x, y [m] of the profile that a parameter names.
+    """Read the columns x, y [m] of a profile, each of shape (n,), from the text of the file that a parameter names.
 
     Raises:
         UsageError: not two columns of numbers, too many points, or not in m.
     """
-    points = _points(parameter, name, text, ("x", "y"))
+    points = read_columns(parameter, name, text, ("x", "y"), further_columns=True)
     if points.size and np.abs(points).max() > 1.0:
         raise UsageError(f"parameter {parameter}: {name} reaches {np.abs(points).max():g}; x and y must be in m")
     return points[:, 0], points[:, 1]
 
 
 def translation_points(parameter: str, name: str, text: str) -> Columns:
-    """Columns flexion_angle [rad], x [m] of the table that a parameter names; likewise.
+    """Read the columns flexion_angle [rad], x [m] of a table, each of shape (n,), from the text of the file.
 
     Raises:
         UsageError: not two columns of numbers, too many points, or not in rad.
     """
-    points = _points(parameter, name, text, ("flexion_angle", "x"))
+    points = read_columns(parameter, name, text, ("flexion_angle", "x"), further_columns=True)
     if points.size and np.abs(points[:, 0]).max() > LARGEST_ANGLE:
         reached = np.abs(points[:, 0]).max()
         raise UsageError(
             f"parameter {parameter}: {name} reaches {reached:g} rad; flexion angles must be in rad, not deg"
         )
     return points[:, 0], points[:, 1]
-
-
-def _points(parameter: str, name: str, text: str, columns: tuple[str, str]) -> NDArray[np.float64]:
-    if len(text) > LARGEST:
-        raise UsageError(f"parameter {parameter}: {name} has {len(text)} characters; at most {LARGEST} are allowed")
-    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-    names = tuple(entry.strip() for entry in lines[0].split(",")[:2]) if lines else ()
-    rows = lines[1:] if names == columns else lines
-    if len(rows) > MOST_POINTS:
-        raise UsageError(f"parameter {parameter}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed")
-    try:
-        return np.array([[float(value) for value in row.split(",")[:2]] for row in rows]).reshape(-1, 2)
-    except ValueError:
-        wanted = ", ".join(columns)
-        raise UsageError(f"parameter {parameter}: {name} must hold two columns {wanted} of numbers") from None

@@ -1,4 +1,4 @@
-"""The parameters of a node as they come: from ROS 2 parameter files and from mappings, by dotted names."""
+"""Reads the parameters of a node from ROS 2 parameter files and from mappings, by dotted names."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from knee_contact_ros.system.yaml_file import read_mapping
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
-"""Characters of a value that an error shows"""
+"""Largest number of characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
 P = TypeVar("P", bound=Section)
 
 
 class Declaration(NamedTuple):
-    """What is declared of a parameter."""
+    """Declaration of a parameter."""
 
     default: Any
     description: str
@@ -33,7 +33,7 @@ class Declaration(NamedTuple):
 
 
 def declared(section: type[Section], before: str = "") -> Iterator[tuple[str, Declaration]]:
-    """Every parameter of a section and of those in it by its dotted name."""
+    """Names and declarations of all parameters of a section and its subsections; `before` begins the dotted names."""
     for name, field in section.model_fields.items():
         if isinstance(field.default, Section):
             yield from declared(type(field.default), f"{before}{name}.")
@@ -42,7 +42,7 @@ def declared(section: type[Section], before: str = "") -> Iterator[tuple[str, De
 
 
 def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested or dotted names to dotted names."""
+    """Flatten a mapping with nested or dotted names to dotted names, which begin with `prefix`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -53,7 +53,7 @@ def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def all_values(parameters: Section) -> dict[str, Any]:
-    """All values by their dotted names."""
+    """All values by dotted name."""
     return dotted(parameters.model_dump())
 
 
@@ -63,24 +63,25 @@ def _same(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class NodeReading(Generic[P]):
-    """How the parameters of one kind of node are read."""
+    """Reader of the parameters of one kind of node."""
 
     node: str
-    """The node's name"""
+    """Name of the node"""
     schema: type[P]
+    """Section with all parameters"""
     check: Callable[[P, str], None]
-    """Refuses values that are allowed alone but not with each other, with a `UsageError` that begins with the text"""
+    """Refuses combinations of values that are not allowed, with a `UsageError` that begins with the given text"""
     completed: Callable[[Mapping[str, Any]], Mapping[str, Any]] = _same
-    """Dotted values that were given, and those that follow from them"""
-    told: Callable[[Mapping[str, Any]], Mapping[str, Any]] = _same
-    """The other way: all dotted values without those that follow"""
+    """Adds to dotted values those that follow from them"""
+    reduced: Callable[[Mapping[str, Any]], Mapping[str, Any]] = _same
+    """Inverse of `completed`: removes from all dotted values those that follow from others"""
     listed: Callable[[Mapping[str, Any]], list[str]] = list
-    """Names of parameters for a person"""
+    """Lists the names of parameters for a person"""
     folder: str = ""
-    """Where the package's own files for the node are, within those of the package"""
+    """Folder of the package's own parameter files for the node, within `config`"""
 
     def known(self) -> dict[str, Declaration]:
-        """Every parameter by its dotted name."""
+        """Declarations of all parameters, by dotted name."""
         return dict(declared(self.schema))
 
     def load(self, source: Any) -> P:
@@ -90,7 +91,7 @@ class NodeReading(Generic[P]):
         mapping may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
 
         Raises:
-            UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
+            UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.
         """
         if isinstance(source, self.schema):
             return source
@@ -108,24 +109,24 @@ class NodeReading(Generic[P]):
         return self.validated(merged, "")
 
     def flat(self, parameters: P) -> dict[str, Any]:
-        """All values by their dotted names, without those that follow from others."""
-        return dict(self.told(all_values(parameters)))
+        """All values by dotted name, without those that follow from others."""
+        return dict(self.reduced(all_values(parameters)))
 
     def set_in(self, name: str | Path) -> dict[str, Any]:
-        """What a parameter file sets, by dotted names; its own values are checked.
+        """Values that a parameter file sets, by dotted name; they are checked.
 
         Raises:
-            UsageError: as `load`.
+            UsageError: as for `load`.
         """
         values = dotted(self._section(_read(name, self.folder), str(name)))
         self.validated(values, f"{name}: ")
         return values
 
     def check_file(self, path: Path) -> None:
-        """Check a file that ROS will read; sections of other nodes are none of our business.
+        """Check a file that ROS will read; sections of other nodes are ignored.
 
         Raises:
-            UsageError: as `load`.
+            UsageError: as for `load`.
         """
         sections = self._sections(read_mapping(path), str(path))
         for_all = {
@@ -138,11 +139,14 @@ class NodeReading(Generic[P]):
             self.validated(for_all | values, f"{path}: ")
 
     def validated(self, values: Mapping[str, Any], where: str) -> P:
-        """Check dotted values, each alone and with each other; errors begin with `where`."""
+        """Parameters from dotted values, checked each alone and in combination; errors begin with `where`."""
         return self.checked(self.nested(self.completed(values), where), where)
 
     def nested(self, values: Mapping[str, Any], where: str, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Dotted values by section and name; those that every node has are left out. `known` saves asking again."""
+        """Dotted values by section and name, without those that every ROS 2 node has; errors begin with `where`.
+
+        `known` has the declared parameters; given, it saves the time to collect them.
+        """
         known, nested = known or self.known(), dict[str, Any]()
         for name, value in values.items():
             if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
@@ -159,20 +163,20 @@ class NodeReading(Generic[P]):
         return nested
 
     def made(self, nested: Mapping[str, Any], where: str) -> P:
-        """Parameters from values by section and name, each checked alone."""
+        """Parameters from values by section and name, each checked alone; errors begin with `where`."""
         try:
             return self.schema.model_validate(nested)
         except ValidationError as error:
             raise UsageError(f"{where}parameter {first_error(error)}") from None
 
     def checked(self, nested: Mapping[str, Any], where: str) -> P:
-        """The same, checked with each other, too."""
+        """Parameters from values by section and name, checked alone and in combination; errors begin with `where`."""
         parameters = self.made(nested, where)
         self.check(parameters, where)
         return parameters
 
     def _section(self, content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-        """Parameters of the node in a parameter file's content, or the content itself if it has no node names."""
+        """Parameters of the node in the content of a parameter file, or the content itself if it has no node names."""
         ours = self._sections(content, name)
         if ours:
             merged: dict[str, Any] = {}
@@ -184,7 +188,7 @@ class NodeReading(Generic[P]):
         return content
 
     def _sections(self, content: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
-        """The node's sections of a parameter file by their keys; wildcards first, so that its own section wins."""
+        """Sections of a parameter file for the node, by key; wildcards first, so that the node's own section wins."""
         ours = [
             key
             for key, value in content.items()
@@ -200,12 +204,12 @@ class NodeReading(Generic[P]):
         return sections
 
     def _is_own(self, key: object) -> bool:
-        """Whether a section is for a node of this name, and not for every node."""
+        """Whether the key of a section names this node, and not every node."""
         return str(key).endswith(self.node)
 
 
 def _read(name: str | Path, folder: str) -> Mapping[str, Any]:
-    """The content of a parameter file; `folder` is that of the package's own for the node."""
+    """Read a parameter file; `folder` has the package's own files for the node."""
     path = parameter_file(str(name))
     if not path.exists() and str(path.parent) in (".", folder):
         shipped = {each.stem: str(Path(folder, each.stem)) for each in shipped_parameter_files(folder)}
@@ -217,7 +221,7 @@ def _read(name: str | Path, folder: str) -> Mapping[str, Any]:
 
 
 def first_error(error: ValidationError) -> str:
-    """The first of what is wrong, in one line: name, value, and what is allowed."""
+    """First error of a validation in one line: name, value, and what is allowed."""
     first = error.errors()[0]
     name = ".".join(map(str, first["loc"]))
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
@@ -227,5 +231,5 @@ def first_error(error: ValidationError) -> str:
 
 
 def short(text: str) -> str:
-    """A text that an error can show."""
+    """Cut a text to the length that an error can show."""
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

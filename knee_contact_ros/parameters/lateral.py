@@ -1,4 +1,4 @@
-"""The lateral compartment: its parameters are those of the medial one, but for what `lateral.*` says."""
+"""Parameters of the lateral compartment: those of the medial one, except where `lateral.*` differs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from knee_contact_ros.parameters.compartments import BOTH
 from knee_contact_ros.parameters.schema import Parameters
 
 LATERAL = "lateral."
-"""What the names of its parameters begin with"""
+"""Beginning of the names of its parameters"""
 
 
 def has_both(parameters: Parameters) -> bool:
@@ -19,32 +19,35 @@ def has_both(parameters: Parameters) -> bool:
 
 
 def lateral_knee(parameters: Parameters) -> Parameters:
-    """The parameters of the lateral compartment, under the names that the medial one's have."""
+    """Parameters of the lateral compartment, under the names of the medial one's."""
     own = parameters.lateral
     return parameters.model_copy(update={"femur": own.femur, "tibia": own.tibia, "contact": own.contact})
 
 
 def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
-    """The contents of its files, of those of both by parameter, under the names that the medial one's have."""
+    """Contents of the lateral compartment's files, under the names of the medial one's parameters.
+
+    `texts` has the contents of the files of both compartments by parameter.
+    """
     own = {name.removeprefix(LATERAL): text for name, text in texts.items() if name.startswith(LATERAL)}
     shared = {name: text for name, text in texts.items() if name.startswith("translation.")}
     return shared | own
 
 
 def answering(topic: str, parameters: Parameters, texts: Mapping[str, str]) -> tuple[Parameters, Mapping[str, str]]:
-    """Parameters, and contents of files by parameter, of the compartment whose answers are on a topic."""
+    """Parameters, and contents of files by parameter, of the compartment that answers on a topic."""
     if is_lateral(topic):
         return lateral_knee(parameters), lateral_texts(texts)
     return parameters, texts
 
 
 def own_and_rest(known: Iterable[str]) -> list[str]:
-    """Names of parameters for a person, the lateral ones, which are those of the medial compartment again, as one."""
+    """Names of parameters for a person; the lateral ones, which repeat the medial ones, as one entry."""
     return [name for name in known if not name.startswith(LATERAL)] + [f"{LATERAL}* (as of femur, tibia and contact)"]
 
 
 def with_medial_values(values: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
-    """Dotted values and, for each of the `known` lateral ones that is not among them, the medial compartment's."""
+    """Dotted values, and for each lateral one of the `known` names that is missing the medial compartment's value."""
     following = {
         name: values[name.removeprefix(LATERAL)]
         for name in known
@@ -54,7 +57,7 @@ def with_medial_values(values: Mapping[str, Any], known: Iterable[str]) -> dict[
 
 
 def without_medial_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted values without the lateral ones that are the medial compartment's: those follow it."""
+    """Dotted values without the lateral ones that equal the medial compartment's."""
     return {
         name: value
         for name, value in values.items()

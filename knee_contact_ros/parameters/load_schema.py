@@ -1,4 +1,4 @@
-"""The parameters of the load node, which estimates the joint reaction force; likewise declared here once."""
+"""Declaration of all parameters of the load node, which estimates the joint reaction force."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AUTO = "auto"
 
 
 class MeasuredJoint(Section):
-    """A joint in joint_states, and how its position becomes an angle: sign x position + offset."""
+    """Joint in joint_states; its angle is sign x position + offset."""
 
     joint_name: str = Field("", description="joint in joint_states; empty: it is not measured")
     sign: Annotated[float, OneOf(1.0, -1.0)] = Field(1.0, description="1 if the position grows with the angle, or -1")
@@ -26,7 +26,7 @@ class MeasuredJoint(Section):
 
 
 class ActuatedJoint(MeasuredJoint):
-    """The same of a joint that an actuator may turn."""
+    """Joint in joint_states that an actuator may turn."""
 
     assisted: bool = Field(
         False, description="whether its effort [N m] in joint_states is an actuator's torque, in the position's sense"
@@ -34,13 +34,13 @@ class ActuatedJoint(MeasuredJoint):
 
 
 class FlexedKnee(ActuatedJoint):
-    """The knee; its angle is positive in flexion."""
+    """Knee joint; its angle is positive in flexion."""
 
     joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
 
 
 class GroundForce(Section):
-    """What `ground_reaction_force` tells: x forward, y up, z to the right."""
+    """Meaning of `ground_reaction_force`: x forward, y up, z to the right."""
 
     components: Annotated[str, OneOf("vertical", "full")] = Field(
         "vertical", description="vertical: force.y alone, as of an insole; full: all of force and torque"
@@ -64,7 +64,7 @@ class LoadFrames(Section):
 
 
 class PersonParameters(Section):
-    """Whose knee it is. What a person's muscles do is not measured: `knee-contact calibrate` fits it to a bag."""
+    """Person whose knee it is. Muscles are not measured: `knee-contact calibrate` fits their constants to a bag."""
 
     mass: float = Field(75.16, ge=10.0, le=400.0, description="[kg]")
     height: float = Field(1.75, ge=0.8, le=2.5, description="[m]")
@@ -76,7 +76,7 @@ class PersonParameters(Section):
 
     @property
     def constants(self) -> Person:
-        """For the estimator."""
+        """Constants of the person for the estimator."""
         return Person(self.mass, self.height, self.moment_arm_scale, self.co_contraction, self.tone)
 
 
@@ -111,17 +111,17 @@ class LoadParameters(Section):
 
     @property
     def chosen_level(self) -> str:
-        """The level's name, of `LEVELS`."""
+        """Name of the level, of `LEVELS`; `auto` is resolved by the inputs."""
         return allowed_levels(self)[-1] if self.level == AUTO else self.level
 
     @property
     def trust(self) -> Trust:
-        """For the estimator."""
+        """Calibration and standard deviation for the estimator."""
         return Trust(self.calibrated, self.standard_deviation)
 
 
 def allowed_levels(parameters: LoadParameters) -> list[str]:
-    """The levels that the inputs allow, the one that knows most last."""
+    """Names of the levels that the inputs allow, in increasing order of what they use."""
     hip, ankle = bool(parameters.hip.joint_name), bool(parameters.ankle.joint_name)
     upright = parameters.ground.axes == "ground"
     allowed = ["ground_force"]
@@ -131,7 +131,7 @@ def allowed_levels(parameters: LoadParameters) -> list[str]:
 
 
 def _check(parameters: LoadParameters, where: str) -> None:
-    """Refuse values that are allowed alone but not with each other."""
+    """Refuse combinations of values that are not allowed."""
     allowed = allowed_levels(parameters)
     if parameters.level not in (AUTO, *allowed):
         needs = "ground.components full, and hip.joint_name with ground.axes ground or ankle.joint_name with foot"

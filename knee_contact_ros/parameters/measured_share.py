@@ -1,8 +1,8 @@
 """The medial share of the axial load as a table over load and flexion, measured on a knee.
 
-An instrumented implant shows that the share is no constant: it depends on how far the knee is flexed and on how much
-presses on it. The table is interpolated between its points (bilinear), and held at its edges beyond them: nothing is
-extrapolated, and with shares from 0 to 1 at its points it gives no other.
+An instrumented implant shows that the share is not constant: it depends on flexion and on the axial load. The table is
+interpolated between its points (bilinear), and held at its edges beyond them: nothing is extrapolated, and the shares
+stay between 0 and 1 as they are at the points.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.model import LARGEST_ANGLE
+from knee_contact_ros.parameters.columns import not_columns, read_columns
 from knee_contact_ros.system.errors import UsageError
 
 PARAMETER = "load.share_file"
+"""Parameter that names the file with the table"""
 COLUMNS = ("flexion_angle", "axial_load", "medial_share")
-"""[rad], [BW], [1]"""
-LARGEST, MOST_POINTS = 2**20, 2000
-"""Characters and rows of a file"""
+"""Columns of the file, in rad, body weights and 1"""
 LARGEST_LOAD_IN_BW = 30.0
-"""No knee bears more; what is larger is in N"""
+"""Largest axial load of a knee [BW]; larger numbers must be in N"""
 
 
 class ShareTable(NamedTuple):
     """Medial shares on a grid."""
 
     flexion: NDArray[np.float64]
-    """[rad] growing, shape (m,), two or more"""
+    """Flexion angles [rad], increasing, shape (m,), two or more"""
     load: NDArray[np.float64]
-    """[BW] growing, shape (n,), two or more"""
+    """Axial loads [BW], increasing, shape (n,), two or more"""
     share: NDArray[np.float64]
-    """[1] from 0 to 1, shape (m, n)"""
+    """Medial shares from 0 to 1, shape (m, n)"""
 
 
 class MeasuredShare:
-    """The medial compartment's load by a table: what `load.compartment: measured_share` stands for."""
+    """Rule for the medial compartment's load by a table, as `load.compartment: measured_share` selects it."""
 
     def __init__(self, table: ShareTable, body_weight: float) -> None:
-        """`body_weight` [N] is the person's whose loads are divided."""
+        """Prepare the rule for a person with this body weight [N]."""
         self._body_weight = body_weight
         self._flexion, self._load = table.flexion, table.load
         self._cells = _cells(table)
@@ -49,11 +49,14 @@ class MeasuredShare:
         self._places = [table.flexion.tolist(), table.load.tolist(), self._cells.tolist()]
 
     def __call__(self, axial: Any, _moment: Any, flexion: Any) -> Any:
-        """Medial load [N] from axial compression [N] and flexion [rad]; numbers, or arrays of one shape: same bits."""
+        """Medial load [N] from axial compression [N] and flexion [rad].
+
+        Takes numbers or arrays of one shape; the results are the same bits.
+        """
         return self.share(axial, flexion) * axial
 
     def share(self, axial: Any, flexion: Any) -> Any:
-        """The medial share, from 0 to 1, likewise."""
+        """Medial share, from 0 to 1, at axial compression [N] and flexion [rad]: numbers, or arrays of one shape."""
         if isinstance(axial, np.ndarray):
             return self._shares(axial, flexion)
         first, last, least, most = self._edges
@@ -72,18 +75,18 @@ class MeasuredShare:
         column = np.searchsorted(self._inner_load, load, "right")
         constant, by_angle, by_load, by_both = np.moveaxis(self._cells[row, column], -1, 0)
         right, up = angle - self._flexion[row], load - self._load[column]
-        found: NDArray[np.float64] = constant + by_angle * right + (by_load + by_both * right) * up
-        return np.minimum(np.maximum(found, 0.0), 1.0)
+        shares: NDArray[np.float64] = constant + by_angle * right + (by_load + by_both * right) * up
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
 
     def beyond(self, axial: Any, flexion: Any) -> Any:
-        """Whether load or flexion lie beyond the table, whose edge is taken then; numbers or arrays."""
+        """Whether load or flexion lie beyond the table, so that its edge is taken: numbers, or arrays of one shape."""
         first, last, least, most = self._edges
         load = axial / self._body_weight
         return (flexion < first) | (flexion > last) | (load < least) | (load > most)
 
 
 def _cells(table: ShareTable) -> NDArray[np.float64]:
-    """Of every cell the share at its lower corner and the slopes along flexion, load and both, shape (m-1, n-1, 4)."""
+    """Share at the lower corner of every cell and its slopes along flexion, load and both, shape (m-1, n-1, 4)."""
     wide, high = np.diff(table.flexion)[:, None], np.diff(table.load)[None, :]
     corner = table.share[:-1, :-1]
     by_angle, by_load = (table.share[1:, :-1] - corner) / wide, (table.share[:-1, 1:] - corner) / high
@@ -92,15 +95,17 @@ def _cells(table: ShareTable) -> NDArray[np.float64]:
 
 
 def read_share_table(name: str, text: str) -> ShareTable:
-    """The table in the text of the file that `load.share_file` names.
+    """Read the table from the text of the file that `load.share_file` names.
 
     Comments begin with #; then come rows of flexion angle [rad], axial load [BW] and medial share [1], every angle with
     every load once, with one line of column names or none.
 
     Raises:
-        UsageError: that is not so; or a value is none of a knee, as an angle in degrees or a load in N.
+        UsageError: the text holds anything else, or a value that no knee has, as an angle in degrees or a load in N.
     """
-    rows = _rows(name, text)
+    rows = read_columns(PARAMETER, name, text, COLUMNS, further_columns=False)
+    if not len(rows) or not np.isfinite(rows).all():
+        raise not_columns(PARAMETER, name, COLUMNS)
     if np.abs(rows[:, 0]).max() > LARGEST_ANGLE:
         reached = np.abs(rows[:, 0]).max()
         raise _unusable(name, f"reaches {reached:g} rad; flexion angles must be in rad, not deg")
@@ -123,24 +128,6 @@ def read_share_table(name: str, text: str) -> ShareTable:
             "loads once"
         )  # fmt: skip
     return ShareTable(flexion, load, rows[order, 2].reshape(len(flexion), len(load)))
-
-
-def _rows(name: str, text: str) -> NDArray[np.float64]:
-    """The numbers of a file, shape (n, 3), all finite, at least one row."""
-    if len(text) > LARGEST:
-        raise _unusable(name, f"has {len(text)} characters; at most {LARGEST} are allowed")
-    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-    if lines and tuple(entry.strip() for entry in lines[0].split(",")) == COLUMNS:
-        lines = lines[1:]
-    if len(lines) > MOST_POINTS:
-        raise _unusable(name, f"has {len(lines)} points; at most {MOST_POINTS} are allowed")
-    try:
-        rows = np.array([[float(value) for value in line.split(",")] for line in lines])
-    except ValueError:
-        rows = np.empty(0)
-    if rows.ndim != 2 or rows.shape[1] != len(COLUMNS) or not np.isfinite(rows).all():
-        raise _unusable(name, f"must hold three columns {', '.join(COLUMNS)} of numbers")
-    return rows
 
 
 def _unusable(name: str, reason: str) -> UsageError:

@@ -1,4 +1,4 @@
-"""What makes no sense in parameters and runs, and the words for it: one sentence each, for log, summary and report.
+"""Implausible parameters and runs, described in one sentence each, for log, summary and report.
 
 Nothing is refused here: somebody may model a rat.
 """
@@ -19,18 +19,19 @@ from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.parameters.sections import Pairing
 
 GRAVITY = 9.80665
+"""Standard gravity [m/s^2]"""
 LIGHTEST = 150.0
-"""Body weight [N] below which kg were meant: 15 kg"""
+"""Body weight [N] below which the number must be in kg: the weight of 15 kg"""
 STIFF = math.radians(3.5)
-"""[rad] Less movement is that of no joint, or of numbers in rad that count as degrees"""
+"""Range of motion [rad] below which a joint does not move, or its angles in rad were taken for degrees"""
 LEAST_PEAK, MOST_PEAK = 0.75, 8.0
-"""[BW] Peaks of measured knees: from 1.07 on two legs to some 6 in stumbling (OrthoLoad); walking 2 to 3"""
+"""Plausible range of load peaks [BW]: measured ones are from 1.07 on two legs to some 6 in stumbling (OrthoLoad)"""
 SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
-"""Part of the body weight that a compartment is tried with, where the parameters do not say it"""
+"""Part of the body weight that a compartment is tried with, by the rule of its load; see also `load.share`"""
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
-"""Ticks, and time [s], from which on a load that was never positive is no swing phase"""
+"""Number of ticks, and time [s], from which a load that was never positive cannot be a swing phase"""
 PULLING = -50.0
-"""Mean load [N] that no knee is pulled apart with"""
+"""Mean load [N] that is too low even for an unloaded knee"""
 MM, NANOSECONDS = 1e3, 1e9
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 Floats = NDArray[np.float64]
@@ -38,9 +39,9 @@ Integers = NDArray[np.int64]
 
 
 def parameter_doubts(parameters: Parameters, law: ContactLaw, plausible_depth: float) -> list[str]:
-    """What is likely given in another unit: body weight in kg, stiffness in N/mm^n, modulus in MPa; a wait too short.
+    """Sentences about parameters in a likely wrong unit (kg, N/mm^n, MPa), and about a wait that is too short.
 
-    `law` is that of the parameters; beyond `plausible_depth` [m] a depth makes no sense.
+    `law` is the contact law of the parameters; depths beyond `plausible_depth` [m] are implausible.
     """
     return [
         doubt
@@ -61,43 +62,43 @@ def _body_weight(weight: float) -> str:
 
 
 def _stiffness(parameters: Parameters, law: ContactLaw, plausible_depth: float) -> str:
-    """A depth under the body weight that no knee has."""
+    """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
     contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
     load = share * parameters.body_weight
     depth = static_depth(law, load, 0.0, 0.0, NO_LIMIT).depth
     if depth <= plausible_depth:
         return ""
     under = f"{load:.1f} N ({share:g} body weights)"
-    told = f"gives {MM * depth:.3g} mm of depth under {under}, {_beyond(law, plausible_depth)}"
+    finding = f"gives {MM * depth:.3g} mm of depth under {under}, {_beyond(law, plausible_depth)}"
     if contact.stiffness_from == "material" or contact.law == "elastic_foundation":
         value = contact.youngs_modulus
         meant = (
             f"; {value:.7g} MPa would be {1e6 * value:.7g} Pa" if _harder(depth, contact, 1e6, plausible_depth) else ""
         )
-        return f"contact.youngs_modulus {value:.7g} Pa {told}{meant}"
+        return f"contact.youngs_modulus {value:.7g} Pa {finding}{meant}"
     meant = _per_millimetre(contact, contact.stiffness)
     fits = _harder(depth, contact, MM**contact.exponent, plausible_depth)
-    return f"contact.stiffness {_per_metre(contact, contact.stiffness)} {told}" + (f"; {meant}" if fits else "")
+    return f"contact.stiffness {_per_metre(contact, contact.stiffness)} {finding}" + (f"; {meant}" if fits else "")
 
 
 def _harder(depth: float, contact: ContactParameters, factor: float, plausible_depth: float) -> bool:
-    """Whether a law that is stiffer by a factor has a depth that makes sense; near enough for one of two layers."""
+    """Whether a law that is stiffer by a factor has a plausible depth; approximate for laws with two layers."""
     exponent = 2.0 if contact.law == "elastic_foundation" else contact.exponent
     return bool(depth / factor ** (1.0 / exponent) <= plausible_depth)
 
 
 def _second_layer(contact: ContactParameters, law: ContactLaw) -> str:
-    """Bone that is softer than cartilage."""
+    """Sentence about bone that is softer than cartilage; empty if it is not."""
     soft, hard = contact.stiffness, contact.stiffness_2
     if len(law.layers) < 2 or contact.stiffness_from != "value" or hard >= soft:
         return ""
-    told = f"contact.stiffness_2 {_per_metre(contact, hard)} is below contact.stiffness {_per_metre(contact, soft)}"
+    finding = f"contact.stiffness_2 {_per_metre(contact, hard)} is below contact.stiffness {_per_metre(contact, soft)}"
     meant = f"; {_per_millimetre(contact, hard)}" if MM**contact.exponent * hard >= soft else ""
-    return f"{told}: bone softer than cartilage{meant}"
+    return f"{finding}: bone softer than cartilage{meant}"
 
 
 def _wait(pairing: Pairing) -> str:
-    """A wait that ends before the angle that is waited for can come."""
+    """Sentence about a wait that ends before the angle can come; empty if it does not."""
     if pairing.angle_delay <= 0.0 or pairing.wait > pairing.angle_delay:
         return ""
     return (
@@ -111,59 +112,58 @@ def _per_metre(contact: ContactParameters, stiffness: float) -> str:
 
 
 def _per_millimetre(contact: ContactParameters, stiffness: float) -> str:
-    """What a number of N/m^n would be if it had been one of N/mm^n."""
+    """Phrase that converts a number to N/m^n as if it were in N/mm^n."""
     meant = _per_metre(contact, MM**contact.exponent * stiffness)
     return f"{stiffness:.7g} N/mm^{contact.exponent:g} would be {meant}"
 
 
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
-    """What is to be said of parameters, and the watch for a run of their model."""
+    """Doubts about parameters, ready to watch a run of their model."""
     limit = model.plausible_depth
     law = model.modes.law
     return Doubts(limit, _beyond(law, limit), parameter_doubts(parameters, law, limit))
 
 
 def _beyond(law: ContactLaw, plausible_depth: float) -> str:
-    """The largest depth [m] that makes sense, in words."""
+    """Phrase for the largest plausible depth [m], for people."""
     what = "the cartilage's thickness" if plausible_depth == law.thickness else "a fifth of the femoral radius"
     return f"beyond {MM * plausible_depth:.3g} mm, {what}"
 
 
 @dataclass
 class Doubts:
-    """Watches a run: depths that make no sense, and a load of the wrong sign."""
+    """Watches a run for implausible depths and for a load of the wrong sign."""
 
     plausible_depth: float = float("nan")
-    """[m]; not a number if it is not known"""
+    """Largest plausible depth [m]; not a number if it is not known"""
     limit: str = ""
-    """The same in words"""
+    """Phrase for that depth"""
     about_parameters: list[str] = field(default_factory=list)
-    """See `parameter_doubts`"""
+    """Sentences about the parameters; see `parameter_doubts`"""
     ticks: int = 0
+    """Number of answers"""
     too_deep: int = 0
-    """Ticks that are `IMPLAUSIBLE`, or would be: recordings from before have no such bit"""
+    """Number of answers that are `IMPLAUSIBLE`, or would be: older recordings have no such bit"""
     deepest: float = 0.0
-    """[m]"""
+    """Largest depth [m] among these"""
     lowest: float = float("inf")
-    """Load [N]"""
+    """Lowest load [N]"""
     highest: float = float("-inf")
-    """Load [N]"""
+    """Highest load [N]"""
     _sum: float = field(default=0.0, compare=False)
-    """Of all loads [N]; its rounding depends on the blocks they came in"""
+    """Sum of all loads [N]; its rounding depends on the blocks in which they came"""
     _first: int = 0
-    """Stamp [ns]"""
+    """Stamp [ns] of the first answer"""
     _last: int = 0
+    """Latest stamp [ns]"""
 
     def go_on_with(self, other: Doubts) -> None:
-        """Go on with what is to be said of other parameters."""
-        self.plausible_depth, self.limit, self.about_parameters = (
-            other.plausible_depth,
-            other.limit,
-            other.about_parameters,
-        )
+        """Continue with the limit and the sentences of other parameters."""
+        self.plausible_depth, self.limit = other.plausible_depth, other.limit
+        self.about_parameters = other.about_parameters
 
     def add(self, stamp: int, load: float, depth: float, status: int) -> None:
-        """Take an answer: stamp [ns], load [N], penetration depth [m] and status."""
+        """Add an answer: stamp [ns], load [N], penetration depth [m] and status bits."""
         if not self.ticks:
             self._first = stamp
         self._last = max(self._last, stamp)
@@ -176,7 +176,7 @@ class Doubts:
             self.deepest = max(self.deepest, depth)
 
     def add_all(self, stamps: Integers, loads: Floats, depths: Floats, status: Integers) -> None:
-        """Take many answers into account, at least one; all have shape (n,)."""
+        """Add many answers, at least one; all arrays have shape (n,). See `add`."""
         if not self.ticks:
             self._first = int(stamps[0])
         self._last = max(self._last, int(stamps.max()))
@@ -190,7 +190,7 @@ class Doubts:
 
     @property
     def about_depth(self) -> str:
-        """What is to be said of depths; empty if nothing is."""
+        """Sentence about implausible depths; empty if there are none."""
         if not self.too_deep:
             return ""
         limit = f", {self.limit}" if self.limit else ""
@@ -198,7 +198,7 @@ class Doubts:
 
     @property
     def about_load(self) -> str:
-        """What is odd about the load; empty if nothing is."""
+        """Sentence about a load that was never positive; empty if it is plausible."""
         long = self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME * NANOSECONDS
         if not long or self.highest > 0.0 or self._sum > PULLING * self.ticks:
             return ""
@@ -209,5 +209,5 @@ class Doubts:
 
     @property
     def sentences(self) -> list[str]:
-        """All that is to be said."""
+        """All sentences: about parameters, depths and load."""
         return [sentence for sentence in (*self.about_parameters, self.about_depth, self.about_load) if sentence]

@@ -1,4 +1,4 @@
-"""The parameters of the contact node, for it, the commands and `load_model` alike: a value means the same to all."""
+"""Reads the parameters of the contact node, in the same way for the node, the commands and `load_model`."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from knee_contact_ros.system.errors import UsageError
 __all__ = ["Declaration", "all_values", "dotted", "first_error"]
 Part = Parameters | Mapping[str, Any] | str | Path
 Source = Part | Sequence[Part]
-"""Where parameters come from; of several, the later one wins"""
+"""Source of parameters: a file, a mapping, or several of these, of which the later one wins"""
 
 
 def known_parameters() -> dict[str, Declaration]:
-    """Every parameter by its dotted name."""
+    """Declarations of all parameters, by dotted name."""
     return READING.known()
 
 
 def flat_parameters(parameters: Parameters) -> dict[str, Any]:
-    """All values by their dotted names, but lateral ones that are the medial one's: those follow it in an overlay."""
+    """All values by dotted name, without lateral ones that equal the medial ones: in an overlay they follow these."""
     return READING.flat(parameters)
 
 
 def load_parameters(source: Source) -> Parameters:
     """Read parameters from a ROS 2 parameter file, from a mapping, or from several of these (the later one wins).
 
-    See `NodeReading.load`.
+    The forms of a source are described at `NodeReading.load`.
 
     Raises:
-        UsageError: a file that cannot be read, or an unknown name, a wrong type or a value outside its range.
+        UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.
     """
     return READING.load(source)
 
 
 def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Parameters]:
-    """What makes other parameters of these, given some values: as `load_parameters` does, in a tenth of its time.
+    """Function that returns these parameters with some values changed, in a tenth of the time of `load_parameters`.
 
-    Sections that no value belongs to have been checked, and are taken as they are. Lateral values that follow medial
-    ones do so where both compartments are modelled; elsewhere nothing asks for them.
+    Sections without a changed value are not checked again. Lateral values follow the medial ones where both
+    compartments are modelled; elsewhere nothing uses them.
     """
     flat, known = flat_parameters(parameters), known_parameters()
     following = [name for name in known if name.startswith(LATERAL) and name not in flat and has_both(parameters)]
@@ -66,7 +66,7 @@ def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Param
 
 
 def _with_values(section: Section, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a section with other values, by section and name, which are still to be checked."""
+    """Fields of a section with some values replaced, given by section and name; they are still to be checked."""
     fields = dict(vars(section))
     for name, value in values.items():
         own = fields[name]
@@ -75,19 +75,19 @@ def _with_values(section: Section, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def values_set_in(name: str | Path) -> dict[str, Any]:
-    """What a parameter file sets, by dotted names; its own values are checked.
+    """Values that a parameter file sets, by dotted name; they are checked.
 
     Raises:
-        UsageError: as `load_parameters`.
+        UsageError: as for `load_parameters`.
     """
     return READING.set_in(name)
 
 
 def check_value(name: str, value: Any) -> None:
-    """Refuse an unknown parameter, or a value that it may not have whatever the others are.
+    """Check a single value, without its relation to other parameters.
 
     Raises:
-        UsageError: see above.
+        UsageError: the parameter is unknown, or the value is not allowed whatever the others are.
     """
     READING.made(READING.nested({name: value}, ""), "")
 
@@ -97,7 +97,7 @@ def _completed(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check(parameters: Parameters, where: str) -> None:
-    """Refuse values that are allowed alone but not with each other, of either compartment."""
+    """Refuse combinations of values that are not allowed, for both compartments."""
     _check_together(parameters, where)
     if has_both(parameters):
         if parameters.drive != "force":
@@ -107,7 +107,7 @@ def _check(parameters: Parameters, where: str) -> None:
 
 
 def _check_together(parameters: Parameters, where: str, before: str = "") -> None:
-    """Refuse values that are allowed alone but not with each other; their names begin with `before`."""
+    """Refuse combinations of values that are not allowed; `before` begins the names in the errors."""
     femur, tibia, contact, translation = parameters.femur, parameters.tibia, parameters.contact, parameters.translation
     material = contact.stiffness_from == "material"
     rules = (

@@ -1,6 +1,6 @@
-"""The parameters, declared here once with type, range, default and meaning.
+"""Declaration of all parameters of the contact node, with type, range, default and meaning.
 
-How they are read and checked says `reading.py`; a value means the same to the node, the commands and `load_model`.
+`reading.py` reads and checks them, in the same way for the node, the commands and `load_model`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from knee_contact_ros.parameters.sections import Diagnostics, Pairing, Record, S
 
 
 def _off(value: object) -> object:
-    """ROS 2 parameter files take a bare `off` for the truth value false (YAML 1.1)."""
+    """Restore `off`, which ROS 2 parameter files read as the truth value false (YAML 1.1)."""
     return "off" if value is False else value
 
 
 class Knee(Section):
-    """Which joint, and how its position becomes the flexion angle: flexion_sign x position + flexion_offset."""
+    """Knee joint in the joint states; the flexion angle is flexion_sign x position + flexion_offset."""
 
     joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
     flexion_sign: Annotated[float, OneOf(1.0, -1.0)] = Field(
@@ -45,7 +45,7 @@ class Knee(Section):
 
 
 class Load(Section):
-    """Which part of the axial joint reaction drives the compartment."""
+    """Part of the axial joint reaction that loads the compartment."""
 
     compartment: Annotated[str, OneOf(*COMPARTMENTS, BOTH)] = Field(
         "fixed_share", description=", ".join((*COMPARTMENTS, BOTH))
@@ -63,12 +63,12 @@ class Load(Section):
 
     @property
     def rule(self) -> str:
-        """The name of the rule in `COMPARTMENTS` that tells the medial (or only) compartment's load."""
+        """Name of the rule in `COMPARTMENTS` for the load of the medial (or only) compartment."""
         return self.split if self.compartment == BOTH else self.compartment
 
 
 class Frame(Section):
-    """Frames of the messages."""
+    """Frame of the messages."""
 
     tibia: Annotated[str, AfterValidator(frame_name)] = Field(
         "",
@@ -77,7 +77,7 @@ class Frame(Section):
 
 
 class Femur(Section):
-    """The femur: its mass and the surface that touches."""
+    """Mass and contact surface of the femur."""
 
     mass: float = Field(9.3014, ge=1e-4, le=1e3, description="[kg] that follows the reference point")
     geometry: Annotated[str, OneOf(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
@@ -87,7 +87,7 @@ class Femur(Section):
 
 
 class Tibia(Section):
-    """The plateau."""
+    """Contact surface of the tibia, the plateau."""
 
     geometry: Annotated[str, OneOf(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
     slope: float = Field(
@@ -106,9 +106,9 @@ class Translation(Section):
 
 
 class CommonContactParameters(Section):
-    """The contact law and the constants of more than one law, or that others depend on.
+    """Contact law, and the constants that several laws have or that other parameters depend on.
 
-    What a law's factory asks for beside these is a parameter too; see `with_constants_of_laws`.
+    Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
     """
 
     law: Annotated[str, OneOf(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
@@ -138,18 +138,21 @@ class CommonContactParameters(Section):
 
 
 def constants_of(law: str) -> list[str]:
-    """The parameters `contact.*` that a law asks for."""
+    """Names of the parameters `contact.*` that a law uses."""
     return list(_arguments(CONTACT_LAWS[law]))
 
 
 @functools.cache
 def _arguments(factory: Callable[..., Any]) -> tuple[str, ...]:
-    """To look at a signature takes as long as to make ten laws."""
+    """Names of a factory's arguments; kept, as inspecting a signature takes as long as making ten laws."""
     return tuple(inspect.signature(factory).parameters)
 
 
 def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[CommonContactParameters]:
-    """The common parameters and what these laws ask for beyond, each with a default and a `Range` in the signature."""
+    """Section with the common parameters and the further arguments of these laws' factories.
+
+    Each of those has a default and a `Range` in the signature.
+    """
     more: dict[str, Any] = {}
     for factory in laws.values():
         types = get_type_hints(factory, include_extras=True)
@@ -169,7 +172,7 @@ else:
 
 
 class Lateral(Section):
-    """The lateral compartment, where both are modelled; what is not given here is as for the medial one."""
+    """Lateral compartment, where both are modelled; values that are not given equal those of the medial one."""
 
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
@@ -177,7 +180,7 @@ class Lateral(Section):
 
 
 class FidelityParameters(Section):
-    """How exactly to solve, and how much that may cost."""
+    """Level and accuracy of the solution, and its largest cost."""
 
     level: Annotated[str, OneOf(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
     tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
@@ -190,7 +193,7 @@ class FidelityParameters(Section):
 
 
 class Rerun(Section):
-    """The Rerun scene."""
+    """Viewer: the scene in Rerun."""
 
     output: ClassVar[str] = "knee_contact_ros.view.outlines"
 
@@ -207,7 +210,7 @@ class Rerun(Section):
 
 
 class Parameters(Section):
-    """All parameters of the node and of the offline commands."""
+    """All parameters of the contact node and of the offline commands."""
 
     knee: Knee = Knee()
     load: Load = Load()

@@ -1,4 +1,4 @@
-"""Groups of parameters that all nodes of the package have."""
+"""Groups of parameters that all nodes of the package have in common."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ from knee_contact_ros.parameters.limits import OffOrAtLeast
 
 
 class Section(BaseModel):
-    """A group of parameters; names and types are strict, numbers finite."""
+    """Group of parameters; names and types are strict, numbers finite."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def frame_name(name: str) -> str:
-    """The name of a tf2 frame, or nothing."""
+    """Check the name of a tf2 frame, which may be empty.
+
+    Raises:
+        ValueError: it begins with a slash, or is the suffix of a tibia frame alone.
+    """
     if name.startswith("/") or name == "_isb":
         raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
     return name
 
 
 class Pairing(Section):
-    """How angle and force samples are brought together by their stamps."""
+    """Pairing of angle and force samples by their stamps."""
 
     wait: float = Field(
         0.1, ge=0.0, le=10.0, description="[s] how long a force waits for an angle at or after its stamp"
@@ -40,7 +44,7 @@ class Pairing(Section):
 
 
 class Diagnostics(Section):
-    """From when on `/diagnostics` finds fault with an input."""
+    """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
 
     angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] of the angles, below which it warns; 0: off")
     angle_error_rate: float = Field(0.0, ge=0.0, le=1e5, description="[Hz] below which that is an error; 0: off")
@@ -50,12 +54,12 @@ class Diagnostics(Section):
 
 
 def queue(answers: int) -> Any:
-    """Answers that may wait for an output's process."""
+    """Field for the number of answers that may wait for an output's process; `answers` is the default."""
     return Field(answers, ge=100, le=10_000_000, description="answers that may wait for its process")
 
 
 def queue_size(size: float) -> Any:
-    """Memory that answers may take while they wait."""
+    """Field for the memory that answers may take while they wait; `size` [MB] is the default."""
     return Field(size, ge=1.0, le=1e5, description="[MB] of memory that these may take")
 
 

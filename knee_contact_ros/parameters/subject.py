@@ -1,4 +1,4 @@
-"""A subject file: one page in YAML that names what a person's knee differs in, and the gait to compute."""
+"""Subject file: a short YAML file with the properties of a person's knee, and the gait to compute."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from knee_contact_ros.parameters.reading import first_error, load_parameters
+from knee_contact_ros.parameters.declared import first_error
+from knee_contact_ros.parameters.plausibility import GRAVITY
+from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded, find_file
 from knee_contact_ros.system.yaml_file import read_mapping
 
-GRAVITY = 9.80665
-"""[m/s^2]"""
 FEMORAL_SHARE = 9.3014 / 75.16
-"""Mass of the femur's segment over that of the body in OpenSim's model gait2354, which scales both alike"""
+"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
 
 
 class SubjectFile(Section):
-    """What a subject file may say."""
+    """Content of a subject file."""
 
     name: str = Field("", description="of the person; for the reader")
     mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
@@ -35,49 +35,49 @@ class SubjectFile(Section):
 
 
 class Subject:
-    """A subject file that was read; files that it names lie beside it, or among the package's own."""
+    """Subject of a subject file; files that it names lie beside it, or among the package's own."""
 
     def __init__(self, path: Path) -> None:
         """Read a subject file.
 
         Raises:
-            UsageError: it cannot be read, or says something that is not allowed.
+            UsageError: it cannot be read, or has an entry that is not allowed.
         """
         self.path = path
-        content = read_mapping(path, "subject file", "names to values")
+        mapping = read_mapping(path, "subject file", "names to values")
         try:
-            self.says = SubjectFile.model_validate(dict(content))
+            self.content = SubjectFile.model_validate(dict(mapping))
         except ValidationError as error:
             raise UsageError(f"subject file {path}: {first_error(error)}") from None
 
     @property
     def bag(self) -> Path | None:
-        """The gait bag that it names."""
-        return self._file(self.says.bag) if self.says.bag else None
+        """Gait bag that the file names; None if it names none."""
+        return self._file(self.content.bag) if self.content.bag else None
 
     def sources(self) -> list[Path | Mapping[str, Any]]:
-        """What `load_parameters` takes: the files that it names, and its own values, which win.
+        """Sources for `load_parameters`: the parameter files of the subject, and the subject's own values, which win.
 
         Raises:
-            UsageError: a parameter file that it names cannot be used.
+            UsageError: one of the parameter files cannot be used.
         """
-        files: list[Path | Mapping[str, Any]] = [self._file(name) for name in self.says.parameters]
+        files: list[Path | Mapping[str, Any]] = [self._file(name) for name in self.content.parameters]
         before = load_parameters(files)
         values: dict[str, Any] = {
-            "body_weight": self.says.mass * GRAVITY,
-            "femur.mass": self.says.mass * FEMORAL_SHARE,
+            "body_weight": self.content.mass * GRAVITY,
+            "femur.mass": self.content.mass * FEMORAL_SHARE,
         }
-        if self.says.thickness is not None:
-            values["contact.layer_depth"] = self.says.thickness
-        if self.says.joint:
-            values["knee.joint_name"] = self.says.joint
-        values |= self._surface("femur", self.says.profile, before.femur.geometry, before.femur.radius)
-        values |= self._surface("tibia", self.says.tibial_profile, before.tibia.geometry, before.tibia.radius)
+        if self.content.thickness is not None:
+            values["contact.layer_depth"] = self.content.thickness
+        if self.content.joint:
+            values["knee.joint_name"] = self.content.joint
+        values |= self._surface("femur", self.content.profile, before.femur.geometry, before.femur.radius)
+        values |= self._surface("tibia", self.content.tibial_profile, before.tibia.geometry, before.tibia.radius)
         return [*files, values]
 
     def _surface(self, bone: str, profile: str, geometry: str, radius: float) -> dict[str, Any]:
-        """A bone's surface: the profile given or what the parameter files have, to scale."""
-        scale = self.says.scale
+        """Parameters of a bone's surface, to scale: the subject's profile, or the surface of the parameter files."""
+        scale = self.content.scale
         if profile:
             return {
                 f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile)), f"{bone}.scale": scale

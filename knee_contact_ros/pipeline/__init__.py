@@ -1,1 +1,1 @@
-"""From samples of two streams to answers; no file, no clock."""
+"""Computes answers from the samples of two streams, without files and clocks."""

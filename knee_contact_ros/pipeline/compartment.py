@@ -1,4 +1,4 @@
-"""A compartment of the knee: its model, the run through it, and where it lies."""
+"""Compartment of the knee: its model, the state of its run, and its place in the tibia frame."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pair_blocks import Floats
 
 SIX = struct.Struct("<6d")
-"""Force and torque among the bytes of a row"""
-OF_WRENCH = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xyz"]
+"""Force and torque in the bytes of a row"""
+WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xyz"]
 
 
 class Compartment:
-    """Takes its part of the load, tick by tick."""
+    """Compartment of the knee that is computed tick by tick."""
 
     def __init__(self, topic: str, parameters: Parameters, model: KneeModel, z: float) -> None:
-        """A compartment at rest.
+        """Make a compartment at rest.
 
         Args:
-            topic: of its answers.
-            parameters: its own, under the names of the medial one's.
-            model: theirs.
-            z: [m] where it lies in the tibia frame; 0 for the only one, as the model is planar.
+            topic: Topic of its answers.
+            parameters: Parameters of the compartment, under the names of the medial one's.
+            model: Model with these parameters.
+            z: Place in the tibia frame [m]; 0 for the only compartment, as the model is planar.
         """
         self.topic, self.parameters, self.model, self._z = topic, parameters, model, z
         self.doubts = doubts_about(parameters, model)
-        """What makes no sense: in the parameters, and in the answers that are told to it"""
+        """Implausible parameters, and implausible answers among those that are added to it"""
         self.start_anew()
 
     def start_anew(self) -> None:
-        """Start from rest."""
+        """Restart from rest."""
         self.stream = self.model.stream()
         row = self.stream.answer
         self._point_z = row["contact_point"]["z"]
@@ -51,12 +51,12 @@ class Compartment:
         self._force_x, self._force_y, self._torque_x, self._torque_y = force["x"], force["y"], torque["x"], torque["y"]
 
     def compile(self, kernel: Callable[[KneeModel], KneeModel]) -> None:
-        """Go on as `kernel` has it; before the first tick."""
+        """Replace the model by what `kernel` makes of it; to be called before the first tick."""
         self.model = kernel(self.model)
         self.start_anew()
 
     def retune(self, parameters: Parameters, z: float) -> None:
-        """Go on with other numbers, between two ticks."""
+        """Continue with other numbers among the parameters and another place [m], between two ticks."""
         self.parameters, self._z = parameters, z
         self.model = retuned(self.model, parameters)
         self.stream.go_on_with(self.model)
@@ -64,11 +64,11 @@ class Compartment:
 
     @property
     def row(self) -> Rows:
-        """The answer to the last tick, shape (1,); the next one is written over it."""
+        """Answer of the last tick, shape (1,); the next tick overwrites it."""
         return self.stream.answer
 
     def advance(self, stamp: int, angle: float, load: float, height: float | None, status: int) -> None:
-        """Compute a tick, at a stamp [ns], into `row`; see `Stream.advance` for the others, and bits of `Status`."""
+        """Compute a tick at a stamp [ns] into `row`, with further bits of `Status`; see also `Stream.advance`."""
         self.stream.advance(stamp, angle, load, height)
         if status:
             self.row["status"] |= status
@@ -80,7 +80,7 @@ class Compartment:
     def advance_all(
         self, stamps: Stamps, angles: Floats, loads: Floats, heights: Floats | None, status: NDArray[Any]
     ) -> Rows:
-        """Compute many ticks: the same bits. All arrays have shape (n,)."""
+        """Compute many ticks, with the same bits as `advance`. All arrays have shape (n,)."""
         rows = self.stream.advance_all(stamps, angles, loads, heights)
         rows["status"] |= status.astype(np.uint8)
         put_aside(rows, self._z)
@@ -88,7 +88,7 @@ class Compartment:
 
 
 def put_aside(rows: Rows, z: float) -> None:
-    """Let answers be those of a compartment that lies beside the middle of the tibia, so far [m]."""
+    """Move the answers of many ticks to a compartment at a place z [m] beside the middle of the tibia."""
     if not z:
         return
     rows["contact_point"]["z"] = z
@@ -98,10 +98,12 @@ def put_aside(rows: Rows, z: float) -> None:
 
 
 def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[Compartment, ...]:
-    """The only compartment of a knee, or medial and lateral; `texts` has the contents of files by parameter.
+    """Make the only compartment of a knee, or the medial and the lateral one.
+
+    `texts` has the contents of files by parameter.
 
     Raises:
-        UsageError: see `build_model`.
+        UsageError: a model cannot be built; see `build_model`.
     """
     z = aside(parameters)
     first = Compartment(KNEE_CONTACT, parameters, build_model(parameters, curves=texts), -z)
@@ -112,12 +114,12 @@ def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[C
 
 
 def aside(parameters: Parameters) -> float:
-    """How far [m] the compartments lie from the middle of the tibia; 0 if there is one."""
+    """Distance [m] of the compartments from the middle of the tibia; 0 if there is only one."""
     return 0.5 * parameters.load.compartment_spacing if has_both(parameters) else 0.0
 
 
 def summed_wrench(rows: Sequence[bytes]) -> bytes:
-    """The row of the first compartment with the contact wrench of all, at the origin of the tibia frame."""
+    """Row of the first compartment with the sum of all contact wrenches, at the origin of the tibia frame."""
     first, *others = rows
     if not others:
         return first
@@ -128,12 +130,15 @@ def summed_wrench(rows: Sequence[bytes]) -> bytes:
 
 
 def summed_wrenches(rows: Sequence[Rows]) -> Rows:
-    """The same of many answers: an array of rows for each compartment, all of shape (n,)."""
+    """Rows of the first compartment with the sums of all contact wrenches, as `summed_wrench` makes them.
+
+    `rows` has an array for each compartment, all of shape (n,).
+    """
     first, *others = rows
     if not others:
         return first
     summed = np.frombuffer(bytearray(first.tobytes()), ROW)
     for more in others:
-        for name in OF_WRENCH:
+        for name in WRENCH_FIELDS:
             summed.view(FLAT)[name] += more.view(FLAT)[name]
     return summed

@@ -1,7 +1,7 @@
-"""The frame in which a force comes: checked at every sample, and turned into the tibia frame where that is asked for.
+"""The frame of the forces: checked at every sample; forces are transformed to the tibia frame if a parameter says so.
 
-Turned is by static transforms only (`/tf_static`), and what is recorded is the turned force. So an answer depends on
-samples and not on when a transform arrived, and a recording needs none to be computed again.
+Only static transforms (`/tf_static`) are used, and the transformed force is recorded. So an answer depends on samples
+and not on the time at which a transform arrived, and a recording needs no transforms to be computed again.
 """
 
 from __future__ import annotations
@@ -21,71 +21,71 @@ from knee_contact_ros.system.printable import LONGEST, printable
 Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
 ISB = "_isb"
-"""How a tibia frame (x anterior, y superior, z right) is named whose bone has a frame by REP 103 of the same name"""
+"""Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
 HALF = 0.5**0.5
 FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
-"""x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; quaternion x, y, z, w"""
+"""Rotation from x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; x, y, z, w"""
 FORCE_TURNED = "force_turned"
-"""Name of the metadata record that tells how forces are turned from there on"""
+"""Name of the metadata record that describes how forces are transformed from there on"""
 MOST_FRAMES = 10_000
-"""That are remembered"""
+"""Largest number of frames that are remembered"""
 LONGEST_CHAIN = 100
-"""Transforms from a frame to its last ancestor that are gone through"""
+"""Largest number of transforms that are followed from a frame to its ancestors"""
 FARTHEST = 1e6
-"""[m] from one frame to the next, beyond all robots"""
+"""Largest distance [m] from one frame to the next"""
 UNIT = 0.01
-"""By how much the square of a quaternion's length may differ from 1; as much as tf2 allows"""
+"""Largest difference of the square of a quaternion's length from 1, as in tf2"""
 
 
 def isb_transform(frame: str) -> Transform | None:
-    """Where the tibia frame lies in the tibia's frame by REP 103; None if its name tells of none."""
+    """Pose of a tibia frame in the bone's frame by REP 103; None if its name has not the suffix for it."""
     bone = frame.removesuffix(ISB)
     return Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
 
 
 class StaticTransforms:
-    """A tree of frames; the last that was said of a frame holds."""
+    """Tree of frames; a later transform of a frame replaces an earlier one."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Transform] = {}  # by their children
+        self._known: dict[str, Transform] = {}  # by child frame
 
     def add(self, transform: Transform) -> bool:
-        """Learn where a frame lies; whether that is news.
+        """Add a transform, and return whether it changes the tree.
 
         Raises:
-            ValueError: a number is not finite or beyond all robots, the quaternion is none, a name is missing, or that
-                of both frames, or there are too many.
+            ValueError: a number is not finite or too large, the quaternion is not of unit length, a name is missing or
+                that of both frames, or there are too many frames.
         """
         parent, child, translation, rotation = transform
-        said = f"transform from {_short(parent)} to {_short(child)}"
+        label = f"transform from {_short(parent)} to {_short(child)}"
         if not parent or not child or parent == child:
-            raise ValueError(f"{said}: it has no meaning")
+            raise ValueError(f"{label}: it has no meaning")
         length = sum(part * part for part in rotation)
         if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
-            raise ValueError(f"{said}: {translation}, {rotation} are no pose")
+            raise ValueError(f"{label}: {translation}, {rotation} are no pose")
         if child not in self._known and len(self._known) >= MOST_FRAMES:
-            raise ValueError(f"{said}: one more than the {MOST_FRAMES} that are remembered")
+            raise ValueError(f"{label}: one more than the {MOST_FRAMES} that are remembered")
         news = self._known.get(child) != transform
         self._known[child] = transform
         return news
 
     def between(self, frame: str, wanted: str) -> Pose | None:
-        """Coordinates in a frame to those in the wanted one; None if no transforms connect them."""
+        """Pose that takes coordinates in a frame to those in the wanted one; None if no transforms connect them."""
         up, down = self._up(frame), self._up(wanted)
         common = next((ancestor for ancestor in up if ancestor in down), None)
         return None if common is None else np.linalg.inv(down[common]) @ up[common]
 
     def _up(self, frame: str) -> dict[str, Pose]:
-        """A frame's ancestors, itself first, each with what takes coordinates there."""
-        found, pose = {frame: np.eye(4)}, np.eye(4)
-        while frame in self._known and len(found) <= LONGEST_CHAIN:
+        """Ancestors of a frame, itself first, each with the pose that takes coordinates there."""
+        ancestors, pose = {frame: np.eye(4)}, np.eye(4)
+        while frame in self._known and len(ancestors) <= LONGEST_CHAIN:
             step = self._known[frame]
             frame = step.parent
-            if frame in found:  # a circle
+            if frame in ancestors:  # a cycle
                 break
             pose = _pose(step) @ pose
-            found[frame] = pose
-        return found
+            ancestors[frame] = pose
+        return ancestors
 
 
 def _pose(transform: Transform) -> Pose:
@@ -95,25 +95,25 @@ def _pose(transform: Transform) -> Pose:
 
 
 def _rotations() -> Any:
-    """SciPy's class of rotations."""
+    """SciPy's class of rotations, imported when it is needed."""
     from scipy.spatial.transform import Rotation  # a fifth of a second to import; most forces are not turned
 
     return Rotation
 
 
 class ForceFrame:
-    """Takes forces in one frame, that of the first, and turns them if that is not the wanted one."""
+    """Checks that all forces come in one frame, and transforms them if that is not the wanted one."""
 
     def __init__(self, wanted: str = "", topic: str = JOINT_REACTION_FORCE) -> None:
-        """`wanted` is the name of the frame, as `frame.tibia`; empty: forces of `topic` are in it as they come."""
+        """Expect forces of `topic`; `wanted` names the tibia frame, and is empty if they are in it as they come."""
         self.wanted, self._topic = wanted, topic
         self.is_known = False
-        """Whether all forces are in the tibia frame for sure, as those of a recording are: nothing is checked then"""
+        """Whether all forces are certainly in the tibia frame, as in a recording: then nothing is checked"""
         self.turn_note: dict[str, str] = {}
-        """What is to be told of a turn that is new: see `told`"""
-        self._frame: str | None = None  # in which forces come
-        self._pose: Pose | None = None  # where that lies in the wanted one; None if nothing is turned
-        self._candidate: Pose | None = None  # likewise, of the force that was turned last while no frame is held
+        """Metadata record of a turn that is new; see `take_turn_note`"""
+        self._frame: str | None = None  # of the forces as they come
+        self._pose: Pose | None = None  # its pose in the wanted frame; None if nothing is transformed
+        self._candidate: Pose | None = None  # that pose for the last force, while no frame is held
         self._transforms = StaticTransforms()
         if wanted:
             _rotations()  # now, and not while a force waits
@@ -121,17 +121,17 @@ class ForceFrame:
         if own:
             self._transforms.add(own)
 
-    def told(self) -> dict[str, str]:
-        """What is to be told of a turn that is new, once."""
+    def take_turn_note(self) -> dict[str, str]:
+        """Metadata record of a turn that is new, empty if there is none; each is returned once."""
         note, self.turn_note = self.turn_note, {}
         return note
 
     def forget(self) -> None:
-        """Take the next force in whatever frame it comes."""
+        """Accept the next force in any frame."""
         self._frame = self._pose = None
 
     def learn(self, transforms: Iterable[Transform]) -> list[str]:
-        """Learn where frames lie, from now on; what makes no sense is left out, and said."""
+        """Use transforms from now on; return messages about those that make no sense and are ignored."""
         problems, news = [], False
         for transform in transforms:
             try:
@@ -147,7 +147,7 @@ class ForceFrame:
         return problems
 
     def goes_on(self, frame: str) -> bool:
-        """Whether a force in this frame is one more of those before, or the first, and needs no turning."""
+        """Whether a force in this frame is accepted, in the frame of those before, and needs no transform."""
         if self.is_known:
             return True
         expected = (self.wanted or frame) if self._frame is None else self._frame
@@ -155,17 +155,17 @@ class ForceFrame:
 
     @property
     def is_held(self) -> bool:
-        """Whether all forces are expected in one frame, as one was taken."""
+        """Whether a force was accepted, so that all others are expected in its frame."""
         return self._frame is not None
 
     def hold(self, frame: str) -> None:
-        """Expect forces in the frame of the one that was looked at last: it was taken."""
+        """Expect forces in the frame of the last one, which was accepted."""
         self._frame = frame
         if self._candidate is not None:
             self._turn_by(self._candidate, frame)
 
     def turned(self, wrench: WrenchStamped, data: bytes) -> tuple[WrenchStamped, bytes]:
-        """A force as it acts at the origin of the tibia frame and along its axes, and the bytes to record.
+        """Transform a force to the origin and the axes of the tibia frame; return it, and the bytes to record.
 
         Raises:
             RefusedSampleError: it is in another frame than those before, or no transform leads to the wanted one.
@@ -200,7 +200,7 @@ def _short(name: str) -> str:
 
 
 def turned_wrench(wrench: WrenchStamped, pose: Pose, frame: str) -> WrenchStamped:
-    """The same wrench at the origin and along the axes of another frame: F' = R F, M' = R M + p × F'."""
+    """Transform a wrench to the origin and the axes of another frame: F' = R F, M' = R M + p × F'."""
     *rows, _ = pose.tolist()
     fx, fy, fz = force = _turned(rows, wrench.force)
     mx, my, mz = _turned(rows, wrench.torque)

@@ -1,10 +1,11 @@
-"""Bytes of both input streams in, pairs out, answers on request: what all pipelines have in common."""
+"""Base of all pipelines: bytes of two input streams become pairs of samples, and these become answers."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
@@ -16,10 +17,10 @@ from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample, Sync
 
 
 class Intake(ABC):
-    """Takes JointStates and forces, refuses and counts what cannot be used, and pairs the rest."""
+    """Takes JointStates and forces, refuses and counts those that cannot be used, and pairs the others."""
 
     def __init__(self, force_topic: str, pairing: Pairing, frame: ForceFrame, deserialize: Deserialize) -> None:
-        """Begin with nothing; see `Decoder` for `deserialize`."""
+        """Begin without samples; see `Decoder` for `deserialize`."""
         self.force_topic = force_topic
         self.decoder = Decoder(deserialize)
         self.frame = frame
@@ -30,7 +31,7 @@ class Intake(ABC):
 
     @abstractmethod
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
-        """What counts of a JointState; `data` are the bytes under which it is recorded.
+        """Sample in a JointState; `data` are the bytes under which it is recorded.
 
         Raises:
             RefusedSampleError: it cannot be used.
@@ -38,18 +39,22 @@ class Intake(ABC):
 
     @abstractmethod
     def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
-        """What counts of a force that came when `arrived` [s] says, likewise."""
+        """Sample in a force that arrived at a time [s] by the caller's clock; see `angle_sample`."""
 
     @abstractmethod
     def compute(self, pair: PairedSample) -> list[bytes]:
-        """Compute a tick; give its messages."""
+        """Compute a tick; return the bytes of its messages."""
 
     @abstractmethod
     def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
-        """All that the tick computed last leaves behind: its `messages`, and what led to them.
+        """Answer of the tick that was computed last: its `messages`, and the inputs that led to them.
 
-        `latency` [s] is that of its publication, where it is measured.
+        `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
         """
+
+    @abstractmethod
+    def retune(self, parameters: Any) -> None:
+        """Continue with other numbers among the parameters, between two ticks."""
 
     @property
     def refused(self) -> int:
@@ -57,19 +62,19 @@ class Intake(ABC):
         return self.synchroniser.refused.total()
 
     def joint_state(self, data: bytes) -> Iterator[Answer]:
-        """Take the bytes of a JointState; give the answers that it makes possible."""
+        """Take the bytes of a JointState; yield the answers that it makes possible."""
         return self._answers(self.take_joint_state(data))
 
     def force(self, data: bytes) -> Iterator[Answer]:
-        """Take the bytes of a WrenchStamped; give the answers that it makes possible."""
+        """Take the bytes of a WrenchStamped; yield the answers that it makes possible."""
         return self._answers(self.take_force(data))
 
     def finish(self) -> Iterator[Answer]:
-        """Answer all that came: there will be no more."""
+        """Yield the answers to all that waits: no more samples will come."""
         return self._answers(self.synchroniser.finish())
 
     def take_joint_state(self, data: bytes) -> list[PairedSample]:
-        """Take the bytes of a JointState; give the ticks that it makes possible, to be computed one by one."""
+        """Take the bytes of a JointState; return the pairs that it makes possible, to be computed one by one."""
         try:
             sample = self.angle_sample(*self.decoder.joint_state(data))
         except RefusedSampleError as refused:
@@ -77,7 +82,7 @@ class Intake(ABC):
         return self.synchroniser.push_angle(sample)
 
     def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
-        """Take the bytes of a WrenchStamped, `arrived` [s] by the caller's clock; give the ticks, likewise."""
+        """Take the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the pairs."""
         try:
             came, as_it_came = self.decoder.force(data, self.force_topic)
             sample = self.force_sample(*self.frame.turned(came, as_it_came), arrived)
@@ -87,12 +92,12 @@ class Intake(ABC):
             return self.synchroniser.push_load(sample)
         refused_before = self.refused
         pairs = self.synchroniser.push_load(sample)
-        if self.refused == refused_before:  # what is refused tells of no frame
+        if self.refused == refused_before:  # a refused sample does not decide on the frame
             self.frame.hold(came.frame_id)
         return pairs
 
     def reset(self) -> None:
-        """Start anew from rest at the next tick, which says so (`TIME_RESET`), with forces in any frame."""
+        """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
         self.frame.forget()
         if self._pending:
             self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
@@ -100,7 +105,7 @@ class Intake(ABC):
             self.synchroniser.start_anew()
 
     def ending(self) -> Ending:
-        """What a recording must hold beside the answers."""
+        """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
         inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
         return Ending(inputs, dict(self.synchroniser.refused))
 

@@ -1,4 +1,4 @@
-"""Messages to samples of a leg's sensors: the one place where its joints' names and signs, and axes, are applied."""
+"""Messages of a leg's sensors to samples: the only place where its joints' names, signs and axes are applied."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from knee_contact_ros.parameters.load_schema import ActuatedJoint, GroundForce, 
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample, RefusedSampleError, checked_stamp, number_of
 
 LARGEST_TORQUE = 1e5
-"""[N m] of an actuator, or of the ground, beyond all legs"""
+"""Largest torque of an actuator or of the ground [N m], and largest ground force [N]"""
 
 
 def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, delay: int) -> AngleSample:
-    """Angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
+    """Sample with angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
 
     Raises:
         RefusedSampleError: a joint that the parameters name is missing, has no position, or no effort where it is
-            assisted, or its value is not finite or beyond all legs; or the stamp is none.
+            assisted, or its value is not finite or too large; or the stamp is not valid.
     """
     knee, ankle = parameters.knee, parameters.ankle
     flexion = _angle(message, knee)
@@ -30,12 +30,12 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
 
 
 def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
-    """The joints of an `AngleSample` by `leg_sample`."""
+    """Joints from the flexion angle and the other numbers of a sample that `leg_sample` has made."""
     return Joints(flexion, *others)
 
 
 def _angle(message: JointState, joint: MeasuredJoint) -> float:
-    """Angle [rad] of a joint; not a number if it is not measured."""
+    """Angle [rad] of a joint; NaN if it is not measured."""
     if not joint.joint_name:
         return UNKNOWN
     angle = joint.sign * number_of(message, joint.joint_name, "position") + joint.offset
@@ -46,39 +46,39 @@ def _angle(message: JointState, joint: MeasuredJoint) -> float:
 
 
 def _assistance(message: JointState, joint: ActuatedJoint) -> float:
-    """Torque [N m] of a joint's actuator against the sense of its angle; 0 if there is none."""
+    """Torque [N m] of a joint's actuator, positive against its angle; 0 if there is none."""
     if not joint.assisted:
         return 0.0
     effort = number_of(message, joint.joint_name, "effort")
     if abs(effort) > LARGEST_TORQUE:
         text = f"joint_states: effort of joint {joint.joint_name!r} is {effort:g} N m, beyond {LARGEST_TORQUE:g}"
         raise RefusedSampleError("out_of_range", text)
-    return 0.0 - joint.sign * effort  # of none it is 0, and not -0
+    return 0.0 - joint.sign * effort  # without effort it is 0, and not -0
 
 
 def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float) -> LoadSample:
-    """What the ground exerts on the foot, from a WrenchStamped; `data` and `arrived` as for `load_sample`.
+    """Sample with the ground force on the foot, from a WrenchStamped; `data` and `arrived` as for `load_sample`.
 
     Raises:
-        RefusedSampleError: a component that counts is not finite or beyond all legs, or the stamp is none.
+        RefusedSampleError: a component that is used is not finite or too large, or the stamp is not valid.
     """
     full = parameters.components == "full"
-    counting = (*message.force, *message.torque) if full else (message.force[1],)
-    if not all(map(math.isfinite, counting)):
+    components = (*message.force, *message.torque) if full else (message.force[1],)
+    if not all(map(math.isfinite, components)):
         what = "force and torque" if full else "force.y"
-        told = ", ".join(f"{number:g}" for number in counting)
-        raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {told}")
-    if max(map(abs, counting)) > LARGEST_TORQUE:
-        told = f"{max(counting, key=abs):g} N or N m"
-        raise RefusedSampleError("out_of_range", f"{GROUND_REACTION_FORCE}: {told}, beyond {LARGEST_TORQUE:g}")
+        numbers = ", ".join(f"{number:g}" for number in components)
+        raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {numbers}")
+    if max(map(abs, components)) > LARGEST_TORQUE:
+        largest = f"{max(components, key=abs):g} N or N m"
+        raise RefusedSampleError("out_of_range", f"{GROUND_REACTION_FORCE}: {largest}, beyond {LARGEST_TORQUE:g}")
     stamp = checked_stamp(message.stamp, GROUND_REACTION_FORCE)
     return LoadSample(stamp, message.force[1], UNKNOWN, message.frame_id, data, arrived, message)
 
 
 def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, inclination: float) -> Ground:
-    """A wrench about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
+    """Ground force about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
 
-    A sensor that turns with the foot is taken to stand upright where the ankle is not measured.
+    A sensor that turns with the foot is assumed to be upright if the ankle is not measured.
     """
     if parameters.components == "vertical":
         return Ground((0.0, wrench.force[1], 0.0), (UNKNOWN, UNKNOWN, UNKNOWN))
@@ -93,7 +93,7 @@ def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, in
 
 
 def _turned(vector: Vector, angle: float) -> Vector:
-    """A vector by an angle [rad] about z."""
+    """Rotate a vector by an angle [rad] about z."""
     x, y, z = vector
     cosine, sine = math.cos(angle), math.sin(angle)
     return cosine * x - sine * y, sine * x + cosine * y, z

@@ -1,16 +1,19 @@
-"""From the bytes of a leg's sensors to the joint reaction force, without ROS: for the load node and `estimate-load`."""
+"""Estimates the joint reaction force from the messages of a leg's sensors: for the load node and `estimate-load`.
+
+Needs no ROS.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from knee_contact_ros.joint_reaction.estimator import Estimate, Estimator
+from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator
 from knee_contact_ros.joint_reaction.inverse_dynamics import inclination
 from knee_contact_ros.joint_reaction.motion import Motion, MotionFilter
 from knee_contact_ros.joint_reaction.sensed import Ground, Joints
 from knee_contact_ros.messages.answer import Answer, Record
+from knee_contact_ros.messages.answer_out import header
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_wrench_stamped
-from knee_contact_ros.messages.estimate_out import encode_estimate
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, LOAD_ESTIMATE
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -22,10 +25,10 @@ from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
 
 
 class LoadPipeline(Intake):
-    """Samples, pairing and estimator in one line."""
+    """Pipeline of the load node: samples, pairing and estimator."""
 
     def __init__(self, parameters: LoadParameters, deserialize: Deserialize = deserialize) -> None:
-        """Begin with nothing; see `Decoder` for `deserialize`."""
+        """Begin without samples; see `Decoder` for `deserialize`."""
         frame = ForceFrame(parameters.frame.ground, GROUND_REACTION_FORCE)
         super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame, deserialize)
         self.parameters = parameters
@@ -33,20 +36,20 @@ class LoadPipeline(Intake):
         self._motion = MotionFilter(parameters.motion_window)
         self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
         self.estimate: Estimate | None = None
-        """The last one"""
+        """Last estimate; None before the first tick"""
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
-        """The joints of the leg."""
+        """Angles and actuators' torques of the leg; see `leg_sample`."""
         return leg_sample(message, self.parameters, data, self.synchroniser.angle_delay)
 
     def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
-        """The ground force."""
+        """Ground force; see `ground_sample`."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
     def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
-        """What the leg's sensors tell; to be called for every pair, in their order, as its angles are seen here.
+        """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.
 
-        The motion is that of the angles as they were measured: one that is interpolated or held tells nothing of it.
+        The motion follows from the measured angles: interpolated or held ones would distort it.
         """
         if pair.status & TIME_RESET:
             self._motion.forget()
@@ -58,7 +61,7 @@ class LoadPipeline(Intake):
         return joints, self._motion.now(pair.load.stamp), ground
 
     def compute(self, pair: PairedSample) -> list[bytes]:
-        """Estimate the joint reaction; give it as the bytes of a WrenchStamped and of a `LoadEstimate`."""
+        """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
         load = pair.load
         self.estimate = estimate = self._estimator.at(*self.sense(pair), pair.status)
         self.ticks += 1
@@ -70,7 +73,7 @@ class LoadPipeline(Intake):
         ]
 
     def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:  # noqa: ARG002
-        """What led to the estimate computed last, and its messages; no row, and no latency in it."""
+        """Answer with the inputs and messages of the last estimate; it has no row, and no latency."""
         stamp, (reaction, estimate) = pair.load.stamp, messages
         records: tuple[Record, ...] = (
             *((JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles),
@@ -81,11 +84,20 @@ class LoadPipeline(Intake):
         return Answer(b"", records, sum(len(data) for _, _, data in records))
 
     def retune(self, parameters: LoadParameters) -> None:
-        """Go on with other numbers, between two ticks."""
-        if _offsets(parameters) != _offsets(self.parameters):  # what the angles jump by is no motion
+        """Continue with other numbers among the parameters, between two ticks."""
+        if _offsets(parameters) != _offsets(self.parameters):  # the jump of the angles is no motion
             self._motion.forget()
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
+
+
+def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
+    """Bytes of a `LoadEstimate` message with a stamp [ns].
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    return header(stamp, frame_id) + PACKING.pack(*estimate)
 
 
 def _offsets(parameters: LoadParameters) -> tuple[float, ...]:

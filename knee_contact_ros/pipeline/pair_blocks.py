@@ -1,4 +1,4 @@
-"""Pair many samples at once: what `Synchroniser` does one by one while nothing unusual happens."""
+"""Pairs many samples at once, as `Synchroniser` does one by one while nothing unusual happens."""
 
 from __future__ import annotations
 
@@ -14,29 +14,37 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Indices = NDArray[np.intp]
 EXACT = 2**53
-"""Differences of stamps [ns] below are exact as floating-point numbers"""
+"""Limit [ns] below which differences of stamps are exact as floating-point numbers"""
 
 
 class PairedSamples(NamedTuple):
-    """Ticks; all arrays but the last have shape (n,), n loads out of those given, from the first on."""
+    """Ticks for the first n of the loads given; all arrays but the last have shape (n,)."""
 
     angle: Floats
-    """[rad] at the loads' stamps"""
+    """Flexion angles [rad] at the stamps of the loads"""
     height: Floats | None
-    """[m] there, with the displacement drive"""
+    """Femoral heights [m] at these stamps, with the displacement drive"""
     status: NDArray[np.int64]
     """Bits of `Status`"""
     tick_of_angle: Indices
-    """Of every angle sample given: the first tick at or after its stamp, that takes it along; n: none yet"""
+    """For every angle sample given, the first tick at or after its stamp, with which it is recorded; n if none yet"""
 
 
 def pair(
     angle_stamps: Stamps, angles: Floats, heights: Floats | None, load_stamps: Stamps, last: int | None, max_gap: int
 ) -> PairedSamples | None:
-    """Pair loads with angles: stamps [ns] of both grow, and the first angle is not behind the first load.
+    """Pair loads with angles; the loads after the last angle have to wait.
 
-    `last` is the stamp of the tick before, `max_gap` [ns] the largest gap that is not stale. The loads behind the last
-    angle wait. None if the samples are not as said.
+    Args:
+        angle_stamps: Stamps of the angles [ns], increasing.
+        angles: Flexion angles [rad].
+        heights: Femoral heights [m], with the displacement drive.
+        load_stamps: Stamps of the loads [ns], increasing, not before the first angle.
+        last: Stamp of the previous tick [ns]; None if there is none.
+        max_gap: Largest gap [ns] that is not stale.
+
+    Returns:
+        The pairs; None if the stamps are not as described.
     """
     if not (len(angle_stamps) and len(load_stamps)) or load_stamps[0] < angle_stamps[0]:
         return None
@@ -63,13 +71,13 @@ def pair(
 
 
 def steps_of(stamps: Stamps, last: int | None, before: tuple[int, ...]) -> Stamps:
-    """All steps [ns] of a stream: those `before` its stamp `last`, and those on to and between `stamps`."""
+    """Steps [ns] of a stream: those `before` its stamp `last`, the one to `stamps`, and those between these."""
     new = np.diff(stamps) if last is None else np.diff(stamps, prepend=last)
     return np.concatenate([np.array(before, np.int64), new])
 
 
 def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
-    """Whether no step behind the `known` ones is back, or so far that a `Timeline` would keep its sample aside."""
+    """Whether a `Timeline` would accept all steps [ns] behind the first `known` ones: forward, and not too far."""
     if len(steps) <= known:
         return False
     recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])
@@ -80,5 +88,5 @@ def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
 
 
 def _between(values: Floats, before: Indices, after: Indices, part: Floats) -> Floats:
-    """Linear in time."""
+    """Interpolate between samples `before` and `after`, linear in time."""
     return values[before] + part * (values[after] - values[before])

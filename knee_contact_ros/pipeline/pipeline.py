@@ -1,4 +1,4 @@
-"""The way of the data without ROS: bytes of messages in, answers out. The node and `solve` both feed it."""
+"""Pipeline of the contact node without ROS: from the bytes of messages to answers. The node and `solve` use it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from knee_contact_ros.pipeline.synchronise import TIME_RESET, PairedSample
 
 
 class Pipeline(Intake):
-    """Samples, pairing and model in one line."""
+    """Pipeline of the contact node: samples, pairing and model."""
 
     def __init__(
         self,
@@ -34,21 +34,21 @@ class Pipeline(Intake):
         compiled: bool,
         curves: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the model; see `build_model` for `compiled` and `curves`, and `Decoder` for `deserialize`."""
+        """Build the model; see `build_model` for `curves`, and `Decoder` for `deserialize`."""
         frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
         super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame, deserialize)
         self.parameters = parameters
         self._texts = curve_texts(parameters, {}) if curves is None else curves
         self.compartments = compartments_of(parameters, self._texts)
-        """The only one, or medial and lateral"""
+        """The only compartment, or medial and lateral"""
         self.split = Split(parameters.body_weight)
-        """What the compartment gets, where its share varies"""
+        """Statistics of the medial share, where it varies"""
         self._divide(parameters)
         if compiled:
             self.compile()
 
     def compile(self, kernel: Callable[[KneeModel], KneeModel] | None = None) -> None:
-        """Go on with the compiled kernel, or as `kernel` has it; before the first sample."""
+        """Use the compiled kernel, or what `kernel` makes of each model; to be called before the first sample."""
         from knee_contact_ros.compiled.kernel import compiled  # LLVM
 
         for compartment in self.compartments:
@@ -56,30 +56,30 @@ class Pipeline(Intake):
 
     @property
     def model(self) -> KneeModel:
-        """Of the medial compartment, or the only one."""
+        """Model of the medial compartment, or the only one."""
         return self.compartments[0].model
 
     @property
     def doubts(self) -> Doubts:
-        """What makes no sense there: in the parameters, and in the answers that are told to it."""
+        """Implausible parameters and answers of the medial compartment, or the only one."""
         return self.compartments[0].doubts
 
     @property
     def doubts_about_parameters(self) -> list[str]:
-        """What makes no sense in the parameters, of either compartment."""
-        return list(dict.fromkeys(told for each in self.compartments for told in each.doubts.about_parameters))
+        """Sentences about implausible parameters of either compartment, each once."""
+        return list(dict.fromkeys(doubt for part in self.compartments for doubt in part.doubts.about_parameters))
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
-        """The flexion angle, and with the displacement drive the femoral height; see `samples.angle_sample`."""
+        """Flexion angle, and femoral height with the displacement drive; see `samples.angle_sample`."""
         knee, delay = self.parameters.knee, self.synchroniser.angle_delay
         return angle_sample(message, knee, self.model.height_prescribed, data, delay)
 
     def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
-        """The joint reaction on the tibia; see `samples.load_sample`."""
+        """Joint reaction on the tibia; see `samples.load_sample`."""
         return load_sample(message, self.by_moment, arrived, data)
 
     def compute(self, pair: PairedSample) -> list[bytes]:
-        """Compute a tick; give the answer of each compartment as the bytes of a `KneeContact`."""
+        """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""
         load = pair.load
         medial = self.rule(load.axial, load.moment, pair.angle)
         messages = []
@@ -94,9 +94,9 @@ class Pipeline(Intake):
         return messages
 
     def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
-        """All that the tick computed last leaves behind: rows and their `messages`, and what led to them.
+        """Answer of the tick that was computed last: rows, their `messages`, and the inputs that led to them.
 
-        `latency` [s] is that of its publication, where it is measured.
+        `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
         """
         load, rows = pair.load, []
         records: list[Record] = [(JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles]
@@ -113,7 +113,7 @@ class Pipeline(Intake):
         return Answer(b"".join(rows), tuple(records), size)
 
     def retune(self, parameters: Parameters) -> None:
-        """Go on with other numbers, between two ticks; see `retuned` for those that count."""
+        """Continue with other numbers among the parameters, between two ticks; `retuned` says which are used."""
         self.parameters = parameters
         self._divide(parameters)
         medial, *lateral = self.compartments
@@ -122,7 +122,7 @@ class Pipeline(Intake):
             compartment.retune(lateral_knee(parameters), aside(parameters))
 
     def _divide(self, parameters: Parameters) -> None:
-        """Have the compartment's load follow from the joint reaction as parameters say."""
+        """Set up the rule by which the medial load follows from the joint reaction."""
         name = parameters.load.rule
         self.rule = COMPARTMENTS[name](parameters, self._texts)
         self.by_moment: Rule | None = self.rule if name in BY_MOMENT else None

@@ -1,4 +1,4 @@
-"""Messages to samples: the one place where joint names and signs are applied."""
+"""Messages to samples: the only place where joint names and signs are applied."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.system.printable import listed, printable
 
 LAST_STAMP = 2**31 * SECOND - 1
-"""The last one [ns] that a ROS message can hold"""
+"""Latest stamp [ns] that a ROS message can hold"""
 
 
 class RefusedSampleError(Exception):
-    """A sample that cannot be used; `reason` is the counter's name, the text says what is wrong."""
+    """A sample cannot be used; `reason` is the name of its counter, the text says what is wrong."""
 
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(printable(text))
@@ -27,75 +27,75 @@ class RefusedSampleError(Exception):
 
 
 class AngleSample(NamedTuple):
-    """A flexion angle at a stamp, and with the displacement drive the femoral height."""
+    """Flexion angle at a stamp, and femoral height with the displacement drive."""
 
     stamp: int
-    """[ns] at which it holds: that of its message less `delay`, which may be below 0"""
+    """Stamp [ns] at which the angle holds: that of the message minus `delay`, which may be negative"""
     angle: float
-    """[rad] positive in flexion"""
+    """Flexion angle [rad], positive in flexion"""
     data: bytes = b""
-    """The message it came in, as it is recorded: what came may hold leftovers of the sender's memory between fields"""
+    """Bytes of the message as it is recorded; those that came may hold old memory of the sender between fields"""
     height: float | None = None
-    """[m] of the femoral reference point; None with the force drive"""
+    """Height of the femoral reference point [m]; None with the force drive"""
     delay: int = 0
-    """[ns] `pairing.angle_delay`"""
+    """Delay of the angles `pairing.angle_delay` [ns]"""
     others: tuple[float, ...] = ()
-    """What else the message tells of the leg's joints, [rad] or [N m]; as `leg_sample` orders it"""
+    """Further numbers of the leg's joints [rad] or [N m], in the order of `leg_sample`"""
 
     @property
     def came_at(self) -> int:
-        """Stamp [ns] of its message, under which it is recorded."""
+        """Stamp [ns] of the message, under which it is recorded."""
         return self.stamp + self.delay
 
 
 class LoadSample(NamedTuple):
-    """A joint reaction at a stamp, of which a compartment gets its part when the flexion angle is known."""
+    """Joint reaction at a stamp, which is split between the compartments when the flexion angle is known."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     axial: float
-    """[N] > 0 when it presses the femur onto the tibia: -force.y"""
+    """Axial force -force.y [N], positive when it presses the femur onto the tibia"""
     moment: float
-    """[N m] about x; not a number if it is not needed and did not come"""
+    """Frontal moment about x [N m]; NaN if it is not needed and was not given"""
     frame_id: str
-    """The tibia frame"""
+    """Name of the tibia frame"""
     data: bytes = b""
-    """The message it came in, likewise"""
+    """Bytes of the message as it is recorded"""
     arrived: float = 0.0
-    """When it came, by the caller's clock [s]"""
+    """Time of arrival by the caller's clock [s]"""
     wrench: WrenchStamped | None = None
-    """All of it, where more counts than the axial force"""
+    """The whole wrench, where more is used than the axial force"""
 
 
 Deserialize = Callable[[bytes, str], Any]
-"""The ordinary way: a message from its bytes and its topic; raises anything if they are not one"""
+"""General deserializer: returns a message from its bytes and its topic; raises anything if they are no such message"""
 
 
 class Decoder:
-    """The bytes of the input messages to their content: by our own coder, or the ordinary way where it gives up."""
+    """Reader of the input messages: our own coder, or the general deserializer for messages that it cannot read."""
 
     def __init__(self, deserialize: Deserialize) -> None:
         self.ordinary = 0
-        """Messages that went the ordinary way"""
+        """Number of messages for the general deserializer"""
         self._deserialize = deserialize
 
     def joint_state(self, data: bytes) -> tuple[JointState, bytes]:
-        """The content of a JointState, and the bytes under which it is recorded.
+        """Content of a JointState, and the bytes in which it is recorded.
 
         Raises:
             RefusedSampleError: the bytes are no such message.
         """
-        return JOINT_STATE.decode(data) or self._in_the_ordinary_way(data, JOINT_STATES, JOINT_STATE, joint_state_of)
+        return JOINT_STATE.decode(data) or self._deserialized(data, JOINT_STATES, JOINT_STATE, joint_state_of)
 
     def force(self, data: bytes, topic: str) -> tuple[WrenchStamped, bytes]:
-        """The content of a WrenchStamped of a topic, likewise.
+        """Content of a WrenchStamped of a topic, and the bytes in which it is recorded.
 
         Raises:
             RefusedSampleError: the bytes are no such message.
         """
-        return WRENCH.decode(data) or self._in_the_ordinary_way(data, topic, WRENCH, wrench_of)
+        return WRENCH.decode(data) or self._deserialized(data, topic, WRENCH, wrench_of)
 
-    def _in_the_ordinary_way(
+    def _deserialized(
         self, data: bytes, topic: str, coder: Coder[Content], content_of: Callable[[Any], Content]
     ) -> tuple[Content, bytes]:
         self.ordinary += 1
@@ -109,7 +109,7 @@ class Decoder:
 
 
 def joint_state_of(message: Any) -> JointState:
-    """The content of a JointState, ROS's own or a plain one."""
+    """Content of a JointState, of ROS's own class or that of rosbags."""
     return JointState(
         stamp_to_ns(message.header.stamp), message.header.frame_id, tuple(message.name),
         *(tuple(map(float, numbers)) for numbers in (message.position, message.velocity, message.effort)),
@@ -117,7 +117,7 @@ def joint_state_of(message: Any) -> JointState:
 
 
 def wrench_of(message: Any) -> WrenchStamped:
-    """The content of a WrenchStamped, likewise."""
+    """Content of a WrenchStamped, of ROS's own class or that of rosbags."""
     force, torque = message.wrench.force, message.wrench.torque
     return WrenchStamped(
         stamp_to_ns(message.header.stamp), message.header.frame_id,
@@ -128,13 +128,18 @@ def wrench_of(message: Any) -> WrenchStamped:
 def angle_sample(
     message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
 ) -> AngleSample:
-    """Flexion angle from a JointState: sign x position + offset; with `height_prescribed` also the femoral height.
+    """Sample with the flexion angle of a JointState, sign x position + offset.
 
-    `data` are the bytes under which it is recorded; `delay` [ns] is how much earlier than stamped it holds.
+    Args:
+        message: The JointState.
+        knee: Names, signs and offset of the joints.
+        height_prescribed: Whether the femoral height is taken as well.
+        data: Bytes in which the message is recorded.
+        delay: Time [ns] by which the angle holds earlier than stamped.
 
     Raises:
-        RefusedSampleError: a joint is missing, has no position, or its value is not finite or beyond all knees; or the
-            stamp is none.
+        RefusedSampleError: a joint is missing, has no position, or its value is not finite or too large; or the stamp
+            is not valid.
     """
     angle = knee.flexion_sign * number_of(message, knee.joint_name, "position") + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
@@ -151,7 +156,7 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
     """Position [rad or m] or effort [N m] of a joint in a JointState.
 
     Raises:
-        RefusedSampleError: it has none that is finite.
+        RefusedSampleError: the joint is missing, or has no finite value.
     """
     if joint not in message.name:
         known = listed(message.name)
@@ -167,13 +172,17 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
 def load_sample(
     message: WrenchStamped, by_moment: Rule | None = None, arrived: float = 0.0, data: bytes = b""
 ) -> LoadSample:
-    """Axial load L = -F_y and frontal moment from a WrenchStamped on the tibia; `data` as above.
+    """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
-    `by_moment` is the rule for the compartment's part where the moment decides: what it gives must be a load of a knee.
+    Args:
+        message: The WrenchStamped.
+        by_moment: Rule for the compartment's load if that depends on the moment; its result is checked, too.
+        arrived: Time of arrival by the caller's clock [s].
+        data: Bytes in which the message is recorded.
 
     Raises:
-        RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is beyond all
-            knees; or the stamp is none.
+        RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is too large;
+            or the stamp is not valid.
     """
     axial, moment = message.force[1], message.torque[0]
     if not math.isfinite(axial):
@@ -194,10 +203,10 @@ def load_sample(
 
 
 def checked_stamp(stamp: int, topic: str) -> int:
-    """A stamp [ns] that a recording can hold.
+    """Return a stamp [ns] of a message of a topic, if a recording can hold it.
 
     Raises:
-        RefusedSampleError: it is none.
+        RefusedSampleError: the stamp is out of range.
     """
     if not 0 <= stamp <= LAST_STAMP:
         raise RefusedSampleError("bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns")

@@ -1,6 +1,6 @@
-"""Pair load and angle by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
+"""Pairs loads and angles by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
 
-No clock in here: whether an angle is late is for the caller to say (`give_up`).
+No clock is used: the caller decides when an angle is late (`give_up`).
 """
 
 from __future__ import annotations
@@ -12,94 +12,97 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.core.types import Status
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.timeline import Timeline
 
-SECOND = 1_000_000_000
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
 OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Status.TIME_RESET)
 INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
 
 
 class PairedSample(NamedTuple):
-    """What one tick is made of."""
+    """Input of one tick."""
 
     load: LoadSample
     angle: float
     """Flexion angle [rad] at the load's stamp"""
     height: float | None
-    """Femoral height [m] there, with the displacement drive"""
+    """Femoral height [m] at the load's stamp, with the displacement drive"""
     status: int
     """Bits of `Status`"""
     angles: tuple[AngleSample, ...]
-    """Angle samples up to this stamp that no earlier pair has taken along"""
+    """Angle samples up to this stamp that belong to no earlier pair"""
     others: tuple[float, ...] = ()
-    """What else was told of the joints, there"""
+    """Further numbers of the joints at the load's stamp; see `AngleSample`"""
 
 
 class Steady(NamedTuple):
-    """What a synchroniser holds between two samples while nothing unusual happens."""
+    """State of a synchroniser between two samples while nothing unusual happens."""
 
     angles: tuple[AngleSample, ...]
-    """From the last one before the next load on, or earlier"""
+    """Angles from the last one before the next load on, or earlier"""
     fresh: tuple[AngleSample, ...]
-    """Those that no pair has taken along"""
+    """Angles that belong to no pair yet"""
     loads: tuple[LoadSample, ...]
-    """That wait for an angle"""
+    """Loads that wait for an angle"""
     last_angle: int | None
-    """Stamps [ns]"""
+    """Stamp of the last angle [ns]"""
     last_load: int | None
+    """Stamp of the last load [ns]"""
     last_pair: int | None
+    """Stamp of the last pair [ns]"""
     angle_steps: tuple[int, ...]
-    """As in `Timeline`"""
+    """Last steps [ns] of the angles; see `Timeline`"""
     load_steps: tuple[int, ...]
+    """Last steps [ns] of the loads; see `Timeline`"""
 
 
 class Synchroniser:
-    """Two streams in, pairs out, in the order of the load's stamps.
+    """Takes the samples of two streams, and makes pairs in the order of the loads' stamps.
 
-    Which samples of a stream are believed, and when it has jumped, its `Timeline` says. Where the load has jumped back,
-    the run starts anew; where the angle has, the angles of before are forgotten.
+    The `Timeline` of each stream decides which samples are believed, and when the stream has jumped. After a jump back
+    of the loads the run starts anew; after one of the angles, the earlier angles are forgotten.
     """
 
     def __init__(self, pairing: Pairing) -> None:
         self.refused: Counter[str] = Counter()
-        """Refused samples by reason"""
+        """Number of refused samples by reason"""
         self._max_gap, self._queue = round(pairing.max_gap * SECOND), pairing.queue
         self.angle_delay = round(pairing.angle_delay * SECOND)
-        """[ns] by which the stamps of angles are moved earlier before they come here"""
+        """Time [ns] by which the stamps of angles have been moved earlier"""
         self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
         self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
         self.unrecorded = 0
-        """Angles that no pair will take along: more than `pairing.queue` came between two loads"""
+        """Number of angles that no pair will contain, as more than `pairing.queue` came between two loads"""
         self._loads: deque[LoadSample] = deque()  # that wait for an angle
         self._angles: deque[AngleSample] = deque(maxlen=self._queue)  # from the last one before the next load on
-        self._fresh: deque[AngleSample] = deque()  # that no pair has taken along
-        self._left: list[AngleSample] = []  # likewise, of before a jump: the next pair takes them
+        self._fresh: deque[AngleSample] = deque()  # that belong to no pair yet
+        self._left: list[AngleSample] = []  # likewise, from before a jump: they go to the next pair
         self._last_load: int | None = None
         self._last_pair: int | None = None
-        self._met = False  # loads before all angles are the clocks' fault, and not of the beginning
+        self._met = False  # loads before all angles are due to the clocks, and not to the beginning
         self._flags = OK
 
     @property
     def waiting(self) -> int:
-        """Loads that wait for an angle."""
+        """Number of loads that wait for an angle."""
         return len(self._loads)
 
     @property
     def fill(self) -> float:
-        """The part of `pairing.queue` that the fuller one of the queues takes up."""
+        """Fill of the fuller one of the queues, from 0 to 1 at `pairing.queue`."""
         return max(len(self._loads), len(self._left) + len(self._fresh)) / self._queue
 
     @property
     def lead(self) -> float | None:
-        """By how much [s] the last load's stamp is later than the last angle's, as they came; None: not known."""
+        """Difference [s] of the last load's stamp and the last angle's, as they came; None if it is not known."""
         angle, load = self.angle_time.last, self.load_time.last
         return None if angle is None or load is None else (load - angle - self.angle_delay) / SECOND
 
     def steady(self) -> Steady | None:
-        """What is held; None after something unusual, until a pair has told it."""
+        """Current state; None after something unusual, until a pair has been flagged with it."""
         if self._flags or self._left or self.angle_time.aside or self.load_time.aside:
             return None
         return Steady(
@@ -109,7 +112,7 @@ class Synchroniser:
         )  # fmt: skip
 
     def go_on(self, steady: Steady) -> None:
-        """Hold this; only while `steady` gives something."""
+        """Continue from a state; only allowed while `steady` returns one."""
         self._angles = deque(steady.angles, maxlen=self._queue)
         self._fresh, self._loads = deque(steady.fresh), deque(steady.loads)
         self.angle_time.go_on(steady.last_angle, steady.angle_steps)
@@ -117,30 +120,30 @@ class Synchroniser:
         self._last_load, self._last_pair, self._met = steady.last_load, steady.last_pair, True
 
     def refuse(self, reason: str) -> None:
-        """Count a sample that cannot be used; the next tick says so."""
+        """Count a sample that cannot be used; the next tick is flagged with it."""
         self.refused[reason] += 1
         self._flags |= INPUT_REJECTED
 
     def start_anew(self) -> None:
-        """Have the next tick start from rest, as after a jump back in time."""
+        """Let the next tick start from rest, as after a jump back in time."""
         self._last_pair = None
         self._flags |= TIME_RESET
 
     def forget(self) -> None:
-        """Expect nothing of the streams any more: they may go on anywhere; after `finish`."""
+        """Forget the last stamps, so that the streams may continue anywhere; to be called after `finish`."""
         self.angle_time.clear()
         self.load_time.clear()
         self._last_load = None
 
     def forget_angles(self) -> None:
-        """Answer nothing with an angle of before any more; after `forget`, where the streams were left."""
+        """Use no earlier angle any more; to be called after `forget` if the streams are interrupted."""
         self._left += self._fresh
         self._angles.clear()
         self._fresh.clear()
         self._met = False
 
     def push_angle(self, sample: AngleSample) -> list[PairedSample]:
-        """Take an angle; return the pairs that can be made now."""
+        """Take an angle; return the pairs that it makes possible."""
         jumps = self.angle_time.jumps
         pairs = self._take_angles(self.angle_time.take(sample, self.load_time))
         if not self.load_time.aside:
@@ -149,7 +152,7 @@ class Synchroniser:
         return pairs + self._take_loads(self.load_time.look_again(self.angle_time, jumped))
 
     def push_load(self, sample: LoadSample) -> list[PairedSample]:
-        """Take a load; return the pairs that can be made now."""
+        """Take a load; return the pairs that it makes possible."""
         jumps = self.load_time.jumps
         believed = self.load_time.take(sample, self.angle_time)
         if not self.angle_time.aside:
@@ -160,9 +163,9 @@ class Synchroniser:
         return pairs + self._take_loads(believed)
 
     def give_up(self, arrived_by: float = math.inf) -> list[PairedSample]:
-        """Answer the waiting loads that have `arrived` [s] by then with the last angle before them.
+        """Pair the waiting loads that arrived until a time [s] with the last angle before them.
 
-        No angle at or after their stamps came in time. Those kept aside for so long are believed.
+        No angle at or after their stamps has come in time. Loads that were kept aside for so long are believed.
         """
         aside = self.load_time.aside
         if aside and aside[0].arrived <= arrived_by < math.inf:
@@ -173,16 +176,16 @@ class Synchroniser:
         return self._pairs(hold=True, most=number)
 
     def finish(self) -> list[PairedSample]:
-        """Answer all that came: no more samples will tell whether those kept aside are right.
+        """Pair everything that came, as no more samples will come; samples that were kept aside are believed.
 
-        So no force that waits is answered with an angle kept aside, as if it were known to be.
+        Loads that waited before are not paired with angles that were kept aside.
         """
         pairs = self.give_up() if self.angle_time.aside else []
         pairs += self._take_angles(self.angle_time.believe())
         return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
 
     def rest(self) -> list[AngleSample]:
-        """Angle samples that no pair has taken along; for the end of a stream."""
+        """Take out the angle samples that belong to no pair, at the end of a stream."""
         rest = [*self._left, *self._fresh]
         self._fresh.clear()
         self._left = []
@@ -216,15 +219,15 @@ class Synchroniser:
         return pairs
 
     def _pairs(self, hold: bool = False, most: int | None = None) -> list[PairedSample]:
-        """The oldest loads, `most` of them at most, with their angles; with `hold` also where none is known."""
+        """Pair the oldest loads, at most `most` of them; with `hold` also those whose angle is not known."""
         pairs: list[PairedSample] = []
         for _ in range(len(self._loads) if most is None else most):
             load = self._loads[0]
-            found = self._angle_at(load.stamp, hold)
-            if found is None:
+            result = self._angle_at(load.stamp, hold)
+            if result is None:
                 break
             self._loads.popleft()
-            pose, status = found
+            pose, status = result
             if pose is None:
                 self.refuse("no_angle_before")
                 continue
@@ -238,16 +241,17 @@ class Synchroniser:
         return pairs
 
     def _taken(self, until: int) -> tuple[AngleSample, ...]:
-        """Angles up to a stamp [ns] that no pair has taken along yet."""
+        """Take out the angles up to a stamp [ns] that belong to no pair yet."""
         taken, self._left = self._left, []
         while self._fresh and self._fresh[0].stamp <= until:
             taken.append(self._fresh.popleft())
         return tuple(taken)
 
     def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
-        """The angle at a stamp that no later call goes behind, and what is to be said of it; no angle: refuse the load.
+        """Angle at a stamp [ns], and its status bits; stamps of successive calls do not decrease.
 
-        None while it is not known; with `hold` the last one is given then.
+        None while the angle is not known; with `hold` the last one is returned then. If there is no angle for the load
+        at all, the first part of the result is None.
         """
         angles = self._angles
         while len(angles) > 1 and angles[1].stamp <= stamp:
@@ -268,7 +272,7 @@ class Synchroniser:
 
 
 def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:
-    """The sample at a stamp between two: linear in time."""
+    """Interpolate between two samples at a stamp [ns], linear in time."""
     part = (stamp - before.stamp) / (after.stamp - before.stamp)
     height = before.height
     if height is not None and after.height is not None:

@@ -1,11 +1,11 @@
-"""Which samples of a stream to believe, by their stamps: one that goes on as before, at once; one that does not, later.
+"""Decides by their stamps which samples of a stream to believe: one that continues the stream at once, others later.
 
-A sample whose stamp lies far ahead of the one before is wrong, or the stream has paused; far behind it is wrong, or the
-clock was set back, or a bag begins anew. What comes next tells. Until then such samples are kept aside, and none is
-lost by that: they are believed as soon as the other stream is at the same time, or nothing has come for a while that
-goes on from the last one believed; they are refused once something has.
+A sample whose stamp lies far ahead of the one before is wrong, or the stream has paused; far behind, it is wrong, or
+the clock was set back, or a bag begins anew. The following samples show which. Until then such samples are kept aside,
+and none is lost by that: they are believed as soon as the other stream is at the same time, or if for a while no sample
+continues the stream from the last one believed; they are refused once one does.
 
-No clock in here: what is believed depends on the samples and their order alone.
+No clock is used: what is believed depends on the samples and their order alone.
 """
 
 from __future__ import annotations
@@ -16,51 +16,55 @@ from itertools import pairwise
 from typing import Any, Generic, Protocol, TypeVar
 
 STEPS = 8
-"""So many steps of a stream tell how far the next one may go: the longest of them but one, for one may be a pause"""
+"""Number of past steps that show how far the next one may go; the second longest counts, as one may be a pause"""
 FAR = 3
-"""A step is far if it is longer than so many of that one"""
+"""Multiple of the second longest step beyond which a step is far"""
 SILENT = 4
-"""So many of that one, or of the longest of those kept aside, without a sample that goes on, and they are believed"""
+"""Multiple of that step, or of the longest step of those kept aside, after which samples kept aside are believed"""
 ENOUGH = 3
-"""So many samples of both streams make a jump of both: a pair of wrong stamps is none. More of one stream, after a
-pause, are no burst of wrong stamps either: what then comes from within the pause is"""
+"""Number of samples of both streams that make a jump of both: a pair of wrong stamps does not. More samples than this
+of one stream, after a pause, are not a burst of wrong stamps either: samples from within the pause are wrong then"""
 
 
 class Stamped(Protocol):
-    """A sample."""
+    """Sample with a stamp."""
 
     @property
     def stamp(self) -> int:
-        """[ns]."""
+        """Stamp [ns]."""
 
 
 S = TypeVar("S", bound=Stamped)
 
 
 class Timeline(Generic[S]):
-    """The stamps of one stream."""
+    """Decides which samples of one stream to believe."""
 
     def __init__(self, max_gap: int, most: int, refuse: Callable[[str], None], name: str) -> None:
-        """`max_gap` [ns]: what lies behind by no more is late. No more than `most` samples are kept aside.
+        """Begin a stream.
 
-        `refuse` is told why, once for each sample refused.
+        Args:
+            max_gap: Largest time [ns] by which a sample that lies behind is merely late.
+            most: Largest number of samples that are kept aside.
+            refuse: Called with the reason for each sample that is refused.
+            name: Name of the stream, with which the reasons begin.
         """
         self.last: int | None = None
         """Stamp [ns] of the last sample that was believed"""
         self.aside: list[S] = []
-        """Samples that may be believed later, their stamps growing"""
+        """Samples that may be believed later, in increasing order of their stamps"""
         self.jumps = 0
-        """How often the stream went on elsewhere"""
+        """Number of jumps of the stream"""
         self.steps: deque[int] = deque(maxlen=STEPS)
-        """The last ones [ns] forward"""
+        """Last steps forward [ns]"""
         self.far = max_gap
-        """A step [ns] beyond is far"""
+        """Longest step [ns] that is not far"""
         self._max_gap, self._most, self._refuse, self._name = max_gap, most, refuse, name
 
     def take(self, sample: S, other: Timeline[Any]) -> list[S]:
-        """Take a sample; give those that are believed now, oldest first. `other` is the stream that it pairs with.
+        """Take a sample; return those that are believed now, oldest first. `other` is the stream that it pairs with.
 
-        The first one's stamp is not later than `last` was if the stream has jumped back.
+        If the stream has jumped back, the stamp of the first one is not later than `last` was.
         """
         stamp, last = sample.stamp, self.last
         if last is not None:
@@ -76,7 +80,7 @@ class Timeline(Generic[S]):
         return self._put_aside(sample, other)
 
     def look_again(self, other: Timeline[Any], jumped: bool) -> list[S]:
-        """Samples kept aside that are believed now that the other stream has gone on, or has `jumped`."""
+        """Return samples kept aside that are believed now that the other stream has new samples, or has `jumped`."""
         if not self.aside:
             return []
         if jumped and other.last is not None and abs(self.aside[-1].stamp - other.last) <= self._max_gap:
@@ -84,40 +88,40 @@ class Timeline(Generic[S]):
         return self.believe(self._believable(other))
 
     def has_reached(self, stamp: int) -> bool:
-        """Whether a sample of the other stream with this stamp [ns] is no surprise: not later than this one's next."""
+        """Whether a stamp [ns] is not later than this stream's next sample is expected."""
         return self.last is not None and stamp <= self.last + self.far // FAR
 
     def believe(self, number: int | None = None) -> list[S]:
-        """Go on with the oldest of those kept aside, or with all of them."""
+        """Believe the oldest samples of those kept aside, or all of them; return them."""
         if number == 0:
             return []
         believed, self.aside = self.aside[:number], [] if number is None else self.aside[number:]
         for sample in believed:
             self.jumps += self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
-            if self.last is not None and sample.stamp <= self.last:  # its jumps on the way there are none of its steps
+            if self.last is not None and sample.stamp <= self.last:  # the jumps on the way there are no steps
                 self.go_on(self.last, [step for step in self.steps if step <= self._max_gap])
             self._go_to(sample.stamp)
         return believed
 
     def drop_aside(self) -> None:
-        """Refuse what was kept aside."""
+        """Refuse the samples that were kept aside."""
         for _ in self.aside:
             self._refuse(f"{self._name}_off_time")
         self.aside = []
 
     def go_on(self, last: int | None, steps: Iterable[int]) -> None:
-        """As after samples up to `last` [ns], the last of them with these steps [ns]; nothing is aside."""
+        """Set the state after samples up to a stamp [ns] with these last steps [ns], and none kept aside."""
         self.last = last
         self.steps = deque(steps, maxlen=STEPS)
         self.far = FAR * _longest_but_one(self.steps) if self.steps else self._max_gap
 
     def clear(self) -> None:
-        """Forget everything; what was kept aside is refused."""
+        """Forget everything; the samples that were kept aside are refused."""
         self.drop_aside()
         self.go_on(None, ())
 
     def _put_aside(self, sample: S, other: Timeline[Any]) -> list[S]:
-        """Keep a sample for later; give those that are believed with it."""
+        """Keep a sample for later; return those that are believed because of it."""
         if self.aside and sample.stamp <= self.aside[-1].stamp:
             if self._is_late_aside(sample.stamp):
                 self._refuse(f"{self._name}_not_in_order")
@@ -127,13 +131,13 @@ class Timeline(Generic[S]):
         return self.believe(None if len(self.aside) >= self._most else self._believable(other))
 
     def _is_late_aside(self, stamp: int) -> bool:
-        """Whether it belongs to those kept aside, and comes after a later one; else the stream does not go on there."""
+        """Whether a sample belongs to those kept aside, but is late; if not, the stream does not continue there."""
         first, newest, many = self.aside[0].stamp, self.aside[-1].stamp, len(self.aside) > ENOUGH
         before = self.last if many and self.last is not None and self.last < first else first - self.far
         return stamp == newest or (len(self.aside) > 1 and stamp >= max(before, newest - self._max_gap))
 
     def _believable(self, other: Timeline[Any]) -> int:
-        """With how many of those kept aside, the oldest ones, the stream goes on."""
+        """Number of samples kept aside, from the oldest on, with which the stream continues."""
         first, newest, every = self.aside[0].stamp, self.aside[-1].stamp, len(self.aside)
         enough = self.last is None or every + len(other.aside) >= ENOUGH
         if other.aside and enough and abs(newest - other.aside[-1].stamp) <= self._max_gap:
@@ -143,7 +147,7 @@ class Timeline(Generic[S]):
         return self._near(other)
 
     def _near(self, other: Timeline[Any]) -> int:
-        """How many of those kept aside are not far, one after the other, or no surprise to the other stream."""
+        """Number of the oldest samples kept aside that are not far from each other or from the other stream."""
         at = self.last
         for number, sample in enumerate(self.aside):
             goes_on = at is not None and at < sample.stamp <= at + self.far
@@ -153,7 +157,7 @@ class Timeline(Generic[S]):
         return len(self.aside)
 
     def _pass_by(self, stamp: int) -> list[S]:
-        """The stream goes on with a later stamp: what was kept aside in between is believed, and the rest refused."""
+        """Continue the stream at a later stamp: believe the samples kept aside before it, and refuse the others."""
         last = -1 if self.last is None else self.last
         between = [sample for sample in self.aside if last < sample.stamp < stamp]
         self.aside = [sample for sample in self.aside if not last < sample.stamp < stamp]
@@ -163,14 +167,14 @@ class Timeline(Generic[S]):
         return between
 
     def _silence(self) -> int:
-        """For how long [ns] nothing must go on from the last sample believed until something else is believed."""
+        """Time [ns] without a sample that continues the stream, after which samples kept aside are believed."""
         if not self.steps:
             return 0
         own = (after.stamp - before.stamp for before, after in pairwise(self.aside))
         return min(SILENT * max(_longest_but_one(self.steps), *own), self._max_gap)
 
     def _is_alone(self, other: Timeline[Any]) -> bool:
-        """Whether what was kept aside is at the other stream's time, and what was believed is not."""
+        """Whether the samples kept aside are at the other stream's time, and those believed are not."""
         if self.last is None or other.last is None:
             return False
         return abs(self.aside[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
@@ -186,5 +190,5 @@ class Timeline(Generic[S]):
 
 
 def _longest_but_one(steps: deque[int]) -> int:
-    """The longest step [ns] but one; the only one if there is one."""
+    """Second longest step [ns]; the only one if there is one."""
     return sorted(steps)[-2:][0]

@@ -1,4 +1,4 @@
-"""The answers of a run as a notebook wants them: a table, a figure, and what other libraries hold them in."""
+"""The answers of a run for notebooks: as a table, as a figure, and as data structures of other libraries."""
 
 from knee_contact_ros.results.results import Results
 

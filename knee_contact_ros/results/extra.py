@@ -1,4 +1,4 @@
-"""Libraries that come with the extra `notebook`."""
+"""Libraries of the extra `notebook`, which need not be installed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from knee_contact_ros.system.extras import not_installed
 
 
 def library(name: str) -> Any:
-    """A library of the extra.
+    """Import a library of the extra.
 
     Raises:
         UsageError: it is not installed.

@@ -1,4 +1,4 @@
-"""The four usual curves of answers."""
+"""The figure of answers: flexion, force, depth and contact point over time."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.core.types import Rows
-from knee_contact_ros.results.columns import NANOSECOND, begin_of
+from knee_contact_ros.results.columns import NANOSECOND, begin_in
 from knee_contact_ros.results.extra import library
 
 SIZE = (8.0, 8.0)
-"""[inch]"""
+"""Width and height [inch]"""
 LEAST = 1.0
-"""[mm] that the contact point's axis spans either way at least: that of a circle on a hinge stays where it is"""
+"""The least distance [mm] from the mean to the ends of the contact point's axis, as the point may hardly move"""
 LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 
 
 def figure_of(rows: Rows) -> Any:
-    """Flexion, load and contact force, depth, and the contact point on the plateau over time: a matplotlib `Figure`."""
+    """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`."""
     matplotlib, pyplot = library("matplotlib"), library("matplotlib.pyplot")
     figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
     flexion, force, depth, point = axes
-    begin = begin_of(int(rows["stamp"][0])) if len(rows) else 0
+    begin = begin_in(rows)
     time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
     flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
     flexion.set_ylabel("flexion [°]")
@@ -41,11 +41,11 @@ def figure_of(rows: Rows) -> Any:
     point.set_ylabel("contact point,\nanterior [mm]")
     point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     for one in axes:
-        if len(time) == 1:  # which makes no line
+        if len(time) == 1:  # a single point makes no line
             pyplot.setp(one.lines, marker="o")
         one.grid(visible=True, alpha=0.3)
         one.margins(x=0.0)
     figure.align_ylabels(axes)
     if "inline" in matplotlib.get_backend():
-        pyplot.close(figure)  # a notebook shows what a cell gives: once will do
+        pyplot.close(figure)  # a notebook shows the result of a cell anyway, and would show the figure twice
     return figure

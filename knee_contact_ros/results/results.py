@@ -1,4 +1,4 @@
-"""What `run` and `solve` give."""
+"""The record array of answers that `run` and `solve` return."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ PARQUET = ".parquet"
 class Results(np.recarray[Any, Any]):
     """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
 
-    Fields are attributes and arrays of shape (n,), named as the message's: `results.contact_force` [N]. A slice, a
-    mask, some of the fields (`results[["stamp", "load"]]`) and what NumPy puts together of several (`np.concatenate`)
-    are `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and say so.
+    Fields are attributes, arrays of shape (n,) with the names of the message's fields: `results.contact_force` [N]. A
+    slice, a mask, some of the fields (`results[["stamp", "load"]]`) and what NumPy joins (`np.concatenate`) are
+    `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and raise `UsageError` without it.
     """
 
     model: KneeModel | None = None
-    """What computed them; parts of them keep it, what is joined or stored does not"""
+    """The model that computed the answers; parts of the answers keep it, joined or stored answers do not"""
     lateral: Results | None = None
-    """Those of the lateral compartment, of what `solve` gives where both are modelled; a slice does not keep them"""
+    """Answers of the lateral compartment, from `solve` where both are modelled; a slice does not keep them"""
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Stamps [s], shape (n,); `stamp` has them in integer nanoseconds."""
+        """Time of the answers [s], shape (n,); `stamp` has it in integer nanoseconds."""
         return time_of(self)
 
     @property
     def readouts(self) -> Readings:
-        """Patch, pressure, strain and loading rate, shape (n,): `KneeModel.readouts` of all answers, or of a part.
+        """Patch, pressure, strain and loading rate of the answers, shape (n,), see `KneeModel.readouts`.
 
         Raises:
             UsageError: the model is not known, or has no patch.
@@ -52,25 +52,25 @@ class Results(np.recarray[Any, Any]):
             raise UsageError(str(error)) from None
 
     def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` in SI units, a column for every number, indexed by time [s].
+        """Give a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
 
-        Vectors are columns of their components: `contact_point_x`. The same names are used by all of `to_...`.
+        Vectors are columns of their components: `contact_point_x`. All methods `to_...` use the same names.
         """
         pandas, numbers = library("pandas"), columns(self)
         return pandas.DataFrame(numbers, index=pandas.Index(numbers.pop(TIME), name=TIME))
 
     def to_polars(self) -> Any:
-        """A `polars.DataFrame` in SI units, a column for every number; the first one is the time [s]."""
+        """Give a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s]."""
         return library("polars").DataFrame(columns(self))
 
     def to_xarray(self) -> Any:
-        """An `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`."""
+        """Give an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`."""
         numbers = columns(self)
         variables = {name: (TIME, values, _attributes(name)) for name, values in numbers.items()}
         return library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
-        """Write the columns of `to_polars` to a Parquet file; one of that name is replaced.
+        """Write the columns of `to_polars` to a Parquet file; a file of the same name is replaced.
 
         Raises:
             UsageError: the name of `path` does not end in .parquet.
@@ -87,7 +87,7 @@ class Results(np.recarray[Any, Any]):
         return figure.figure_of(self)
 
     def __array_finalize__(self, whole: Any) -> None:
-        """Keep the model of what this is a part of."""
+        """Keep the model of the array that this one is a part of."""
         super().__array_finalize__(whole)
         self.model = getattr(whole, "model", None)
 
@@ -95,10 +95,10 @@ class Results(np.recarray[Any, Any]):
         return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
 
     def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
-        """What NumPy computes, with the methods if it has the same fields: it forgets the class of what it joins."""
-        made = super().__array_function__(function, kinds, arguments, options)
-        whole = type(made) is np.ndarray and made.dtype.names == ROW.names
-        return made.astype(self.dtype, copy=False).view(type(self)) if whole else made
+        """Make results with the same fields `Results` again: NumPy drops the class of arrays that it joins."""
+        result = super().__array_function__(function, kinds, arguments, options)
+        whole = type(result) is np.ndarray and result.dtype.names == ROW.names
+        return result.astype(self.dtype, copy=False).view(type(self)) if whole else result
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(self.dtype.names or ())})
@@ -114,7 +114,7 @@ class Results(np.recarray[Any, Any]):
 
     @property
     def _is_whole(self) -> bool:
-        """Not so are some of the fields, or one with parts of its own: NumPy gives them as arrays of the same class."""
+        """Whether all fields are there; NumPy also gives some fields, or one with parts, as arrays of this class."""
         return self.dtype.names == ROW.names and self.ndim == 1
 
 

@@ -1,4 +1,4 @@
-"""Answers as a short table: the first and the last few, for a terminal and for a notebook."""
+"""Answers as a short table with the first and the last few rows, for terminals and notebooks."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.results.columns import NANOSECOND, begin_of, time_of, told
+from knee_contact_ros.results.columns import NANOSECOND, begin_in, stamp_text, time_of
 
 ENDS = 4
-"""Rows that are shown of either end"""
+"""Number of rows that are shown of the beginning, and of the end"""
 WIDTH = 78
+"""Width of the table in a terminal [characters]"""
 HEADINGS = ("time [s]", "flexion [°]", "load [N]", "contact force [N]", "depth [mm]", "point x [mm]", "status")
 
 
 def in_a_line(rows: Rows) -> str:
-    """How many, how long, and the peaks."""
+    """Summarise answers in a line: number, duration and peaks."""
     if not len(rows):
         return "no ticks"
     time = time_of(rows)
@@ -30,7 +31,7 @@ def in_a_line(rows: Rows) -> str:
 
 
 def as_text(rows: Rows) -> str:
-    """For a terminal."""
+    """Write the table as text for a terminal."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in HEADINGS:
         table.add_column(heading.replace("[", r"\["), justify="right")
@@ -43,33 +44,29 @@ def as_text(rows: Rows) -> str:
 
 
 def as_html(rows: Rows) -> str:
-    """For a notebook."""
+    """Write the table as HTML for a notebook."""
     head = "".join(f"<th>{escape(heading)}</th>" for heading in HEADINGS)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in _cells(rows))
     whole = f'<table style="text-align: right"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
     return f"<p>{escape(f'{in_a_line(rows)} {_origin(rows)}'.strip())}</p>{whole}"
 
 
-def _begin(rows: Rows) -> int:
-    return begin_of(int(rows["stamp"][0])) if len(rows) else 0
-
-
 def _origin(rows: Rows) -> str:
-    begin = _begin(rows)
+    begin = begin_in(rows)
     return f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
 
 
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
-    begin = _begin(rows)
+    begin = begin_in(rows)
     if len(rows) <= 2 * ENDS + 1:
-        return _of(rows, begin)
-    return [*_of(rows[:ENDS], begin), ("…",) * len(HEADINGS), *_of(rows[-ENDS:], begin)]
+        return _cells_of(rows, begin)
+    return [*_cells_of(rows[:ENDS], begin), ("…",) * len(HEADINGS), *_cells_of(rows[-ENDS:], begin)]
 
 
-def _of(rows: Rows, begin: int) -> list[tuple[str, ...]]:
+def _cells_of(rows: Rows, begin: int) -> list[tuple[str, ...]]:
     return [
         (
-            told(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
+            stamp_text(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
             f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
             f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
         )

@@ -1,1 +1,1 @@
-"""Where answers go: each in a process of its own."""
+"""Outputs for answers, each in a process of its own."""

@@ -1,7 +1,7 @@
-"""What makes an output, and what the node and its process tell each other; see `process.py` and `worker.py`.
+"""Definition of an output, and the messages between the node and its process; see `process.py` and `worker.py`.
 
-An output is one module, which a section of the parameters names. It has `sink_for`, which describes it to the node, and
-`open_output`, which opens it in its process.
+An output is one module, which a section of the parameters names. It has a function `sink_for`, which describes it to
+the node, and a function `open_output`, which opens it in its process.
 """
 
 from __future__ import annotations
@@ -15,115 +15,119 @@ if TYPE_CHECKING:
     from knee_contact_ros.core.model import KneeModel
 
 OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
-"""States of a child: its output is open, could not be opened, stopped, is complete sooner than it was to be, is
+"""States of a child: its output is open, could not be opened, has failed, is complete earlier than intended, is
 complete"""
 
 
 PROVENANCE = "knee_contact"
-"""Name of the metadata record that says how answers come about (`bags/provenance.py`)"""
+"""Name of the metadata record that describes how contacts were computed (`bags/provenance.py`)"""
 LOAD_PROVENANCE = "knee_load"
-"""Likewise of estimated joint reactions; by the other one they would be computed again as contacts"""
+"""Name of that record for estimated joint reactions; under the other name they would be computed again as contacts"""
 
 
 class Knee(NamedTuple):
-    """What outputs are described from."""
+    """A knee as outputs need to know it."""
 
     parameters: Any
-    """Of the node, with a section for each output"""
+    """Parameters of the node, with a section for each output"""
     models: Mapping[str, KneeModel]
-    """Of each compartment, by the topic of its answers, the medial one first"""
+    """Model of each compartment by the topic of its answers, the medial one first"""
     names: Mapping[str, str]
-    """The absolute name under which each topic is recorded"""
+    """Absolute name under which each topic is recorded"""
     provenance: Mapping[str, str]
-    """What recordings say of themselves"""
+    """Content of the metadata record that describes how the answers were computed"""
     told_as: str = PROVENANCE
-    """Name of the metadata record that says it"""
+    """Name of that metadata record"""
 
 
 class Job(NamedTuple):
-    """What a child is for."""
+    """Task of a child: the output that it opens."""
 
     module: str
-    """It has a function `open_output` that gives an `Output`"""
+    """Name of the module with the function `open_output`, which returns an `Output`"""
     arguments: tuple[Any, ...]
-    """Of that function"""
+    """Arguments of that function"""
 
 
 class Sink(NamedTuple):
-    """An output, as `sink_for` describes it to the node for a `Knee`; that gives None if parameters ask for none."""
+    """Description of an output, as `sink_for` returns it for a `Knee`; None instead if the parameters ask for none."""
 
     title: str
-    """In /diagnostics"""
+    """Name of the output in /diagnostics"""
     kind: str
-    """In messages"""
+    """Word for the output in messages"""
     name: str
-    """Of the file, unless another one turns out to be free; empty if there is none"""
+    """Name of the file, unless it turns out to be taken; empty if there is none"""
     job: Job
+    """Task of its process"""
     part: str
-    """What is sent of an answer: its `row` or its `records`, which are quick to send"""
+    """Attribute of an answer that is sent: its `row` or its `records`, which are quick to send"""
     gaps_allowed: bool
-    """Whether answers beyond the queue are dropped and counted; otherwise the sink has failed then"""
+    """Whether answers beyond the queue are dropped and counted; if not, the sink fails then"""
     niceness: int = 0
-    """Added to the node's"""
+    """Niceness of the process, added to the node's"""
     gather: float = 0.01
-    """How long [s] answers are gathered before they are sent, while more come: each time costs the node and the output
-    as much as many answers do"""
+    """Time [s] for which answers are gathered before they are sent, while more come: each sending costs the node and
+    the output as much as many answers do"""
 
 
 class Output(Protocol):
-    """What a sink writes to."""
+    """An open output in its process: a file or a viewer."""
 
     name: str
-    """Of the file; empty if there is none"""
+    """Name of the file; empty if there is none"""
     period: float
-    """How often [s] to flush"""
+    """Time [s] between two flushes"""
 
     def write(self, parts: Sequence[Any]) -> None:
-        """Take what was sent of answers that came together, at least one, in their order."""
+        """Take the parts of answers that came together, at least one, in their order."""
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Take a note."""
 
     def flush(self) -> None:
-        """Leave nothing for later."""
+        """Write out everything that was taken."""
 
     def must_end(self) -> str:
-        """Why the output has to be completed though more may come; empty if it has not. Asked once a second."""
+        """Reason why the output has to be completed early; empty if it has not. Called once a second."""
 
     def news(self) -> tuple[str, ...]:
-        """What the user shall know and was not told yet. Asked once a second."""
+        """Messages for the user that are new since the last call. Called once a second."""
 
     def finish(self, ending: Ending | None) -> None:
-        """Complete the output; without an ending, because the node is gone or it has to end."""
+        """Complete the output; `ending` is None if the node is gone or the output has to end early."""
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Remove the output."""
 
 
 Parts = tuple[list[Any], bool]
-"""What is sent of answers that came together, and whether more wait already"""
+"""Parts of answers that are sent together, and whether more wait already"""
 
 
 class Note(NamedTuple):
-    """Something to be told between two answers."""
+    """A remark that belongs between two answers, such as a change of parameters."""
 
     name: str
+    """Name of the metadata record"""
     values: dict[str, str]
+    """Content of the record"""
 
 
 class Discard(NamedTuple):
-    """The output shall vanish."""
+    """Last item for a child: the output is to be removed."""
 
 
 class Report(NamedTuple):
-    """What a child says of itself."""
+    """Report of a child on its output."""
 
     state: str
+    """One of `OPEN`, `REFUSED`, `FAILED`, `ENDED` and `DONE`"""
     written: int
-    """Answers"""
+    """Number of answers written"""
     name: str = ""
-    """Of the file, once it is open; empty if there is none"""
+    """Name of the file once it is open; empty if there is none"""
     reason: str = ""
-    """Why it refused, failed or ended"""
+    """Reason why the output was refused, has failed or has ended"""
     remarks: tuple[str, ...] = ()
-    """What else the user shall know"""
+    """Further messages for the user"""

@@ -1,6 +1,6 @@
-"""The process of a sink: it takes what the node sends and keeps it, until the node says that it ends, or is gone.
+"""The process of a sink: it writes what the node sends, until the node tells it to end or is gone.
 
-It imports no ROS, and what its output needs only once it runs. The other side is `process.py`.
+It imports no ROS, and what its output needs only once it runs. The node's side is `process.py`.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, 
 from knee_contact_ros.system.errors import UsageError
 
 REPORT_PERIOD = 1.0
-"""[s]"""
+"""Shortest time [s] between two reports on the number of answers"""
 SWITCH_PERIOD = 1e-4
-"""How long [s] a thread that computes may hold up the one that takes what is sent: it asks for the interpreter often"""
+"""Longest time [s] that a computing thread keeps the interpreter from the one that receives: it asks for it often"""
 LOOK_PERIOD = 1.0
-"""How often [s] to look whether the output can go on"""
+"""Time [s] between two checks whether the output has to end"""
 NEARLY = 0.875
-"""Share of the time between two flushes after which what has come is flushed at once, and not a little later"""
+"""Share of the time between two flushes from which a flush is due already, instead of a moment later"""
 LATE = 2.0
-"""The same if more is there that can be taken before"""
+"""Share from which a flush is due even though more answers wait, which would be taken first"""
 
 
 class Child:
-    """Takes what is sent."""
+    """Receives answers and writes them to the output."""
 
     def __init__(self, connection: Connection) -> None:
         self.written = 0
@@ -43,7 +43,7 @@ class Child:
         self._name = ""
 
     def work(self, job: Job) -> bool:
-        """Do a job; whether it went well."""
+        """Open the output of a job and write to it until the end; return False if it has failed."""
         try:
             output = import_module(job.module).open_output(*job.arguments)
             self._name = output.name
@@ -53,20 +53,20 @@ class Child:
             self._report(ENDED if reason else DONE, reason, output.news())
         except UsageError as error:
             self._report(REFUSED, str(error))
-        except Exception as error:  # whatever it is, the node shall know
+        except Exception as error:  # whatever it is, the node must know
             self._report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
             return False
         return True
 
     def _keep(self, output: Output) -> str:
-        """Keep what is sent until the end, flushed in time; why that came sooner than it was to."""
+        """Write what is sent until the end, flushed in time; return why the output ended early, or an empty text."""
         reported = looked = time.monotonic()
-        flushed = looked - output.period  # what was written by opening it is flushed at once
+        flushed = looked - output.period  # what opening it has written is flushed at once
         unflushed, more = True, False
         while True:
             due = flushed + output.period if unflushed else math.inf
             patience = min(due, looked + LOOK_PERIOD) - time.monotonic()
-            if self._comes(patience):  # who wakes up late takes what has come meanwhile before the flush
+            if self._comes(patience):  # after waking up late, what has come meanwhile is taken before the flush
                 sent = self._next()
                 if type(sent) is tuple:
                     parts, more = sent
@@ -97,7 +97,7 @@ class Child:
                 reported = now
 
     def _must_end(self, output: Output) -> str:
-        """Complete the output if it has to be, and give the reason; report its news."""
+        """Complete the output if it has to end early, and return the reason; otherwise report its news."""
         reason = output.must_end()
         if reason:
             output.finish(None)
@@ -106,11 +106,11 @@ class Child:
         return reason
 
     def _comes(self, patience: float) -> bool:
-        """Whether something was sent, or the end of it, within `patience` [s]."""
+        """Whether something can be received within `patience` [s], be it the end of the connection."""
         return bool(self._readable.poll(1e3 * max(patience, 0.0)))
 
     def _next(self) -> Any:
-        """What was sent; None if nothing will be any more."""
+        """Receive an item; None if the connection has ended."""
         try:
             return self._connection.recv()
         except (EOFError, OSError):
@@ -123,7 +123,7 @@ class Child:
 
 
 def step_back(niceness: int) -> None:
-    """Be a process that the node's do not have to wait for, and that ends when the node has it end.
+    """Give way to the node's process, and end only when the node says so: ignore signals that end a process.
 
     `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and still interrupts nobody.
     """
@@ -136,7 +136,7 @@ def step_back(niceness: int) -> None:
 
 
 def main() -> None:
-    """Work on the socket that the command line names, with the niceness that it names."""
+    """Work on the socket whose number the command line names first, with the niceness that it names second."""
     step_back(int(sys.argv[2]))
     sys.setswitchinterval(SWITCH_PERIOD)
     with Connection(int(sys.argv[1])) as connection:

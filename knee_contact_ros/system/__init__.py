@@ -1,1 +1,1 @@
-"""What any program needs: errors, files, processes, the terminal."""
+"""General services of a program: errors, files, processes, the terminal."""

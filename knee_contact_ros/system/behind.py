@@ -1,4 +1,4 @@
-"""Something that is done in a thread of its own while its caller goes on."""
+"""Calls a function in a background thread while the caller continues."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 
 class Behind:
-    """One thing at a time, in the order in which they are given; at the end the thread has ended."""
+    """Background thread that makes one call at a time, in order; a context manager that ends with the thread."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "behind")
         self._last: Future[Any] | None = None
 
-    def do(self, what: Callable[..., object], *arguments: Any) -> None:
-        """Have it done; whatever the one before has raised is raised here."""
+    def do(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Call a function in the thread, after waiting for the previous call; an error of that one is raised here."""
         self.wait()
-        self._last = self._thread.submit(what, *arguments)
+        self._last = self._thread.submit(function, *arguments)
 
     def wait(self) -> None:
-        """Until all is done; whatever it has raised is raised here."""
+        """Wait for the last call; an error of it is raised here."""
         last, self._last = self._last, None
         if last:
             last.result()

@@ -1,4 +1,4 @@
-"""The executor that ROS callbacks run in: the events executor, where this rclpy has it."""
+"""Executor for ROS callbacks: the events executor if this rclpy has it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ NO_EVENTS = (
 
 
 def executor_of(*nodes: Node) -> Executor:
-    """The quickest executor that there is, with nodes in it; the first one's log tells if it is not the events one.
+    """Make the fastest available executor with some nodes; the first node logs if it is not the events executor.
 
-    It is for `spin_once(timeout_sec=...)` in a loop: in `spin`, and without a time-out, the events executor of Jazzy's
-    wheels burns a processor and delivers nothing.
+    To be used with `spin_once(timeout_sec=...)` in a loop: in `spin`, and without a time-out, the events executor of
+    Jazzy's wheels keeps a processor busy and delivers nothing.
     """
     if Quickest is SingleThreadedExecutor:
         nodes[0].get_logger().warning(NO_EVENTS)

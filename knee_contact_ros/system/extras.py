@@ -1,4 +1,4 @@
-"""The extras, libraries that not every command needs: how to get them. The package is in no index."""
+"""How to install the extras, libraries that not every command needs. The package is in no package index."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from knee_contact_ros.system.resources import share_folder
 
 
 def not_installed(library: str, extra: str) -> str:
-    """What there is to say of a library that is not there."""
+    """Message for a missing library of an extra."""
     return f"{library} is not installed; {how_to_get(extra)}"
 
 
 def how_to_get(extra: str) -> str:
-    """Which command brings an extra, and where to say it."""
+    """Command that installs an extra, and the folder in which to run it."""
     source = share_folder()
     if Path(sys.prefix) == source / ".venv":
         return f"in {source}: .venv/bin/uv pip install -e '.[{extra}]'"

@@ -1,4 +1,4 @@
-"""What the figures were measured on."""
+"""Description of the machine on which figures were measured."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 
 
 def describe(distributions: Iterable[str]) -> str:
-    """Processor, system, Python, and the versions of these distributions where they are installed."""
-    versions = [f"{name} {found}" for name in distributions if (found := installed_version(name))]
+    """Describe processor, system, Python, and the versions of those of these distributions that are installed."""
+    versions = [f"{name} {installed}" for name in distributions if (installed := installed_version(name))]
     parts = (
         processor(),
         f"{os.cpu_count()} cores",
@@ -23,14 +23,12 @@ def describe(distributions: Iterable[str]) -> str:
 
 
 def business() -> str:
-    """How busy the machine has been in the last minute, where the system tells."""
-    if not hasattr(os, "getloadavg"):
-        return "load average unknown"
+    """Describe the load of the machine in the last minute."""
     return f"load average before the start {os.getloadavg()[0]:.2f}"
 
 
 def installed_version(distribution: str) -> str:
-    """The version of a distribution; empty if it is not installed."""
+    """Version of a distribution; empty if it is not installed."""
     try:
         return version(distribution)
     except PackageNotFoundError:
@@ -38,7 +36,7 @@ def installed_version(distribution: str) -> str:
 
 
 def processor() -> str:
-    """The processor's name, or at least its kind."""
+    """Name of the processor, or at least its architecture."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

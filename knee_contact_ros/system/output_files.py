@@ -1,8 +1,8 @@
-"""Output files appear under their names when they are complete; until then they carry the suffix `.partial`.
+"""Output files get their names when they are complete; until then they have the suffix `.partial`.
 
-Who writes a recording holds a lock (`flock`) on its unfinished file, which ends with the process, whatever it dies of.
-So a file that is being written is told from one that was cut off. Nothing that lies in the way is opened but a plain
-file: a link would lead elsewhere, and a pipe waits for ever.
+The writer of a recording holds a lock (`flock`) on its unfinished file, which ends with the process in any case. This
+distinguishes a file that is being written from one that was cut off. Only plain files are opened: a link would lead
+elsewhere, and a pipe would block.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from knee_contact_ros.system.errors import UsageError
 
 PARTIAL = ".partial"
 STAMP = "{stamp}"
-"""In a path: when it was opened"""
+"""Placeholder in a path for the time of opening"""
 FIRST = "_0"
-"""How rosbag2 ends the name of a recording's first file"""
+"""Suffix of the name of the first file of a recording of rosbag2"""
 MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
-"""What makes a recording whole that was cut off"""
+"""Commands that repair a recording that was cut off, by suffix"""
 LATER = "_99999"
-"""For so much there must be room in an output's name: it may have to go on"""
+"""Longest suffix that an output may get if it has to be continued in further files"""
 LOCK_TRIES, LOCK_PAUSE = 5, 0.01
-"""How often to try to lock a file, and how long [s] to wait in between: others may just be looking"""
+"""Number of attempts to lock a file, and pause between them [s]: others may hold the lock for a moment to check it"""
 NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-"""How to open a file that is not there yet"""
+"""Flags to create and open a new file"""
 THERE = os.O_NONBLOCK | os.O_CLOEXEC
-"""How to open one that is"""
+"""Flags to open an existing file"""
 
 
 def partial_name(path: Path) -> Path:
-    """The name of an output until it is complete."""
+    """Name of an output until it is complete."""
     return path.with_name(path.name + PARTIAL)
 
 
 def is_taken(path: Path) -> bool:
-    """Whether there is something of an output's name, or unfinished."""
+    """Whether the name of an output or of its unfinished file exists."""
     return os.path.lexists(path) or os.path.lexists(partial_name(path))
 
 
 def later_names(path: Path) -> Iterator[Path]:
-    """The names behind the first one, as rosbag2 counts a recording's files; those that are taken are left out.
+    """Names after the first one, numbered as the files of a recording of rosbag2, without those that are taken.
 
-    `run_0.mcap` goes on as `run_1.mcap`, and `run.mcap` likewise.
+    `run_1.mcap` follows `run_0.mcap` as well as `run.mcap`.
     """
     stem = path.stem.removesuffix(FIRST)
     names = (path.with_name(f"{stem}_{number}{path.suffix}") for number in itertools.count(1))
@@ -59,20 +59,21 @@ def later_names(path: Path) -> Iterator[Path]:
 
 
 def all_names(path: Path) -> Iterator[Path]:
-    """A path, unless it is taken, and its later names."""
+    """A path, unless it is taken, and the names that follow it; see `later_names`."""
     return itertools.chain([] if is_taken(path) else [path], later_names(path))
 
 
 def stamped(path: str) -> str:
-    """A path with the local time in the place of `{stamp}`, spelled as rosbag2 names its bags."""
+    """Path with the local time in place of `{stamp}`, in the format of rosbag2."""
     return path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))
 
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse an output that cannot be written wherever it is; only looks, and quickly.
+    """Refuse an output that cannot be written, by a quick check that changes nothing.
 
     Raises:
-        UsageError: it names no file, or a folder, is too long, or its folder is none, can neither be written nor made.
+        UsageError: the path names no file, or a folder, is too long, or its folder is no folder or can neither be
+            written nor made.
     """
     try:
         reason = _obstacle(path)
@@ -85,7 +86,7 @@ def refuse_impossible(path: Path) -> None:
 
 
 def _obstacle(path: Path) -> str:
-    """Why an output cannot be written; raises OSError or ValueError with the reason likewise."""
+    """Reason why an output cannot be written, or empty; OSError and ValueError hold a reason, too."""
     if path.name in ("", "..") or "\0" in path.name:
         return "it names no file"
     if path.is_dir():
@@ -112,10 +113,10 @@ def _exists(folder: Path) -> bool:
 
 
 def checked_output(path: Path, label: str, *suffixes: str) -> Path:
-    """The path of an output to be: its folder is there, as a misspelt one is not made, and its name tells what it is.
+    """Check the path of a future output, and return it. A missing folder is not made, as it may be misspelt.
 
     Raises:
-        UsageError: its folder is not there, or its name ends with none of `suffixes`, if there are any.
+        UsageError: its folder does not exist, or its name ends with none of `suffixes`, if there are any.
     """
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError(f"{label} {path}: its name must end with {' or '.join(suffixes)}")
@@ -147,20 +148,20 @@ def refuse_existing(path: Path) -> None:
 
 
 def being_written(partial: Path) -> str:
-    """What there is to say of an unfinished file that is locked."""
+    """Message for an unfinished file that is locked."""
     return f"{partial} is being written by another process; choose another name"
 
 
 def cut_off(partial: Path) -> str:
-    """What there is to say of a recording that was cut off."""
+    """Message for the unfinished file of a recording that was cut off."""
     command = MENDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
 def claim(path: Path, overwrite: bool = False) -> Path:
-    """Make the folder of an output and its unfinished file, and return the latter's name.
+    """Make the folder of an output and its unfinished file, and return the name of the latter.
 
-    With `overwrite`, what is there gives way; a link itself does, and not what it leads to.
+    With `overwrite`, an existing file is replaced; of a link the link itself, and not its target.
 
     Raises:
         UsageError: the output or an unfinished one of its name exists, or the folder cannot be written.
@@ -184,7 +185,7 @@ def claim(path: Path, overwrite: bool = False) -> Path:
 
 
 def claim_first(names: Iterable[Path]) -> tuple[Path, Path]:
-    """Claim an output under the first of these names that is free; that name, and the unfinished file's.
+    """Claim an output under the first of these names that is free; return that name and the unfinished file's.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -193,7 +194,7 @@ def claim_first(names: Iterable[Path]) -> tuple[Path, Path]:
         try:
             return name, claim(name)
         except UsageError:
-            if not is_taken(name):  # otherwise somebody was quicker
+            if not is_taken(name):  # if it is, somebody was faster
                 raise
     raise UsageError("all names are taken")
 
@@ -202,7 +203,7 @@ def open_claimed(partial: Path) -> IO[bytes]:
     """Open a claimed file for writing, empty and locked.
 
     Raises:
-        UsageError: another process writes it, or it is not what was claimed.
+        UsageError: another process writes it, or it is not the file that was claimed.
     """
     try:
         file = open(partial, "r+b", opener=lambda name, _: os.open(name, os.O_RDWR | os.O_NOFOLLOW | THERE))  # noqa: SIM115
@@ -218,7 +219,7 @@ def open_claimed(partial: Path) -> IO[bytes]:
             time.sleep(LOCK_PAUSE)
             continue
         except OSError:
-            break  # a file system without locks: nobody can be told that it is being written
+            break  # a file system without locks: others cannot see that it is being written
         break
     else:
         file.close()
@@ -228,10 +229,10 @@ def open_claimed(partial: Path) -> IO[bytes]:
 
 
 def take_name(partial: Path, path: Path, overwrite: bool) -> Path:
-    """Give a complete file its final name: the first free one of its names, unless it may `overwrite`; that name.
+    """Give a complete file its final name, the first free one unless it may `overwrite`, and return it.
 
     Raises:
-        OSError: it cannot have one.
+        OSError: the file cannot be renamed.
     """
     if overwrite:
         partial.replace(path)
@@ -259,7 +260,7 @@ def rename_new(partial: Path, name: Path) -> None:
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
             raise
-        if os.path.lexists(name):  # a file system without links, as on memory cards: looking is all that can be done
+        if os.path.lexists(name):  # a file system without links, as on memory cards: a check is all that can be done
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(name)) from None
         partial.rename(name)
     else:
@@ -267,10 +268,10 @@ def rename_new(partial: Path, name: Path) -> None:
 
 
 def write_new(path: Path, data: bytes) -> None:
-    """Write a file in place of whatever has its name, down to the disk.
+    """Write a file and sync it to the disk; an existing file of its name is replaced.
 
     Raises:
-        OSError: it cannot be written; it is not there then.
+        OSError: it cannot be written; it does not exist then.
     """
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, NEW, 0o666), "wb") as file:
@@ -285,7 +286,7 @@ def write_new(path: Path, data: bytes) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder, and have it on the disk.
+    """Make a folder with its parents, and sync them to the disk.
 
     Raises:
         OSError: it cannot be made.
@@ -297,7 +298,7 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk, where the file system can."""
+    """Sync the entries of a folder to the disk, where the file system can."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
@@ -307,7 +308,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def is_being_written(partial: Path) -> bool:
-    """Whether somebody holds the lock of an unfinished file."""
+    """Whether a process holds the lock of an unfinished file."""
     with suppress(OSError), os.fdopen(os.open(partial, os.O_RDONLY | THERE), "rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -317,9 +318,9 @@ def is_being_written(partial: Path) -> bool:
 
 
 def leftovers(folder: Path, suffix: str) -> list[Path]:
-    """Unfinished recordings in a folder, `.mcap` or `.rrd` files, that nobody writes any more."""
-    found = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
-    return [path for path in found if _is_plain(path) and not is_being_written(path)]
+    """Unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
+    paths = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
+    return [path for path in paths if _is_plain(path) and not is_being_written(path)]
 
 
 def _is_plain(path: Path) -> bool:

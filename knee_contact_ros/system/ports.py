@@ -1,4 +1,4 @@
-"""Ports of this machine."""
+"""TCP ports of this machine."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ LOCALHOST = "127.0.0.1"
 
 
 def free_port(address: str = LOCALHOST) -> int:
-    """A port that nobody listens on at an address of this machine."""
+    """Find a port that no process listens on at an address of this machine."""
     with socket.socket() as probe:
         probe.bind((address, 0))
         return int(probe.getsockname()[1])
 
 
 def refuse_taken(port: int, name: str) -> None:
-    """Tell that a port cannot be listened on; `name` is what gave it.
+    """Check that a port can be listened on; `name` is the parameter or option that gave it.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: another process listens on it, or it is not allowed.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: closed connections linger

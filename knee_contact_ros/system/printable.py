@@ -1,17 +1,17 @@
-"""Text that came from elsewhere, for a terminal, a log or an error: nothing in it can move a cursor or hide."""
+"""Foreign text for a terminal, a log or an error: control characters in it become visible."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 SHOWN = 20
-"""How many names an error lists"""
+"""Largest number of names that an error lists"""
 LONGEST = 100
-"""Characters of a name in a list"""
+"""Largest number of characters of a name in a list"""
 
 
 def printable(text: str) -> str:
-    r"""The text with every character that is not printed as it is (escape codes, line ends) spelled as in `\x1b`."""
+    r"""Text with every non-printable character (escape codes, line ends) replaced by an escape such as `\x1b`."""
     if text.isprintable():
         return text
     return "".join(
@@ -21,7 +21,7 @@ def printable(text: str) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names with commas; a long list is cut, and so is a long name."""
+    """List of names with commas; a long list is cut, and so is a long name."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return (
         printable(", ".join(name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN])) + more

@@ -1,4 +1,4 @@
-"""The keeper of all other processes of ours: started, watched, ended as a user would, and never left behind."""
+"""Starts, watches and ends all other processes of the package, so that none is left behind."""
 
 from __future__ import annotations
 
@@ -18,30 +18,32 @@ from knee_contact_ros.system.errors import UsageError
 
 Process = subprocess.Popen[bytes]
 PATIENCE = 30.0
-"""How long [s] a process may take to end, as a rule"""
+"""Longest time [s] that a process may take to end, as a rule"""
 LAST_WORDS = 5.0
-"""How long [s] a process may take to end once its socket is closed"""
+"""Longest time [s] that a process may take to end once its socket is closed"""
 RUN_MODULE = (
     "import sys; sys.path[:] = filter(None, sys.path); del sys.argv[0]; "
     "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
 )
-"""`python -P -m`, which Python 3.10 has not"""
+"""Replacement for `python -P -m`, which Python 3.10 does not have"""
 OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
-"""For `Popen`: a process group of its own"""
+"""Arguments of `Popen` for a process group of its own"""
 
 
 class Child(NamedTuple):
-    """A process, and what it says."""
+    """Process with a log of its output."""
 
     name: str
+    """Name for messages"""
     process: Process
     log: Path
+    """File with the output of the process"""
 
     def check(self) -> None:
-        """Tell if it has died.
+        """Check that the process still runs.
 
         Raises:
-            UsageError: it has.
+            UsageError: it has ended; the text has the last line of its output.
         """
         if self.process.poll() is not None:
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
@@ -50,22 +52,22 @@ class Child(NamedTuple):
             )
 
 
-def start(command: Sequence[str], output: IO[bytes] | None, **how: Any) -> Process:
-    """A process that reads nothing, and says what it says to `output`, or where we do; `how` as for `Popen`.
+def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> Process:
+    """Start a process without input, with its output to `output` (None: to ours); `options` are those of `Popen`.
 
     Raises:
         OSError: it cannot be started.
     """
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, **how)
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, **options)
 
 
 @contextmanager
-def kept(command: Sequence[str], output: IO[bytes], patience: float, **how: Any) -> Iterator[Process]:
-    """A process that is ended at the end, whatever happens; see `start` and `end`."""
+def kept(command: Sequence[str], output: IO[bytes], patience: float, **options: Any) -> Iterator[Process]:
+    """Run a process within the `with` block, and end it in any case; see `start` and `end`."""
     process = None
     try:
         with signals_later():
-            process = start(command, output, **how)
+            process = start(command, output, **options)
         yield process
     finally:
         if process:
@@ -74,10 +76,10 @@ def kept(command: Sequence[str], output: IO[bytes], patience: float, **how: Any)
 
 @contextmanager
 def child_process(name: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE) -> Iterator[Child]:
-    """`python` with these arguments and its output in `log`; at the end it gets SIGINT and `patience` [s].
+    """Run `python` with these arguments and its output in `log`; at the end it gets SIGINT and `patience` [s].
 
     Raises:
-        UsageError: it failed, or did not end.
+        UsageError: the process has failed, or did not end.
     """
     try:
         with log.open("wb") as output, kept([sys.executable, *arguments], output, patience) as process:
@@ -92,9 +94,9 @@ def child_process(name: str, arguments: Sequence[str], log: Path, patience: floa
 
 
 def python_module(module: str, *arguments: str) -> dict[str, Any]:
-    """For `Popen`: a module in a process that imports from where this one does.
+    """Arguments of `start` for a module in a process that imports from the same folders as this one.
 
-    And not from the working folder: a file there may have a library's name.
+    The working folder is none of them: a file there may have the name of a library.
     """
     path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
     command = [sys.executable, "-c", RUN_MODULE, module, *arguments]
@@ -102,25 +104,25 @@ def python_module(module: str, *arguments: str) -> dict[str, Any]:
 
 
 def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
-    """A module of ours in a process of its own, and our end of the sockets between us.
+    """Start a module in a process of its own; return our end of a pair of sockets, and the process.
 
-    Its own end is the number that its command line names first. It has a process group of its own, so that Ctrl-C in a
-    terminal does not reach it: we say when it shall end. But no session: Linux may share the processors out by session
-    (`sched_autogroup_enabled`), and then one that works a little at a time starves beside busy ones of another, and
-    niceness does not count.
+    The first argument of its command line is the number of its own end. The process has a process group of its own, so
+    that Ctrl-C in a terminal does not end it before we do. It has no session of its own: Linux may share the processors
+    out by session (`sched_autogroup_enabled`), and then a process that works a little at a time starves beside busy
+    ones of another session, and niceness has no effect.
 
     Raises:
         OSError: no process can be started.
     """
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        how = python_module(module, str(theirs.fileno()), *arguments)
-        process = start(output=None, pass_fds=[theirs.fileno()], **OWN_GROUP, **how)
+        options = python_module(module, str(theirs.fileno()), *arguments)
+        process = start(output=None, pass_fds=[theirs.fileno()], **OWN_GROUP, **options)
         return Connection(ours.detach()), process
 
 
 def reap(process: Process) -> None:
-    """Have a process gone that has closed its socket or was left alone with it."""
+    """Wait for a process whose connection is closed, and kill it if it does not end."""
     for _ in range(2):
         with suppress(subprocess.TimeoutExpired):
             process.wait(LAST_WORDS)
@@ -129,7 +131,7 @@ def reap(process: Process) -> None:
 
 
 def end(process: Process, patience: float) -> None:
-    """End a process if it still runs, at once if it does not listen or the user is in a hurry."""
+    """Terminate a process that still runs; kill it after `patience` [s], or if the waiting is interrupted."""
     try:
         if process.poll() is None:
             process.terminate()
@@ -152,9 +154,9 @@ def is_stopped(pid: int) -> bool:
 
 @contextmanager
 def signals_later() -> Iterator[None]:
-    """Hold SIGINT and SIGTERM back meanwhile: one between a process's start and its being known would leave it behind.
+    """Delay SIGINT and SIGTERM until the end of the `with` block, so that they do not interrupt the start of a process.
 
-    Of the main thread only, which alone has them.
+    To be used in the main thread, the only one that handles signals.
     """
     came: list[int] = []
     before = {
@@ -172,10 +174,12 @@ def signals_later() -> Iterator[None]:
 
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
-    """Have SIGTERM do meanwhile what Ctrl-C does, so that what was begun is cleared away. Of the main thread only.
+    """Let SIGTERM act like Ctrl-C within the `with` block, so that unfinished work is cleaned up.
+
+    To be used in the main thread, the only one that handles signals.
 
     Raises:
-        KeyboardInterrupt: it came.
+        KeyboardInterrupt: SIGTERM came.
     """
 
     def on_terminate(_number: int, _frame: FrameType | None) -> None:

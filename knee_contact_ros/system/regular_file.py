@@ -1,4 +1,4 @@
-"""Files that others have written or named: no pipe is waited for, no device is read, and no more than makes sense."""
+"""Reads files from others safely: only regular files, no pipes and devices, and no more than a given size."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from io import BufferedReader
 from pathlib import Path
 
 PART = 1 << 18
-"""Bytes that are read at a time"""
+"""Number of bytes that are read at a time"""
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a file for reading.
+    """Open a regular file for reading.
 
     Raises:
         OSError: it cannot be opened, or is no regular file (a folder, pipe, socket or device).
@@ -32,14 +32,14 @@ def open_regular(path: Path) -> BufferedReader:
     except BaseException:
         os.close(descriptor)
         raise
-    return os.fdopen(descriptor, "rb")  # which closes it if that fails, or is broken off
+    return os.fdopen(descriptor, "rb")  # which closes the descriptor if it fails or is interrupted
 
 
 def read_regular(path: Path, most: int) -> bytes:
-    """A file's content.
+    """Read the content of a regular file.
 
     Raises:
-        OSError: as `open_regular`; also if it is longer than `most` [B].
+        OSError: the file cannot be opened (see `open_regular`), or is longer than `most` bytes.
     """
     with open_regular(path) as file:
         content = file.read(most + 1)
@@ -49,7 +49,7 @@ def read_regular(path: Path, most: int) -> bytes:
 
 
 def sha256_of(file: BufferedReader) -> str:
-    """SHA-256 of what is to be read of a file."""
+    """SHA-256 of the rest of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
     while part := file.read(PART):
         digest.update(part)

@@ -1,4 +1,4 @@
-"""Where the package's files lie: parameter files, bags, message definitions."""
+"""Finds the files of the package: parameter files, bags, message definitions."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from knee_contact_ros.system.errors import UsageError
 
 PACKAGE = "knee_contact_ros"
 DEFAULT_PARAMETERS = "healthy.yaml"
-"""The parameter file where none is named"""
+"""Default parameter file"""
 
 
 def share_folder() -> Path:
-    """The package's share folder: the source tree if this module runs from one, else that of an ament prefix.
+    """Share folder of the package: the source tree if this module runs from one, else that of an ament prefix.
 
     Raises:
         FileNotFoundError: the package is not installed completely.
@@ -32,7 +32,7 @@ def share_folder() -> Path:
 
 
 def find_file(name: str) -> Path:
-    """A file that a parameter names: as given (from the current folder), else in the package's config folder."""
+    """Path of a file that a parameter names: from the current folder, else in the package's config folder."""
     path = expanded(name)
     if path.is_absolute() or path.exists():
         return path
@@ -41,7 +41,7 @@ def find_file(name: str) -> Path:
 
 
 def parameter_file(name: str) -> Path:
-    """The parameter file that a name means: see `find_file`; its `.yaml` may be left out, as in `osteoarthritis`."""
+    """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`."""
     path = find_file(name)
     if path.suffix or path.is_file():
         return path
@@ -50,13 +50,13 @@ def parameter_file(name: str) -> Path:
 
 
 def shipped_parameter_files(folder: str = "") -> list[Path]:
-    """The package's own parameter files in a folder of theirs, the default first."""
+    """Parameter files of the package in a folder within `config`, the default first."""
     files = sorted((share_folder() / "config" / folder).glob("*.yaml"))
     return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
 
 
 def expanded(name: str) -> Path:
-    """A file's name with ~ and ~somebody replaced by their folders; as it is if there is no such person."""
+    """Path with `~` and `~user` expanded; unchanged if there is no such user."""
     try:
         return Path(name).expanduser()
     except RuntimeError:
@@ -64,10 +64,10 @@ def expanded(name: str) -> Path:
 
 
 def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
-    """Tell that a file is given twice, whatever it is called; `what` stands before its name.
+    """Check that no file is given twice, under whatever names; `what` precedes the name in the error.
 
     Raises:
-        UsageError: it is.
+        UsageError: a file is given twice.
     """
     places = [path.resolve() for path in paths]
     for number, path in enumerate(paths):

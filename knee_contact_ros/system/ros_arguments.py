@@ -1,4 +1,4 @@
-"""`NAME:=VALUE` as on ROS 2's command line, for the commands that need no ROS."""
+"""Parses `NAME:=VALUE` as on ROS 2's command line, for the commands that need no ROS."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from knee_contact_ros.system.yaml_file import BadYamlError, parse_yaml
 
 
 def split(rule: str, option: str) -> tuple[str, str]:
-    """The two sides of a rule.
+    """Split a rule of an option into its two sides.
 
     Raises:
-        UsageError: a side is missing; names the option.
+        UsageError: a side is missing.
     """
     left, separator, right = (part.strip() for part in rule.partition(":="))
     if not (left and separator and right):
@@ -22,10 +22,10 @@ def split(rule: str, option: str) -> tuple[str, str]:
 
 
 def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
-    """Parameters given as `-p NAME:=VALUE`; the value is read as in a parameter file.
+    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
 
     Raises:
-        UsageError: a rule that is none, or a value that is no YAML.
+        UsageError: a side of a rule is missing, or a value is no YAML.
     """
     values = {}
     for rule in rules:

@@ -1,4 +1,4 @@
-"""Joining a ROS graph, and a graph of our own: loopback only, in a domain that no other run uses."""
+"""Joins a ROS graph, or a private one: on loopback only, in a domain that no other run uses."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from knee_contact_ros.system.resources import share_folder
 
 @contextmanager
 def joining() -> Iterator[None]:
-    """Say in one line why ROS does not let us in: security is enforced and cannot be had, say.
+    """Turn errors of rclpy within the `with` block, such as missing security files, into one line.
 
     Raises:
-        UsageError: that line.
+        UsageError: the ROS graph cannot be joined.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # rclpy's, on what it could not clear away after the failure
+        warnings.simplefilter("ignore", RuntimeWarning)  # rclpy's, on what it could not clean up after the failure
         try:
             yield
         except RuntimeError as error:  # rclpy's own errors derive from it
@@ -30,7 +30,7 @@ def joining() -> Iterator[None]:
 
 @contextmanager
 def private_graph() -> Iterator[dict[str, str]]:
-    """Environment variables for processes that shall hear each other and nobody else on this machine or beyond.
+    """Environment variables for processes that communicate with each other and with no others, here or elsewhere.
 
     `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone still opens sockets on every interface with Fast DDS; the profile in
     `config/fastdds_loopback.xml` binds them all to 127.0.0.1.

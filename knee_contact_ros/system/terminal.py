@@ -1,4 +1,4 @@
-"""What a person sees on the terminal: progress bars (none in a pipe), and lines that hold texts of others."""
+"""Output for a person on the terminal: progress bars (none in a pipe), and lines with foreign texts."""
 
 from __future__ import annotations
 
@@ -29,61 +29,64 @@ from rich.table import Table
 from knee_contact_ros.system.printable import printable
 
 WIDTH = 78
-"""Columns of a table: a terminal has 80"""
+"""Largest width of a table in columns: a terminal has 80"""
 UNBOUNDED = 10_000
+"""Width in columns that no table reaches"""
 PERIOD = 0.05
-"""[s] from one movement of a bar to the next: a movement takes some 20 µs, more than many a message"""
+"""Time [s] from one update of a bar to the next: an update takes some 20 µs, more than many a message"""
 
 
 _BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
-"""The one that is on the terminal"""
+"""Bar that is on the terminal now"""
 
 
 class Bar:
-    """A function of (done, total) that moves a bar on the terminal."""
+    """Function of (done, total) that updates a bar on the terminal."""
 
     def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
+        """Add a task, described by `what`, to a bar; a `still` one is drawn only when it is updated."""
         self._bar = bar
         self.what = what
+        """Current description"""
         self._task = bar.add_task(shown(what), total=None)
         self._still = still
         self._next = 0.0 if not bar.disable else math.inf
 
     def __call__(self, done: int, total: int) -> None:
-        """Move the bar, unless it has just moved; the last step always shows."""
+        """Update the bar, unless it has just been updated; the last step is always shown."""
         now = time.monotonic()
         if now >= self._next or (done == total and self._next < math.inf):
             self._next = now + PERIOD
             self._bar.update(self._task, completed=done, total=total, refresh=self._still)
 
     def describe(self, what: str) -> None:
-        """Say something else beside the bar."""
+        """Change the description beside the bar."""
         self.what = what
         self._bar.update(self._task, description=shown(what), refresh=self._still)
 
 
 @contextmanager
 def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
-    """A bar on the terminal, nothing in a pipe; yields a function of (done, total).
+    """Show a bar on the terminal, and nothing in a pipe; yields a function of (done, total) that updates it.
 
-    A `still` bar moves only in that function, so that no thread disturbs what is measured.
+    A `still` bar is drawn only by that function, so that no thread disturbs a measurement.
     """
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a bar that is not shown with an empty line
+    disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a hidden bar with an empty line
     with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
         console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
-        moving = Bar(bar, what, still=still)
-        token = _BAR.set(None if disable else moving)
+        update = Bar(bar, what, still=still)
+        token = _BAR.set(None if disable else update)
         try:
-            yield moving
+            yield update
         finally:
             _BAR.reset(token)
 
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Say on stderr what takes its time: with a clock on a terminal, beside a bar if there is one; else as a line."""
+    """Announce on stderr what takes time: on a terminal beside its bar, if any, or with a clock; else as a line."""
     console, bar = Console(stderr=True), _BAR.get()
     if bar:
         before = bar.what
@@ -102,16 +105,16 @@ def busy(what: str) -> Iterator[None]:
 
 
 def warn(sentences: Iterable[str]) -> None:
-    """Say what makes no sense, a line each, beside what is printed."""
+    """Print warnings on stderr, a line each."""
     for sentence in sentences:
         say(f"knee-contact: warning: {sentence}", err=True)
 
 
 def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
-    """Print a line, whatever names and texts of others are in it.
+    """Print a line, whatever foreign names and texts are in it; with `err` on stderr.
 
-    On a terminal that is narrower, one that may `hang` is broken between words, and goes on indented by so many
-    columns.
+    With `hang`, a line that is too long for the terminal is broken between words, and continued with an indentation of
+    so many columns.
     """
     text = printable(line)
     if hang is not None and sys.stdout.isatty():
@@ -124,11 +127,11 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
 
 
 def natural_width(table: Table) -> int:
-    """The columns that a table takes if nothing of it is broken."""
+    """Number of columns that a table takes without line breaks."""
     console = Console(width=UNBOUNDED)
     return Measurement.get(console, console.options, table).maximum
 
 
 def shown(text: str) -> str:
-    """A text for a cell or a bar of Rich, likewise."""
+    """Text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
     return escape(printable(text))

@@ -1,4 +1,4 @@
-"""Results of a command appear in its output folder when all are done; an interrupted one leaves nothing behind."""
+"""Results of a command appear in its output folder when all are done; an interrupted command leaves nothing there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from knee_contact_ros.system.processes import interrupted_by_sigterm
 
 @contextmanager
 def work_folder(output: Path) -> Iterator[Path]:
-    """A folder inside `output` that is gone afterwards, also after SIGTERM."""
+    """Make a temporary folder inside `output`, which is removed at the end, also after SIGTERM.
+
+    Raises:
+        UsageError: it cannot be made.
+    """
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()
     try:
@@ -31,7 +35,7 @@ def work_folder(output: Path) -> Iterator[Path]:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Move a result, if there is one, to its place; an earlier one gives way."""
+    """Move a result, if there is one, to its place; an earlier result there is removed."""
     if target.is_dir():
         shutil.rmtree(target)
     else:

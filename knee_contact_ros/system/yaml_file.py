@@ -1,4 +1,4 @@
-"""YAML from elsewhere, read within bounds: what it is worth in nodes, how deep, how large its numbers."""
+"""Reads foreign YAML within bounds on the number of nodes, their depth and the size of numbers."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import read_regular
 
 LARGEST = 2**16
-"""[B] of a file, if nothing else is said: that of all parameters has some 3000"""
+"""Largest size of a file [B] by default: one with all parameters has some 3000"""
 LARGEST_METADATA = 2**20
-"""[B] of a rosbag2 folder's `metadata.yaml`: a thousand topics, or some thousand files"""
+"""Largest size [B] of the `metadata.yaml` of a rosbag2 folder: a thousand topics, or some thousand files"""
 MOST_NODES = 100_000
-"""Texts, numbers, lists and mappings; what has several places by anchor and alias counts at each of them"""
+"""Largest number of texts, numbers, lists and mappings; what an alias repeats counts at each place"""
 DEEPEST = 50
-"""Lists and mappings within each other"""
+"""Largest depth of nested lists and mappings"""
 MOST_BITS = 64
-"""Of an integer"""
+"""Largest number of bits of an integer"""
 TOO_DEEP = f"it is nested deeper than {DEEPEST} levels"
 BRACKETS = re.compile(r"[\[\]{}]")
 MERGE = re.compile(r"""<<['"]?\s*:""")
-"""A key that brings in the entries of another mapping, or of many: they are made before anybody can count them"""
+"""Merge key, which inserts the entries of other mappings: the parser does so before they can be counted"""
 HALF = re.compile("[\ud800-\udfff]")
-"""A surrogate, as an escape may spell it: UTF-8 has none"""
+"""Surrogate, which an escape may give: UTF-8 has none"""
 END = object()
 
 
 class BadYamlError(ValueError):
-    """A text is no YAML, or beyond the bounds; says in one line why."""
+    """A text is no YAML, or beyond the bounds; the text of the error is one line."""
 
 
 def read_yaml(path: Path, most: int = LARGEST) -> Any:
-    """The content of a YAML file of at most `most` bytes.
+    """Read a YAML file of at most `most` bytes.
 
     Raises:
         OSError: it cannot be read, is no regular file or too long.
@@ -50,7 +50,7 @@ def read_yaml(path: Path, most: int = LARGEST) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """What a YAML text says.
+    """Parse a YAML text.
 
     Raises:
         BadYamlError: it is no YAML, or beyond the bounds.
@@ -72,10 +72,10 @@ def parse_yaml(text: str) -> Any:
 def read_mapping(
     path: Path, kind: str = "parameter file", what: str = "node names to ros__parameters"
 ) -> Mapping[str, Any]:
-    """The content of a YAML file that maps something; `kind` and `what` say in errors what it should be.
+    """Read a YAML file that holds a mapping; errors call it a `kind` that must map `what`.
 
     Raises:
-        UsageError: it cannot be read, or is none.
+        UsageError: it cannot be read, or holds no mapping.
     """
     try:
         content = read_yaml(path)
@@ -89,12 +89,12 @@ def read_mapping(
 
 
 def _opened(text: str) -> int:
-    """How many brackets are open at a time, wherever they stand."""
+    """Largest number of brackets that are open at a time, also within texts."""
     return max(accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0)
 
 
 def _check(content: Any) -> None:
-    """Refuse what would take long to go through, for all its places."""
+    """Refuse content beyond the bounds, which would take long to process; aliases count at each place."""
     branches, nodes = [iter([content])], 0
     while branches:
         node = next(branches[-1], END)
@@ -115,7 +115,7 @@ def _check(content: Any) -> None:
 
 
 def _inside(node: Any) -> Iterator[Any]:
-    """Keys and values, or elements."""
+    """Keys and values of a mapping, or elements of a list."""
     for entry in node:
         yield entry
         if isinstance(node, Mapping):

@@ -1,11 +1,11 @@
 """The knee as closed polygons in the sagittal plane: two bones with their cartilage, and where they overlap.
 
-Everything is in metres; x is anterior, y superior. `anatomy_of` prepares a model once, `picture_of` gives the polygons
-of a tick in the tibia frame. A polygon is an array of shape (n, 2) whose last point joins its first one.
+All lengths are in metres; x is anterior, y superior. `anatomy_of` gives the polygons of a model before it moves,
+`picture_of` those of a tick in the tibia frame. A polygon is an array of shape (n, 2) whose last point joins its first.
 
-What touches is the model's: the outer edges of the cartilage are the surfaces that the model was given, up to how
-finely lines are drawn. All else is drawn around them: the shafts, the way they join the surfaces, and the cartilage's
-thickness unless the contact law tells one (`Anatomy.thickness`).
+The outer edges of the cartilage, which touch, are the surfaces of the model, up to the resolution of the drawn lines.
+All else is made up for the drawing: the shafts, their joins to the surfaces, and the cartilage's thickness unless the
+contact law gives one (`Anatomy.thickness`).
 """
 
 from __future__ import annotations
@@ -21,67 +21,66 @@ from knee_contact_ros.view.overlap import overlaps
 
 Floats = NDArray[np.float64]
 DRAWN_THICKNESS = 2.2e-3
-"""[m] of either cartilage where the law tells none: half the default of `contact.foundation_thickness`"""
-MAGNIFICATION = 10.0
-"""Of the overlap along the normal, in `Picture.magnified`"""
+"""Thickness [m] of each cartilage where the law gives none: half the default of `contact.foundation_thickness`"""
 SURFACE_POINTS = 121
-"""Along a drawn surface"""
+"""Number of points along a drawn surface"""
 JOIN_POINTS = 24
-"""From a surface's end to the shaft"""
+"""Number of points from the end of a surface to the shaft"""
 TAPER = 0.12
-"""Part of a surface, at either end, over which its cartilage thins out"""
+"""Part of a surface, at each end, over which its cartilage thins out"""
 UNCOVERED = math.radians(42.0)
-"""To both sides of the shaft, what is cut out of a femur that is closed all around"""
+"""Angle [rad] to each side of the shaft that is cut out of a closed femoral outline"""
 SHAFT_BEGIN, SHAFT_WIDTH, SHAFT_RISE, SHAFT_LENGTH = 0.10, 0.50, 0.28, 1.05
-"""Of the femoral shaft, in extents of the condyle from back to front: from the condyle's rear end to the shaft's rear,
-its width, how far above the rear end it begins, and where it ends above the reference point"""
+"""Dimensions of the femoral shaft, in extents of the condyle from posterior to anterior: distance from the condyle's
+posterior end to the shaft, width, height of the shaft's beginning above that end, and of its end above the reference
+point"""
 PLATEAU = 0.45
-"""How far the plateau is drawn to both sides, in extents of the condyle; as far as it was measured at most"""
+"""Half the length of the drawn plateau, in extents of the condyle; at most what was measured of it"""
 PLATEAU_MARGIN = 0.012
-"""How far [m] it is drawn at least beyond where a walking knee touches it"""
+"""Least distance [m] that the plateau is drawn beyond the contact of a walking knee"""
 TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH = 0.62, 0.34, 0.60
-"""Of the tibial shaft, in widths of the plateau: its width, how far below the plateau it begins, and where it ends"""
+"""Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it"""
 
 
 class Anatomy(NamedTuple):
-    """A knee's polygons before it moves, plain numbers."""
+    """Polygons of a knee before it moves."""
 
     femur_bone: Floats
-    """Femur frame, about the reference point [m]"""
+    """Femoral bone [m], femur frame, about the reference point"""
     femur_cartilage: Floats
-    """Likewise; its first `SURFACE_POINTS` are the surface that touches, from posterior to anterior"""
+    """Femoral cartilage [m], femur frame; its first `SURFACE_POINTS` are the surface, from posterior to anterior"""
     tibia_bone: Floats
-    """Tibia frame [m]"""
+    """Tibial bone [m], tibia frame"""
     tibia_cartilage: Floats
-    """Likewise, in the same order"""
+    """Tibial cartilage [m], tibia frame; its first `SURFACE_POINTS` are the surface, from posterior to anterior"""
     thickness: float
-    """[m] of either cartilage but at its ends: half of what the law takes for both together, so that the bones touch
-    where the law says so; or `DRAWN_THICKNESS`"""
+    """Thickness [m] of each cartilage except at its ends: half of the law's thickness of both together, so that the
+    bones touch where the law says so; or `DRAWN_THICKNESS`"""
     thickness_is_drawn: bool
-    """Whether the law tells none, so that it is of the drawing alone"""
+    """Whether the law gives no thickness, so that it is one of the drawing only"""
 
 
 class Picture(NamedTuple):
-    """A knee's polygons at a tick [m], tibia frame."""
+    """Polygons of a knee at a tick [m], tibia frame."""
 
     femur_bone: Floats
     femur_cartilage: Floats
     tibia_bone: Floats
     tibia_cartilage: Floats
     overlap: Floats
-    """Where the outer edges of both cartilages overlap: along the tibia, and back along the femur; empty when apart"""
-    magnified: Floats
-    """The same with its depth under the tibia's surface magnified, along the normal at the contact point"""
+    """Overlap of both cartilages: along the tibia, and back along the femur; empty when apart"""
     contact_point: tuple[float, float]
-    """[m] on the tibia"""
+    """Contact point [m] on the tibia"""
     normal: tuple[float, float]
-    """Unit, from tibia to femur"""
+    """Unit normal from tibia to femur"""
     depth: float
-    """[m] signed: < 0 apart"""
+    """Depth of the overlap [m]; negative when apart"""
+    anatomy: Anatomy
+    """Polygons of the same knee before it moves"""
 
 
 def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)) -> Anatomy:
-    """The knee of a model; the plateau is drawn beyond where its contact lies (lowest and highest x [m])."""
+    """Make the polygons of a model; `contact_range` are the lowest and highest x [m] of the contact on the plateau."""
     femur = even(_open(model.pair.femur.outline()))
     extent = float(np.ptp(femur[:, 0]))
     reach = max(PLATEAU * extent, PLATEAU_MARGIN + max(map(abs, contact_range)))
@@ -91,28 +90,14 @@ def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)
 
 
 def cartilage_of(model: KneeModel) -> tuple[float, bool]:
-    """Thickness [m] of either cartilage, and whether it is of the drawing alone: see `Anatomy.thickness`."""
-    told = min(model.cartilage_thickness, model.modes.law.thickness)
-    return (0.5 * told, False) if math.isfinite(told) else (DRAWN_THICKNESS, True)
+    """Return the fields `thickness` and `thickness_is_drawn` of `Anatomy`."""
+    thickness = min(model.cartilage_thickness, model.modes.law.thickness)
+    return (0.5 * thickness, False) if math.isfinite(thickness) else (DRAWN_THICKNESS, True)
 
 
-def picture_of(
-    model: KneeModel,
-    flexion_angle: float,
-    femoral_height: float,
-    magnification: float = MAGNIFICATION,
-    anatomy: Anatomy | None = None,
-) -> Picture:
-    """The polygons of a tick.
-
-    Args:
-        model: the knee.
-        flexion_angle: [rad], of the answer.
-        femoral_height: [m], of the answer.
-        magnification: of the overlap's depth, in `Picture.magnified`.
-        anatomy: `anatomy_of(model)`, if it is at hand.
-    """
-    knee = anatomy or anatomy_of(model)
+def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) -> Picture:
+    """Make the polygons of a tick, from the flexion angle [rad] and the femoral height [m] of its answer."""
+    knee = anatomy_of(model)
     x, _ = model.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.pair.closest(*pose)
@@ -120,39 +105,32 @@ def picture_of(
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
-        found = overlaps(
+        region = overlaps(
             placed(femur, *pose)[None], tibia, np.array(point[:1]), np.array([closest.depth]), model.femoral_radius
         )
-        upper, lower = (np.stack([found.x[0], y[0]], axis=1) for y in (found.upper, found.lower))
+        upper, lower = (np.stack([region.x[0], y[0]], axis=1) for y in (region.upper, region.lower))
         overlap = np.concatenate([upper, lower[::-1]])
     return Picture(
         placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
-        overlap, magnified(overlap, normal, magnification), point, normal, closest.depth,
+        overlap, point, normal, closest.depth, knee,
     )  # fmt: skip
 
 
 def placed(points: Floats, angle: float, x: float, height: float) -> Floats:
-    """Points of the femur, shape (n, 2) [m], in the tibia frame; flexion [rad] turns from anterior to superior."""
+    """Transform points of the femur, shape (n, 2) [m], to the tibia frame; flexion [rad] turns anterior to superior."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]) + (x, height))
 
 
-def magnified(overlap: Floats, normal: tuple[float, float], factor: float) -> Floats:
-    """A `Picture.overlap` whose depth under the tibia's surface is multiplied, along the unit `normal`."""
-    upper, lower = overlap[: len(overlap) // 2], overlap[len(overlap) // 2 :][::-1]
-    depth = (upper[:, 1] - lower[:, 1]) * normal[1]
-    return np.concatenate([upper, (upper - factor * depth[:, None] * np.array(normal))[::-1]])
-
-
-def even(points: Floats, number: int = SURFACE_POINTS) -> Floats:
-    """A line through some points, shape (m, 2), as `number` points at equal distances along it."""
-    way = _way(points)
-    places = np.linspace(0.0, way[-1], number)
-    return np.stack([np.interp(places, way, axis) for axis in points.T], axis=1)
+def even(points: Floats) -> Floats:
+    """Resample a polyline, shape (m, 2), at `SURFACE_POINTS` points with equal distances along it."""
+    distance = _distance(points)
+    places = np.linspace(0.0, distance[-1], SURFACE_POINTS)
+    return np.stack([np.interp(places, distance, axis) for axis in points.T], axis=1)
 
 
 def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Floats]:
-    """Bone and cartilage of the femur; `surface` from posterior to anterior, `extent` [m] between these."""
+    """Make bone and cartilage of the femur; `surface` goes from posterior to anterior over `extent` [m]."""
     inner = surface + _covered(surface, thickness) * _left(surface)
     rear, front = surface[0], surface[-1]
     begin = max(rear[1], front[1]) + SHAFT_RISE * extent
@@ -168,7 +146,7 @@ def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Fl
 
 
 def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
-    """Bone and cartilage of the tibia; `surface` from posterior to anterior."""
+    """Make bone and cartilage of the tibia; `surface` goes from posterior to anterior."""
     inner = surface - _covered(surface, thickness) * _left(surface)
     rear, front = surface[0], surface[-1]
     width = float(front[0] - rear[0])
@@ -183,7 +161,7 @@ def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
 
 
 def _open(points: Floats) -> Floats:
-    """A femoral outline from posterior to anterior, without what the shaft covers where it is closed all around."""
+    """Return a femoral outline from posterior to anterior; a closed one without the part that the shaft covers."""
     if np.allclose(points[0], points[-1]):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         turn = np.mod(-np.arctan2(*(points[:-1] - middle).T), math.tau)  # from superior over posterior
@@ -194,36 +172,36 @@ def _open(points: Floats) -> Floats:
 
 
 def _turns_left(points: Floats) -> bool:
-    """Whether a line turns against the clock, as from posterior over inferior to anterior."""
+    """Return whether a line turns counterclockwise, as from posterior over inferior to anterior."""
     (x, y), (next_x, next_y) = points.T, np.roll(points, -1, axis=0).T
     return bool((x * next_y - next_x * y).sum() > 0.0)
 
 
-def _way(points: Floats) -> Floats:
-    """Distance along a line to each of its points [m]."""
+def _distance(points: Floats) -> Floats:
+    """Return the distance [m] along a polyline from its first point to each of its points, shape (n,)."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def _left(points: Floats) -> Floats:
-    """Unit vectors to the left of a line, shape (n, 2)."""
+    """Return unit vectors to the left of a line at its points, shape (n, 2)."""
     along = np.gradient(points, axis=0)
     return np.asarray(np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None])
 
 
 def _covered(surface: Floats, thickness: float) -> Floats:
-    """Thickness [m] of the cartilage along a surface, shape (n, 1): it thins out towards both ends."""
-    way = _way(surface) / _way(surface)[-1]
-    part = np.clip(np.minimum(way, 1.0 - way) / TAPER, 0.0, 1.0)
+    """Return the thickness [m] of the cartilage along a surface, shape (n, 1): it thins out towards both ends."""
+    place = _distance(surface) / _distance(surface)[-1]
+    part = np.clip(np.minimum(place, 1.0 - place) / TAPER, 0.0, 1.0)
     return np.asarray(thickness * np.sqrt(1.0 - (1.0 - part[:, None]) ** 2))
 
 
 def _band(surface: Floats, inner: Floats) -> Floats:
-    """The cartilage: there along the surface, and back along the bone."""
+    """Make the polygon of the cartilage: along the surface, and back along the bone."""
     return np.concatenate([surface, inner[-2:0:-1]])
 
 
 def _join(begin: Floats, begin_along: Floats, end: Floats, end_along: Floats) -> Floats:
-    """A smooth line between two points with directions of their own (Hermite), shape (JOIN_POINTS, 2)."""
+    """Join two points with given directions by a smooth line (cubic Hermite), shape (JOIN_POINTS, 2)."""
     reach = float(np.hypot(*(end - begin)))
     first, last = (reach * along / np.hypot(*along) for along in (begin_along, end_along))
     t = np.linspace(0.0, 1.0, JOIN_POINTS)[:, None]

@@ -1,6 +1,6 @@
-"""Colours of the scene (RGB), told apart also by the colour-blind.
+"""Colours of the scene (RGB), which colour-blind users can distinguish too.
 
-The planes are dark whatever the viewer's theme; curves must be seen in its dark and in its light one.
+The planes are dark in every theme of the viewer; curves must be visible in a dark and in a light theme.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ FEMUR: Colour = (222, 212, 190)
 EDGE: Colour = (92, 84, 70)
 COVER: Colour = (128, 178, 200)
 TEXT: Colour = (240, 240, 240)
-"""Of words beside the bones. Rerun puts half-transparent boxes under words, black or white with the theme"""
+"""Colour of words beside the bones; Rerun puts half-transparent boxes under words, black or white by the theme"""
 INK: Colour = (24, 20, 14)
-"""Of words on the bones"""
+"""Colour of words on the bones"""
 ANGLE: Colour = (70, 170, 120)
 FORCE: Colour = (240, 120, 70)
 LOAD: Colour = (150, 150, 165)
@@ -37,19 +37,19 @@ WAY: Colour = (250, 205, 80)
 APART: Colour = (150, 155, 165)
 
 OF_STATE = np.array([APART, CARTILAGE, BONE], dtype=np.uint8)
-"""By `ContactState`"""
+"""Colours by `ContactState`"""
 NAME_OF_STATE = {ContactState.SEPARATED: "apart", ContactState.CARTILAGE: "cartilage", ContactState.BONE: "bone"}
 
 
-class OfKnee(NamedTuple):
-    """What tells a knee from others in the same plot."""
+class KneeColour(NamedTuple):
+    """Colour of a knee's curves in a plot of several knees."""
 
     name: str
     colour: Colour
 
 
-OF_KNEES = (
-    OfKnee("blue", (75, 150, 235)), OfKnee("orange", (235, 115, 55)), OfKnee("green", (60, 165, 110)),
-    OfKnee("violet", (165, 120, 225)),
+KNEE_COLOURS = (
+    KneeColour("blue", (75, 150, 235)), KneeColour("orange", (235, 115, 55)), KneeColour("green", (60, 165, 110)),
+    KneeColour("violet", (165, 120, 225)),
 )  # fmt: skip
-"""In turn"""
+"""Colours of the knees of a scene, used in turn"""

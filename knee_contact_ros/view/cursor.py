@@ -1,4 +1,4 @@
-"""Puts the time cursor of a viewer on the largest load: no file can tell it (Rerun 0.41), but a program can."""
+"""Setting the time cursor of a viewer to the largest load: a file cannot do it (Rerun 0.41), but a program can."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from knee_contact_ros.view.plots import FORCE_PLACE, FORCES, LOAD_PLACE
 from knee_contact_ros.view.scene import CURVES, TIMELINE
 
 PATIENCE = 60.0
-"""How long [s] a viewer may take to load a file"""
+"""Time [s] that a viewer may take to load a file"""
 PAUSE = 0.1
-"""[s] between two looks"""
+"""Time [s] between two requests for the viewer's state"""
 
 
 class Moment(NamedTuple):
-    """A stamp."""
+    """A moment of a scene."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     is_date: bool
+    """Whether the timeline shows dates, and not durations"""
 
 
 def peak_of(path: Path) -> Moment | None:
-    """When the load of any knee in a Rerun file was largest, and where it was so for long, the contact force.
+    """Return when the load of any knee in a Rerun file is largest; among equal loads, when the contact force is.
 
-    None where there is no load in it.
+    Where no load is drawn, the contact force counts. Returns None if the file has no curves of forces.
     """
-    found: list[tuple[float, float, Moment]] = []
+    peaks: list[tuple[float, float, Moment]] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path.endswith(f"/{CURVES}/{FORCES}") and not chunk.is_static:
             batch = chunk.to_record_batch()
@@ -44,12 +45,12 @@ def peak_of(path: Path) -> Moment | None:
             load = curves[:, LOAD_PLACE] if curves.shape[1] > LOAD_PLACE else force  # none where the height drives
             best = int(np.lexsort((-np.arange(len(load)), force, load))[-1])
             moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
-            found.append((float(load[best]), float(force[best]), moment))
-    return max(found)[-1] if found else None
+            peaks.append((float(load[best]), float(force[best]), moment))
+    return max(peaks)[-1] if peaks else None
 
 
 def put_on_peak(path: Path, viewer: str) -> None:
-    """Do so as soon as the viewer that listens at an address has loaded the file; without a hurry, or a complaint."""
+    """Set the cursor in a thread, once the viewer at an address has loaded the file; errors are ignored."""
     Thread(target=_put, args=(path, viewer), name="cursor", daemon=True).start()
 
 
@@ -65,10 +66,10 @@ def _put(path: Path, viewer: str) -> None:
 
 
 def _loaded(viewer: str) -> ViewerClient:
-    """The viewer, when it has nothing left to load.
+    """Return the client of a viewer once it has loaded its file.
 
     Raises:
-        TimeoutError: it was not so in time.
+        TimeoutError: the viewer was not ready in time.
     """
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""One file for browsers and viewers on this machine, over HTTP."""
+"""An HTTP server of one file, for browsers and viewers on this machine."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from knee_contact_ros.view.visitors import is_allowed
 
 @contextmanager
 def served(path: Path, port: int, page: int) -> Iterator[str]:
-    """Serve a file on the loopback interface; gives its address. Pages of the port `page` may read it, others may not.
+    """Serve a file at a port of the loopback interface, and yield its address; pages of the port `page` may read it.
 
-    Who asks under another name than this machine's, or for a page of another site, is refused (403).
+    Requests under a name that is not this machine's, or from a page of another site, are refused (403).
 
     Raises:
         OSError: the port is taken.
@@ -38,29 +38,30 @@ def served(path: Path, port: int, page: int) -> Iterator[str]:
 
 
 def _place(path: Path) -> str:
+    """Return the path of the file's URL."""
     return f"/{quote(path.name)}"
 
 
 class _Handler(BaseHTTPRequestHandler):
     file: Path
     ports: tuple[int, int]
-    """Ours, and that of the page"""
+    """Ports of this server and of the page that may read the file"""
 
     def do_HEAD(self) -> None:
-        """Tell that it is there, and how large."""
+        """Answer a HEAD request: the headers only."""
         self._begin()
 
     def do_GET(self) -> None:
-        """Give it."""
+        """Answer a GET request: the headers and the file."""
         if self._begin():
             with self.file.open("rb") as file, suppress(ConnectionError):  # who asked may have gone
                 shutil.copyfileobj(file, self.wfile)
 
     def log_message(self, *_: Any) -> None:
-        """Say nothing on the terminal."""
+        """Log nothing: the terminal is the user's."""
 
     def _begin(self) -> bool:
-        """Send what comes before the file; whether it is the file that was asked for, and may be given."""
+        """Send the headers, or an error; return whether the file may be sent."""
         port, page = self.ports
         if not is_allowed(self.headers.items(), port, [page]):
             self.send_error(403)

@@ -1,4 +1,4 @@
-"""How much of the sagittal plane is seen, the same for all knees of a scene, and where words stand in it."""
+"""Visible part of the sagittal plane, the same for all knees of a scene, and the places of words in it."""
 
 from __future__ import annotations
 
@@ -13,32 +13,36 @@ from knee_contact_ros.view.overlap import Floats, lowest_at
 
 MM = 1e3
 SCALE_BAR = 10.0
-"""[mm]"""
+"""Length of the scale bar [mm]"""
 FLEXIONS = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
-"""Angles [rad] at which a walking knee is seen whole"""
+"""Flexion angles [rad] at which the whole knee must be visible"""
 MARGIN, WORD = 0.04, 0.07
-"""Around it, and what is left for words below the marks at the bottom, in heights of the knee: words stay as large"""
+"""Margin around the knee, and room for words below the marks, in heights of the knee: words keep their size"""
 
 
 class Frame(NamedTuple):
-    """All in mm on the screen, whose y points down."""
+    """Visible part and places of words, in mm on the screen, whose y points down."""
 
     x: tuple[float, float]
+    """Left and right end of the visible part"""
     y: tuple[float, float]
+    """Upper and lower end of the visible part"""
     axes: tuple[float, float]
-    """Where the arrows to anterior and superior begin"""
+    """Origin of the arrows to anterior and superior"""
     axis_length: float
+    """Length of these arrows"""
     scale: tuple[float, float]
-    """Where the scale bar begins"""
+    """Left end of the scale bar"""
     femur_name: tuple[float, float]
-    """On the shaft, femur frame"""
+    """Place of the femur's name, on its shaft, femur frame"""
     tibia_name: tuple[float, float]
+    """Place of the tibia's name"""
     depth_name: tuple[float, float]
-    """Behind the contact, above the plateau: no bone comes there"""
+    """Place of the depth: posterior to the contact, above the plateau, where no bone comes"""
 
 
 def frame_of(drawing: KneeOutlines) -> Frame:
-    """What is seen of a knee."""
+    """Return the visible part for a single knee."""
     knee = drawing.anatomy
     shapes = [_touching(drawing, angle) for angle in FLEXIONS]
     points = MM * np.concatenate([*shapes, knee.tibia_bone])
@@ -60,7 +64,7 @@ def frame_of(drawing: KneeOutlines) -> Frame:
 
 
 def _touching(drawing: KneeOutlines, angle: float) -> Floats:
-    """The femur [m] at an angle [rad], as high as it touches the tibia."""
+    """Return the femur's bone [m], tibia frame, at a flexion angle [rad], touching the tibia."""
     knee = drawing.anatomy
     femur, tibia = placed(knee.femur_cartilage, angle, 0.0, 0.0), knee.tibia_cartilage[:SURFACE_POINTS]
     apart = lowest_at(femur[None], tibia[None, :, 0])[0] - tibia[:, 1]
@@ -68,7 +72,7 @@ def _touching(drawing: KneeOutlines, angle: float) -> Floats:
 
 
 def common(frames: Sequence[Frame]) -> Frame:
-    """The first one, as large as all of them need: knees side by side have one scale."""
+    """Return the first frame, as large as all need it: knees side by side have one scale."""
     x, y = (np.array([frame[axis] for frame in frames]) for axis in (0, 1))
     first = frames[0]
     return first._replace(

@@ -1,4 +1,4 @@
-"""Before a server that answers everybody, as Rerun's does: lets in only whom `is_allowed` allows."""
+"""A gate before a server that answers everybody, as Rerun's does: it lets in only whom `is_allowed` allows."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from knee_contact_ros.system.ports import LOCALHOST
 from knee_contact_ros.view.visitors import is_allowed
 
 HTTP_2 = b"PRI * HTTP/2.0\r\n\r\n"
-"""How programs begin; a browser does so behind encryption only"""
+"""First bytes of a program's connection; a browser sends them only behind encryption"""
 REFUSAL = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 PATIENCE = 10.0
-"""[s] until the first request must be there"""
+"""Time [s] within which the first request must come"""
 BLOCK = 1 << 16
-"""[B] that are passed on at once"""
+"""Bytes that are passed on at once"""
 
 
 class Gate:
-    """A port of the loopback interface whose connections are passed on, each after a look at its first request.
+    """A port of the loopback interface whose connections are passed on if their first request is allowed.
 
-    One look is enough: a browser does not take a connection that it has opened under one name for another.
+    The first request is enough: a browser does not use a connection that it opened under one name for another.
     """
 
     def __init__(self, port: int, server: tuple[str, int]) -> None:
-        """Listen on `port`, and pass on to the address and port of `server`.
+        """Listen on `port`, and pass connections on to the address and port of `server`.
 
         Raises:
             OSError: the port is taken.
@@ -38,12 +38,13 @@ class Gate:
         self._thread.start()
 
     def close(self) -> None:
-        """Let nobody in any more, and end all visits."""
+        """Stop listening, and end all connections."""
         self._loop.call_soon_threadsafe(self._end)
         self._thread.join()
         self._loop.close()
 
     def _end(self) -> None:
+        """End all connections, and then the loop."""
         self._listener.close()
         visits = asyncio.all_tasks(self._loop)
         for visit in visits:
@@ -51,7 +52,7 @@ class Gate:
         asyncio.gather(*visits, return_exceptions=True).add_done_callback(lambda _: self._loop.stop())
 
     async def _visit(self, visitor: asyncio.StreamReader, answer: asyncio.StreamWriter) -> None:
-        """Look at the first request, and pass on all that comes in both directions."""
+        """Check the first request of a connection, and pass on all data in both directions, or refuse."""
         with suppress(OSError, EOFError, TimeoutError, asyncio.LimitOverrunError, asyncio.CancelledError):
             begin = await asyncio.wait_for(visitor.readuntil(b"\r\n\r\n"), PATIENCE)
             if not self._may_enter(begin):
@@ -64,6 +65,7 @@ class Gate:
         answer.close()
 
     def _may_enter(self, begin: bytes) -> bool:
+        """Return whether a connection that begins so is allowed."""
         if begin == HTTP_2:
             return True
         headers = message_from_bytes(begin.partition(b"\r\n")[2])
@@ -71,7 +73,7 @@ class Gate:
 
 
 async def _pass_on(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
-    """All that comes, until one of the two has gone."""
+    """Pass on all data, until one of both sides closes."""
     try:
         while data := await source.read(BLOCK):
             sink.write(data)

@@ -1,6 +1,6 @@
 """The knee as markers in the tibia frame, for RViz: both surfaces, the contact point and the force on the femur.
 
-The model is planar, and so is what is drawn: all of it lies at z = 0, or each compartment where its contact is.
+The model is planar, and so are the markers: all lie at z = 0, or those of each compartment at the z of its contact.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from knee_contact_ros.view import colours
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 
 LENGTH = 1e-3 / NEWTONS_PER_MM
-"""Of the arrow, by its force [m/N]"""
+"""Length of the arrow by its force [m/N]"""
 LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
-"""[m] see `Marker.scale`"""
+"""Scales [m] of the markers, see `Marker.scale`"""
 SHOWN = reader(
     "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "contact_point_z", "femoral_height",
     "contact_state", "femoral_x", "normal_x", "normal_y",
 )  # fmt: skip
-"""Of an answer's row"""
+"""Reader of the fields of an answer's row that are drawn"""
 
 
 def _colour(rgb: colours.Colour) -> Colour:
+    """Return a colour with parts from 0 to 1."""
     red, green, blue = (part / 255.0 for part in rgb)
     return red, green, blue
 
@@ -36,21 +37,22 @@ OF_STATE = {state.value: _colour(tuple(colours.OF_STATE[state].tolist())) for st
 
 
 FEMUR, POINT, FORCE_ON_FEMUR = 1, 2, 3
-"""Places among a compartment's markers, behind the tibia, which does not move"""
-OF_COMPARTMENT = 4
-"""Markers"""
+"""Places of the moving markers among those of a compartment; the tibia is the first"""
+MARKERS_PER_COMPARTMENT = 4
+"""Number of markers of a compartment"""
 
 
 class KneeMarkers:
-    """Makes the markers of answers; their names begin with the knee's, or with the compartment's."""
+    """Makes the markers of answers; their namespaces begin with the name of the knee or of the compartment."""
 
     def __init__(self, drawings: Sequence[KneeOutlines]) -> None:
-        """Prepare what does not change."""
+        """Prepare the parts of the message that do not change."""
         self._markers = [marker for drawing in drawings for marker in self._markers_of(drawing)]
         self._message = MarkerMessage("", self._markers)
 
     @staticmethod
     def _markers_of(drawing: KneeOutlines) -> list[Marker]:
+        """Make the markers of a compartment, before they move."""
         knee = drawing.knee
         return [
             Marker(f"{knee}/tibia", Shape.LINE_STRIP, LINE, SURFACE, drawing.tibia),
@@ -60,21 +62,21 @@ class KneeMarkers:
         ]
 
     def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
-        """Bytes of the MarkerArray of an answer, a row for each drawing; stamp in [ns], their own is not looked at.
+        """Return the bytes of the MarkerArray of an answer at `stamp` [ns]; `rows` has a row for each compartment.
 
         Raises:
-            ValueError: the stamp is beyond what ROS can hold.
+            ValueError: a ROS message cannot hold the stamp.
         """
         if frame_id != self._message.frame_id:
             self._message = MarkerMessage(frame_id, self._markers)
         self._message.set_stamp(stamp)
-        for number in range(len(self._markers) // OF_COMPARTMENT):
-            self._move(number * OF_COMPARTMENT, SHOWN.unpack_from(rows, number * ROW.itemsize))
+        for number in range(len(self._markers) // MARKERS_PER_COMPARTMENT):
+            self._move(number * MARKERS_PER_COMPARTMENT, SHOWN.unpack_from(rows, number * ROW.itemsize))
         return self._message.tobytes()
 
-    def _move(self, first: int, shown: tuple[Any, ...]) -> None:
-        """Move the markers of a compartment, from the `first` on, to where an answer has them."""
-        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = shown
+    def _move(self, first: int, values: tuple[Any, ...]) -> None:
+        """Move the markers of a compartment, from number `first` on, to the places that an answer gives."""
+        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
         message, length = self._message, LENGTH * force
         message.move(first, 0.0, 0.0, 0.0, z)
         message.move(first + FEMUR, femoral_x, height, angle, z)

@@ -1,10 +1,9 @@
-"""Where a scene goes: into a file, or to viewers that connect to this machine."""
+"""Destinations of a scene: a Rerun file, or viewers that connect to this machine."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 import rerun as rr
 
@@ -18,24 +17,7 @@ from knee_contact_ros.view.visitors import unguessable_address
 
 APPLICATION = "knee_contact_ros"
 SERVED_MEMORY = "64MB"
-"""What is kept for viewers that connect later; older data goes first"""
-
-
-class Outlet(Protocol):
-    """Takes a recording."""
-
-    recording: rr.RecordingStream
-    name: str
-    """Of the file; empty if it is none"""
-
-    def flush(self) -> None:
-        """Leave nothing for later."""
-
-    def close(self) -> None:
-        """Complete it."""
-
-    def discard(self) -> None:
-        """Leave nothing behind."""
+"""Memory that a server keeps for viewers that connect later; older data is dropped first"""
 
 
 class RerunFile:
@@ -44,10 +26,10 @@ class RerunFile:
     def __init__(
         self, path: Path, drawings: Sequence[KneeOutlines], latency: bool = False, overwrite: bool = False
     ) -> None:
-        """Open the file for these knees; `latency` says whether there will be some.
+        """Open a file for these knees; `latency` says whether their answers have latencies.
 
         Raises:
-            UsageError: see `claim` and `open_claimed`.
+            UsageError: the file cannot be written; see `claim` and `open_claimed`.
         """
         self.path, self._overwrite = path, overwrite
         self.name = str(path)
@@ -58,10 +40,10 @@ class RerunFile:
         self._file.begin()
 
     def flush(self) -> None:
-        """Hand over all that was shown, and tell whether what came before was written.
+        """Hand over all data that waits, and check that earlier data was written.
 
         Raises:
-            OSError: it was not.
+            OSError: data could not be written.
         """
         self.recording.flush()
         self._file.check()
@@ -70,7 +52,7 @@ class RerunFile:
         """Complete the file and give it its name.
 
         Raises:
-            OSError: it is not complete.
+            OSError: the file is not complete.
         """
         self.recording.flush()
         self.recording.disconnect()
@@ -79,13 +61,13 @@ class RerunFile:
         self.name = str(self.path)
 
     def discard(self) -> None:
-        """Give up: leave no file behind."""
+        """Give up, and remove the file."""
         self.recording.disconnect()
         self._partial.unlink(missing_ok=True)
 
 
 class Served:
-    """A server on this machine, to which viewers connect; without any, and with one that stands still, all goes on."""
+    """A server on this machine, to which viewers connect; it never waits for a viewer."""
 
     name = ""
 
@@ -108,13 +90,17 @@ class Served:
         self._gate = Gate(port, (inner, inner_port))
 
     def flush(self) -> None:
-        """Hand over what waits to the server."""
+        """Hand over all data that waits to the server."""
         self.recording.flush()
 
     def close(self) -> None:
-        """Serve no more; viewers keep what they have."""
+        """End the server; viewers keep the data that they have."""
         self.recording.flush()
         self.recording.disconnect()
         self._gate.close()
 
     discard = close
+
+
+Outlet = RerunFile | Served
+"""A destination of a scene"""

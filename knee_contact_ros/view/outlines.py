@@ -1,4 +1,4 @@
-"""What a viewer is given of the knee: plain numbers, so that its process needs no model."""
+"""The outlines of a knee as plain numbers, so that the process of a viewer needs no model."""
 
 from __future__ import annotations
 
@@ -20,44 +20,45 @@ from knee_contact_ros.view.anatomy import Anatomy, anatomy_of
 from knee_contact_ros.view.window import executable
 
 VIEWER = "knee_contact_ros.view.output"
-"""Imported by its process alone: Rerun is large"""
+"""Module that only the process of the viewer imports: Rerun is large"""
 NICENESS = 10
-"""A viewer may wait for all others. A recorder may not: what it has not written yet is lost with the node."""
+"""Niceness of a viewer's process: it may wait for all others, unlike a recorder, whose unwritten data can be lost"""
 FILE_GATHER, LIVE_GATHER = 0.25, 0.05
-"""How long [s] answers are gathered for a viewer: nobody looks at a file that is written"""
+"""Time [s] for which answers are gathered before they are sent to the viewer's process, for a file and live"""
 PLATEAU_REACH = 0.04
-"""How far [m] the tibial surface is drawn to both sides."""
+"""Half the length [m] of the drawn tibial surface"""
 NEWTONS_PER_MM = 50.0
-"""Scale of the force arrow"""
+"""Scale of the force arrow [N/mm]"""
 FLEXIONS = np.radians(np.arange(0.0, 81.0, 5.0))
-"""Angles [rad] between which a walking knee's contact is looked for"""
+"""Flexion angles [rad] of a walking knee at which its contact is looked for"""
 STILL = 1e-5
-"""Less of a way [m] is none"""
+"""Movement [m] of the contact point below which it counts as standing still"""
 Floats = NDArray[np.float64]
 
 
 class KneeOutlines(NamedTuple):
-    """What does not change."""
+    """Parts of a knee's scene that do not change."""
 
     knee: str
-    """Its name"""
+    """Name of the knee or the compartment"""
     femur: Floats
     """Points of the femoral surface, shape (n, 2) [m], femur frame"""
     tibia: Floats
     """Points of the tibial surface under the femur, shape (n, 2) [m], tibia frame"""
     second_layer: float
-    """[m] penetration depth at which it begins; infinite or not a number if there is none"""
+    """Penetration depth [m] at which the second layer begins; infinite or NaN if there is none"""
     contact_range: tuple[float, float]
-    """x [m] between which the contact of a walking knee lies"""
+    """Lowest and highest x [m] of the contact of a walking knee"""
     body_weight: float
-    """[N] unit of the forces shown"""
+    """Body weight [N], the unit of the forces shown"""
     anatomy: Anatomy
-    """What is drawn of bones and cartilage"""
+    """Polygons of bones and cartilage"""
     law: ContactLaw
+    """Contact law, for pressure and patch"""
     patch: ContactPatch | None
-    """What tells pressure and patch; None: not known"""
+    """Contact patch from which pressure is computed; None: not known"""
     height_prescribed: bool
-    """Whether the femoral height drives, and no load"""
+    """Whether the femoral height drives the model, and not a load"""
 
     @property
     def has_bone(self) -> bool:
@@ -66,27 +67,27 @@ class KneeOutlines(NamedTuple):
 
     @property
     def point_moves(self) -> bool:
-        """Whether the contact of a walking knee moves along the plateau: that of a circle on a hinge stands still."""
+        """Whether the contact of a walking knee moves along the plateau; that of a circle on a hinge does not."""
         low, high = self.contact_range
         return high - low > STILL
 
 
 class Serving(NamedTuple):
-    """How a scene is served to viewers."""
+    """Options of serving a scene to viewers."""
 
     port: int
-    """Of this machine's loopback interface"""
+    """Port of this machine's loopback interface"""
     window: bool
     """Whether a viewer is opened on this machine"""
     knees: tuple[str, ...] = ()
-    """Names of all knees that share the viewer, this one's among them; none: it has the viewer for itself"""
+    """Names of all knees that share the viewer, with this one's; empty: this knee has the viewer for itself"""
 
 
 def sink_for(knee: Knee) -> Sink | None:
-    """A process that writes a Rerun file or serves a scene; see `output.py`.
+    """Describe the process that writes a Rerun file or serves a scene (`output.py`); None if drawing is off.
 
     Raises:
-        UsageError: Rerun is not installed, or the knee's name is none of those that share the viewer.
+        UsageError: Rerun is not installed, or the knee's name is not among those that share the viewer.
     """
     rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
     models = tuple(knee.models.values())
@@ -109,13 +110,13 @@ def sink_for(knee: Knee) -> Sink | None:
 
 
 def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> tuple[KneeOutlines, ...]:
-    """The outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of`."""
+    """Make the outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of`."""
     names = [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
     return tuple(drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True))
 
 
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
-    """The outlines of a model; forces will be shown in units of `body_weight` [N]."""
+    """Make the outlines of a model; forces will be shown in units of `body_weight` [N]."""
     femur, tibia = model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH)
     reach = contact_range(model)
     return KneeOutlines(
@@ -125,10 +126,10 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
 
 
 def contact_range(model: KneeModel) -> tuple[float, float]:
-    """Lowest and highest x [m] of the contact in a walking knee."""
-    found = []
+    """Return the lowest and the highest x [m] of the contact in a walking knee."""
+    places = []
     for angle in FLEXIONS.tolist():
         x, _ = model.mechanism.translation(angle)
         height = model.pair.femur.support(angle)[0]
-        found.append(model.pair.closest(angle, x, height).point(x, height)[0])
-    return min(found), max(found)
+        places.append(model.pair.closest(angle, x, height).point(x, height)[0])
+    return min(places), max(places)

@@ -1,4 +1,4 @@
-"""The scene as a sink's process writes it (`protocol.Output`)."""
+"""The scene as an output in a process of its own (`sinks.protocol.Output`)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.window import Window, address, open_window
 
 BATCH = 4000
-"""Answers from which on they are shown at once: few messages to Rerun, as one costs as much as hundreds of answers"""
+"""Number of answers that are shown at once: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
-"""How long [s] a batch waits to be full: in a file, and before somebody's eyes"""
+"""Time [s] that a batch waits to be full, for a file and for a live viewer"""
 PAUSE = 0.0005
-"""[s] between two messages to Rerun beside a node: the longest time that it may find a processor taken is one's"""
+"""Pause [s] between two messages to Rerun beside a node, which gets the processor then"""
 
 
 class Viewer:
-    """Shows answers in batches."""
+    """An output that shows answers in batches."""
 
     def __init__(
         self,
@@ -34,10 +34,10 @@ class Viewer:
         remarks: Sequence[str] = (),
         window: Window | None = None,
     ) -> None:
-        """Show on an outlet: each compartment in one of the `scenes`.
+        """Show each compartment in one of the `scenes`, which write to `outlet`.
 
-        `period` [s] is how long a batch waits to be full, `remarks` are what the user shall know of the beginning, and
-        `window` is the viewer on this machine, if one was opened.
+        A batch waits for `period` [s] to be full. `remarks` are messages to the user about the opening, and `window` is
+        the viewer on this machine, if one was opened.
         """
         self.period, self.name = period, outlet.name
         self._outlet, self._scenes, self._window = outlet, scenes, window
@@ -45,33 +45,33 @@ class Viewer:
         self._batch: list[bytes] = []
 
     def write(self, parts: Sequence[bytes]) -> None:
-        """Show answers' rows."""
+        """Add the rows of answers to the batch, and show it if it is full."""
         self._batch += parts
         if len(self._batch) >= BATCH:
             self._show()
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Show that something happened between two answers."""
+        """Show a note on something that happened between two answers."""
         self._show()
         for scene in self._scenes:
             scene.note(name, values)
 
     def flush(self) -> None:
-        """Show what waits."""
+        """Show the waiting answers, and hand them over."""
         self._show()
         self._outlet.flush()
 
     def must_end(self) -> str:
-        """Only a full disk ends it, and `flush` tells that."""
+        """Return an empty text: only a full disk ends this output, which `flush` reports."""
         return ""
 
     def news(self) -> tuple[str, ...]:
-        """The remarks, once, and that the viewer on this machine is gone."""
+        """Return messages to the user, each once: remarks, and that the viewer on this machine has ended."""
         news, self._remarks = self._remarks, ()
         return news + (self._window.news() if self._window else ())
 
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
-        """Show what waits and complete it."""
+        """Show the waiting answers, and complete the file."""
         self._show()
         for scene in self._scenes:
             scene.finish()
@@ -79,7 +79,7 @@ class Viewer:
         self.name = self._outlet.name
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Give up: leave no file, and close the window."""
         self._outlet.discard()
         if self._window:
             self._window.close()
@@ -93,10 +93,10 @@ class Viewer:
 
 
 def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
-    """Open what a sink's process shows a knee, of one compartment or two, on: a file, or without a `path` a server.
+    """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
 
     Raises:
-        UsageError: see `RerunFile`, `Served` and `open_window`.
+        UsageError: the output cannot be opened; see `RerunFile`, `Served` and `open_window`.
     """
     remarks = []
     if path:
@@ -112,11 +112,11 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
         drawings = [known.get(name, own[0]._replace(knee=name)) for name in serving.knees or known]
         outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
     window = open_window(address(serving.port)) if serving.window and not path else None
-    shown = [drawing.knee for drawing in own] if path else serving.knees
+    names = [drawing.knee for drawing in own] if path else serving.knees
     scenes = [
         Scene(
             outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path,
-            number=shown.index(drawing.knee) if len(shown) > 1 else None,
+            number=names.index(drawing.knee) if len(names) > 1 else None,
         )
         for drawing in own
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where femur and tibia overlap: the region between the two outlines."""
+"""The region in which the outlines of femur and tibia overlap."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 POINTS = 13
-"""Along an overlap"""
+"""Number of points along an overlap"""
 SAMPLES = 33
-"""Places at which the outlines are compared first"""
+"""Number of places at which the outlines are compared to find the ends of the overlap"""
 MARGIN = 2.0
-"""How much wider than the overlap of a circle and a plane the place looked at first is"""
+"""Width of the range that is searched first, in widths of the overlap of a circle and a plane"""
 WIDENINGS = 4
-"""How often it is doubled at most: surfaces that nearly fit overlap along a longer way"""
+"""Most doublings of that range: surfaces that are nearly congruent overlap over a greater length"""
 
 
 class Overlaps(NamedTuple):
-    """The overlap in each of `n` pictures, from end to end."""
+    """Overlaps in `n` pictures, from posterior to anterior."""
 
     x: Floats
-    """[m] shape (n, POINTS)"""
+    """x [m], shape (n, POINTS)"""
     lower: Floats
-    """[m] on the femur, likewise; not above `upper`"""
+    """y [m] on the femur, shape (n, POINTS); not above `upper`"""
     upper: Floats
-    """[m] on the tibia, likewise"""
+    """y [m] on the tibia, shape (n, POINTS)"""
 
 
 def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius: float) -> Overlaps:
-    """Find the overlap in `n` pictures, at least one; apart it has no width.
+    """Find the overlap in `n` pictures, at least one; it has no width where the surfaces are apart.
 
     Args:
         femur: outline of the femur in every picture, shape (n, m, 2) [m], tibia frame.
         tibia: outline of the tibia, shape (k, 2) [m], x ascending.
         middle: x of the contact point [m], shape (n,).
         depth: penetration depth [m], shape (n,).
-        radius: roughly that of the femur [m].
+        radius: approximate radius of the femur [m].
     """
     half = MARGIN * np.sqrt(2.0 * radius * np.maximum(depth, 0.0))
     for _ in range(1 + WIDENINGS):
@@ -54,12 +54,12 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius
 
 
 def _above(tibia: Floats, x: Floats) -> Floats:
-    """Height [m] of the tibia; beside its outline that of its ends."""
+    """Return the height [m] of the tibia at `x` [m]; beyond its outline the height of its ends."""
     return np.interp(x, tibia[:, 0], tibia[:, 1])
 
 
 def _crossing(x: Floats, deep: Floats) -> Floats:
-    """Where the outlines first cross on the way along `x`, shape (n,) [m]; where nothing is deep, the first place."""
+    """Return where the outlines first cross along `x` [m], shape (n,); the middle of `x` where they do not overlap."""
     rows, inside = np.arange(len(x)), deep > 0.0
     after = inside.argmax(axis=1)
     before = np.maximum(after - 1, 0)
@@ -70,7 +70,7 @@ def _crossing(x: Floats, deep: Floats) -> Floats:
 
 
 def lowest_at(outlines: Floats, x: Floats) -> Floats:
-    """Lowest y [m] of outlines, shape (n, m, 2) [m], at `x`, shape (n, s) [m]; infinite beside them."""
+    """Return the lowest y [m] of outlines, shape (n, m, 2) [m], at `x`, shape (n, s) [m]; infinite beyond them."""
     lowest = np.full(x.shape, np.inf)
     begin, end = outlines[:, :-1], outlines[:, 1:]
     left, right = np.minimum(begin[..., 0], end[..., 0]), np.maximum(begin[..., 0], end[..., 0])

@@ -1,7 +1,7 @@
-"""The knee at a moment, drawn by matplotlib alone: no Rerun, no display.
+"""The knee at a moment, drawn by matplotlib, without Rerun or a display.
 
 `write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives;
-`draw_knee` and `draw_contact` paint on axes of somebody else's figure.
+`draw_knee` and `draw_contact` draw on the axes of a figure of the caller.
 """
 
 from __future__ import annotations
@@ -20,27 +20,26 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results.columns import begin_of, told
+from knee_contact_ros.results.columns import begin_of, stamp_text
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.view.anatomy import Anatomy, Floats, Picture, anatomy_of, picture_of
+from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3
 EXTRA = "report"
 BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
-"""Where cartilages overlap, where more than the first layer does, the force, texts"""
+"""Colours of the overlap of cartilages, of an overlap beyond the first layer, of the force, and of texts"""
 MM_PER_WEIGHT = 6.0
-"""Length of the force's arrow for a body weight"""
+"""Length [mm] of the force's arrow per body weight"""
 SLENDER = 0.85
-"""Width over height that a knee has room for at least"""
+"""Least ratio of width to height of the room for a knee"""
 FLAT = 0.5
-"""Height over width of the magnified contact"""
+"""Ratio of height to width of the magnified contact"""
 SIDE, ABOVE, BELOW = 1.35, 0.5, 1.4
-"""What the magnified contact shows: in half widths of the widest overlap, and in depths of the deepest"""
+"""Range of the magnified contact: to each side in half-widths of the widest overlap, up and down in largest depths"""
 LEAST_DEPTH = 0.1e-3
-"""[m] that the magnified contact shows at least"""
+"""Least depth [m] for which the magnified contact has room"""
 SIZE, DPI = (5.2, 6.4), 160
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
 
@@ -50,29 +49,28 @@ class Moment(NamedTuple):
 
     model: KneeModel
     flexion_angle: float
-    """[rad]"""
+    """Flexion angle [rad]"""
     femoral_height: float
-    """[m]"""
+    """Height of the femoral reference point [m]"""
     contact_force: float
-    """[N]"""
+    """Contact force [N]"""
     body_weight: float
-    """[N]"""
+    """Body weight [N]"""
 
     @property
     def force(self) -> str:
-        """In words."""
+        """The contact force in body weights and N, as text."""
         return f"{self.contact_force / self.body_weight:.2f} BW ({self.contact_force:.0f} N)"
 
 
-def write_peak(recording: Path, output: Path, parameters: Parameters | None = None) -> str:
-    """Write a PNG of a recording's first knee where the load is largest; give what it shows, in a line.
+def write_peak(recording: Path, output: Path) -> str:
+    """Write a PNG of a recording's first knee where the load is largest; return a line on what it shows.
 
-    Where the femoral height drives, no load does: there it is the contact force.
+    Where the femoral height drives the model, the largest contact force counts.
 
     Args:
         recording: an .mcap file or a rosbag2 folder with answers.
         output: the PNG; one that exists is replaced.
-        parameters: of a recording that does not tell them itself.
 
     Raises:
         UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
@@ -83,24 +81,24 @@ def write_peak(recording: Path, output: Path, parameters: Parameters | None = No
     if not topics:
         raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
     provenance = read_provenance(recording)
-    known = provenance.parameters if provenance else parameters
-    if known is None:
+    if provenance is None:
         raise UsageError(f"recording {recording} does not tell its parameters")
-    model = build_model(known, curves=provenance.texts() if provenance else None)
+    known = provenance.parameters
+    model = build_model(known, curves=provenance.texts())
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
     row = with_largest(name, recording, topics[0])
-    shown = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
+    moment = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
     which = f"{MEDIAL} compartment, " if has_both(known) else ""
-    title = f"{which}largest {words}, at {told(row['stamp'], begin_of(row['first_stamp']))} s"
-    output.write_bytes(png(shown, title))
+    title = f"{which}largest {words}, at {stamp_text(row['stamp'], begin_of(row['first_stamp']))} s"
+    output.write_bytes(png(moment, title))
     depth = MM * row["penetration_depth"]
-    return f"{title}: {shown.force}, depth {depth:.3f} mm at {math.degrees(shown.flexion_angle):.0f}° of flexion"
+    return f"{title}: {moment.force}, depth {depth:.3f} mm at {math.degrees(moment.flexion_angle):.0f}° of flexion"
 
 
 def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
-    """The answer with the largest load or contact force on a topic that has answers, by their names.
+    """Return the fields of the answer with the largest `force` (`load` or `contact_force`) on a topic with answers.
 
-    One that is missing is none. `first_stamp` is that of the first answer [ns].
+    Forces that are NaN do not count. `first_stamp` is the stamp of the first answer [ns].
     """
     first, rows = [], []
     for block in answer_blocks(recording, topic):
@@ -111,12 +109,12 @@ def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
 
 
 def _known(forces: Any) -> Floats:
-    """Forces [N], shape (n,); below all others where there is none."""
+    """Return forces [N], shape (n,), with minus infinity in the place of NaN."""
     return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
-def png(shown: Moment, title: str) -> bytes:
-    """The knee with its magnified contact."""
+def png(moment: Moment, title: str) -> bytes:
+    """Return a PNG of the knee with its magnified contact."""
     import io
 
     import matplotlib as mpl
@@ -127,44 +125,44 @@ def png(shown: Moment, title: str) -> bytes:
         figure = Figure(figsize=SIZE, layout="constrained")
         FigureCanvasAgg(figure)
         knee, contact = figure.subplots(2, 1, height_ratios=(1.9, 1.0))
-        draw_knee(knee, shown)
+        draw_knee(knee, moment)
         knee.set_title(title)
-        draw_contact(contact, shown, Window.around([shown]))
+        draw_contact(contact, moment, Window.around([moment]))
         file = io.BytesIO()
         figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()
 
 
 class Window(NamedTuple):
-    """What magnified contacts show; one for all that are compared."""
+    """Range that magnified contacts show; the same for all that are compared."""
 
     half_width: float
-    """[m] along the surface"""
+    """Half the width along the surface [m]"""
     above: float
-    """[m] over the tibia's surface"""
+    """Height above the tibia's surface [m]"""
     below: float
-    """[m] under it"""
+    """Depth below the tibia's surface [m]"""
 
     @classmethod
-    def around(cls, shown: Sequence[Moment]) -> Window:
-        """Wide and high enough for some knees."""
-        pictures = [posed(each)[1] for each in shown]
+    def around(cls, moments: Sequence[Moment]) -> Window:
+        """Return a window that is wide and high enough for several knees."""
+        pictures = [posed(moment) for moment in moments]
         depth, gap = (max(LEAST_DEPTH, *(sign * picture.depth for picture in pictures)) for sign in (1.0, -1.0))
-        radius = max(each.model.femoral_radius for each in shown)
+        radius = max(moment.model.femoral_radius for moment in moments)
         widths = [0.5 * float(np.ptp(picture.overlap[:, 0])) for picture in pictures if len(picture.overlap)]
         half_width = SIDE * max([*widths, math.sqrt(2.0 * radius * LEAST_DEPTH)])
         return cls(half_width, max(ABOVE * depth, BELOW * gap if gap > LEAST_DEPTH else 0.0), BELOW * depth)
 
     @property
     def magnification(self) -> float:
-        """Of heights against widths; a whole number if it can be."""
+        """Magnification of heights relative to widths; a whole number if it is above 1."""
         factor = FLAT * 2.0 * self.half_width / (self.above + self.below)
         return max(round(factor), 1) if factor > 1.0 else factor
 
 
-def draw_knee(axis: Any, shown: Moment) -> None:
-    """Femur and tibia with their cartilage, the force on the femur, directions and a scale."""
-    _, picture = posed(shown)
+def draw_knee(axis: Any, moment: Moment) -> None:
+    """Draw femur and tibia with their cartilage, the force on the femur, directions and a scale."""
+    picture = posed(moment)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
@@ -177,23 +175,17 @@ def draw_knee(axis: Any, shown: Moment) -> None:
     left, right = left - aside, right + aside
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
-    arrow(axis, picture, shown)
-    up = (-math.sin(shown.flexion_angle), math.cos(shown.flexion_angle))
+    arrow(axis, picture, moment)
+    up = (-math.sin(moment.flexion_angle), math.cos(moment.flexion_angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
-        axis.text(
-            *in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft),
-            text,
-            color=QUIET,
-            ha="center",
-            va="center",
-            fontsize=9,
-        )
+        x, y = in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft)
+        axis.text(x, y, text, color=QUIET, ha="center", va="center", fontsize=9)
     directions(axis, left, right, bottom - 6.0)
 
 
-def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
-    """The contact, magnified along its normal: what femur and tibia would overlap by, if neither gave way."""
-    anatomy, picture = posed(shown)
+def draw_contact(axis: Any, moment: Moment, window: Window) -> None:
+    """Draw the contact, magnified along its normal: the overlap of femur and tibia, if neither were deformed."""
+    picture = posed(moment)
     for part, colour in (
         (picture.tibia_cartilage, CARTILAGE), (picture.tibia_bone, BONE), (picture.femur_cartilage, CARTILAGE),
         (picture.femur_bone, BONE),
@@ -201,6 +193,7 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
         fill(axis, in_contact_frame(picture, part), colour)
     overlap = in_contact_frame(picture, picture.overlap)
     fill(axis, overlap, OVERLAP, OVERLAP)
+    anatomy = picture.anatomy
     deep = overlap[:0] if anatomy.thickness_is_drawn else beyond(overlap, 2.0 * MM * anatomy.thickness)
     fill(axis, deep, DEEP, DEEP)
     width, low, high = MM * window.half_width, -MM * window.below, MM * window.above
@@ -218,20 +211,19 @@ def draw_contact(axis: Any, shown: Moment, window: Window) -> None:
     axis.set_xlabel(f"contact, heights × {window.magnification:g}{bone}", fontsize=8.5, color=QUIET, labelpad=3)
 
 
-def posed(shown: Moment) -> tuple[Anatomy, Picture]:
-    """The polygons of a knee at its moment."""
-    anatomy = anatomy_of(shown.model)
-    return anatomy, picture_of(shown.model, shown.flexion_angle, shown.femoral_height, anatomy=anatomy)
+def posed(moment: Moment) -> Picture:
+    """Return the polygons of a knee at its moment."""
+    return picture_of(moment.model, moment.flexion_angle, moment.femoral_height)
 
 
 def in_contact_frame(picture: Picture, points: Floats) -> Floats:
-    """Points, shape (n, 2) [m], about the contact point in mm: along the surface, and along its normal."""
+    """Transform points, shape (n, 2) [m], to mm along the surface and along its normal, from the contact point."""
     across, up = picture.normal
     return np.asarray(MM * (points - picture.contact_point) @ np.array([[up, across], [-across, up]]))
 
 
 def beyond(overlap: Floats, layer: float) -> Floats:
-    """The part of an overlap that is deeper than a first layer, in the middle of it; there and back as the overlap."""
+    """Return the polygon of the part of an overlap that is deeper than the first layer [mm]."""
     upper, lower = overlap[: len(overlap) // 2], overlap[len(overlap) // 2 :][::-1]
     deep = upper[:, 1] - lower[:, 1] > layer
     inset = np.array([0.0, 0.5 * layer])
@@ -239,30 +231,30 @@ def beyond(overlap: Floats, layer: float) -> Floats:
 
 
 def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
-    """A polygon, shape (n, 2), if it is one."""
+    """Fill a polygon, shape (n, 2), unless it has fewer than three points."""
     if len(polygon) > 2:
         axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)
 
 
-def arrow(axis: Any, picture: Picture, shown: Moment) -> None:
-    """The contact force on the femur, from the contact point along the normal."""
+def arrow(axis: Any, picture: Picture, moment: Moment) -> None:
+    """Draw the contact force on the femur, from the contact point along the normal."""
     begin = MM * np.array(picture.contact_point)
-    length = MM_PER_WEIGHT * shown.contact_force / shown.body_weight
+    length = MM_PER_WEIGHT * moment.contact_force / moment.body_weight
     end = begin + length * np.array(picture.normal)
     look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
     axis.annotate("", end, begin, zorder=6, annotation_clip=False, arrowprops=look)
-    axis.text(end[0], end[1] + 1.0, shown.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
+    axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
               va="bottom", fontsize=9, zorder=6)  # fmt: skip
 
 
 def in_shaft(bone: Floats, contact: Floats, along: tuple[float, float]) -> Floats:
-    """A place in a bone's shaft, which goes `along` a direction: near its end."""
+    """Return a place near the end of a bone's shaft, which points `along` a direction."""
     end = bone[np.argsort((bone - contact) @ np.array(along))[-2:]].mean(axis=0)
     return np.asarray(end - 11.0 * np.array(along))
 
 
 def directions(axis: Any, left: float, right: float, y: float) -> None:
-    """Anterior, and a scale of 10 mm."""
+    """Draw the anterior direction and a scale of 10 mm."""
     style = {"color": QUIET, "fontsize": 8.5, "va": "center"}
     axis.text(left, y, "anterior →", ha="left", **style)
     axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")

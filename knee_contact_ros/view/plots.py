@@ -1,4 +1,4 @@
-"""The curves: one plot an entity, its series in this order."""
+"""The curves of the scene: a plot is one entity, with its series in the order given here."""
 
 from __future__ import annotations
 
@@ -19,131 +19,129 @@ MEGA = 1e-6
 
 
 NOISE, LEAST = 3.0, 0.01
-"""Force less load is none where it is less than so many times its estimated error, or less than that [BW]"""
+"""Noise of force less load: `NOISE` times the estimated error of the force, and at least `LEAST` [BW]"""
 
 
 class Series(NamedTuple):
-    """A curve."""
+    """A curve of a plot: its name, style and values."""
 
     name: str
-    """With its unit"""
+    """Name with the unit"""
     colour: Colour
     width: float
+    """Width of the line"""
     values: Callable[[Any, float], Floats]
-    """Of answers, or of their readouts, and body weight [N], in that unit"""
+    """Function of answers (or of their readouts) and body weight [N] that returns the values in the unit"""
 
 
 class Plot(NamedTuple):
-    """Curves that share a view."""
+    """Curves that share a view, and what is known of the view."""
 
     path: str
-    """Of its entity under `KNEE/curves`"""
+    """Path of its entity under `KNEE/curves`"""
     title: str
-    """With its unit and the colours of one knee"""
-    titles: str
-    """The same where several knees share the view: their colours are told behind it"""
+    """Title with the unit, and the colours of the curves if one knee has the view"""
     series: tuple[Series, ...]
+    title_of_several: str = ""
+    """Title where several knees share the view and their colours are added to it; empty: as `title`"""
     live: bool = False
     """Whether only a running node has it"""
     steps: bool = False
     """Whether a value holds until the next one"""
     read_off: bool = False
-    """Whether it shows readouts"""
+    """Whether it shows readouts of answers, and not their fields"""
 
 
-def _excess(shown: Rows, weight: float) -> Floats:
-    """Contact force less load [BW]; 0 where it is noise."""
-    excess = shown["contact_force"] - shown["load"]
-    noise = np.maximum(NOISE * np.nan_to_num(shown["force_error_estimate"]), LEAST * weight)
+def _excess(answers: Rows, weight: float) -> Floats:
+    """Return contact force less load [BW]; 0 where it is noise."""
+    excess = answers["contact_force"] - answers["load"]
+    noise = np.maximum(NOISE * np.nan_to_num(answers["force_error_estimate"]), LEAST * weight)
     return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
 
 
 LAYER = "layer"
-"""Entity with the depth at which the second layer begins, shown with the depths"""
+"""Path of the entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 KNEE = (
-    Plot(FLEXION, "Flexion angle [deg]", "Flexion angle [deg]", (
-        Series("flexion angle [deg]", ANGLE, 2.0, lambda shown, _: np.degrees(shown["flexion_angle"])),
+    Plot(FLEXION, "Flexion angle [deg]", (
+        Series("flexion angle [deg]", ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
     )),
-    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]",
-         "Contact force ± error, thick; load; force - load [BW of {weight} N]", (
+    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
         Series("force - error [BW]", BAND, 1.0,
                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
         Series("force + error [BW]", BAND, 1.0,
                lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
-        Series("contact force [BW]", FORCE, 3.0, lambda shown, weight: shown["contact_force"] / weight),
-        Series("load [BW]", LOAD, 1.0, lambda shown, weight: shown["load"] / weight),
+        Series("contact force [BW]", FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
+        Series("load [BW]", LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
         Series("force - load [BW]", LOAD, 1.0, _excess),
-    )),
-    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", "Depth ± error, apart < 0 [mm]", (
+    ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
+    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
         Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
         Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
-        Series("depth [mm]", DEPTH, 2.0, lambda shown, _: MM * _signed(shown)),
+        Series("depth [mm]", DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
     )),
-    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]",
-         "Contact point on the plateau, anterior > 0 [mm]", (
-        Series("anterior [mm]", CARTILAGE, 2.0, lambda shown, _: MM * shown["contact_point"]["x"]),
+    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
+        Series("anterior [mm]", CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
     )),
 )  # fmt: skip
-"""What stands beside the sagittal plane"""
+"""Plots beside the sagittal plane"""
 DETAILS = (
-    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", "Sliding velocity, anterior > 0 [mm/s]", (
-        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda shown, _: MM * shown["sliding_velocity"]),
+    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
+        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda answers, _: MM * answers["sliding_velocity"]),
     )),
-    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]",
-         "Estimated errors: depth, thick [µm]; force [N]", (
-        Series("error of the force [N]", FORCE, 1.0, lambda shown, _: shown["force_error_estimate"]),
-        Series("error of the depth [µm]", ERROR, 2.0, lambda shown, _: MICRO * shown["error_estimate"]),
-    )),
-    Plot("evaluations", "Contact law evaluations per tick", "Contact law evaluations per tick", (
-        Series("evaluations per tick", COST, 1.5, lambda shown, _: shown["evaluations"]),
+    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
+        Series("error of the force [N]", FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
+        Series("error of the depth [µm]", ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
+    ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
+    Plot("evaluations", "Contact law evaluations per tick", (
+        Series("evaluations per tick", COST, 1.5, lambda answers, _: answers["evaluations"]),
     ), steps=True),
-    Plot("latency", "Latency from load to answer [ms]", "Latency from load to answer [ms]", (
-        Series("latency [ms]", ANGLE, 1.0, lambda shown, _: MM * shown["latency"]),
+    Plot("latency", "Latency from load to answer [ms]", (
+        Series("latency [ms]", ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
     ), live=True),
 )  # fmt: skip
-"""What stands in the second tab"""
+"""Plots in the second tab"""
 READ_OFF = (
-    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", "Contact pressure: peak, thick; mean [MPa]", (
+    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
         Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
         Series("peak pressure [MPa]", FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
     ), read_off=True),
-    Plot("patch", "Half-width of the contact patch [mm]", "Half-width of the contact patch [mm]", (
+    Plot("patch", "Half-width of the contact patch [mm]", (
         Series("half-width [mm]", CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
     ), read_off=True),
-    Plot("strain", "Nominal strain of the cartilage [%]", "Nominal strain of the cartilage [%]", (
+    Plot("strain", "Nominal strain of the cartilage [%]", (
         Series("strain [%]", DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
     ), read_off=True),
-    Plot("loading_rate", "Loading rate [kN/s]", "Loading rate [kN/s]", (
+    Plot("loading_rate", "Loading rate [kN/s]", (
         Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
     ), read_off=True),
 )  # fmt: skip
-"""What stands in the third tab"""
+"""Plots in the third tab"""
 
 
 FORCE_PLACE, LOAD_PLACE = 2, 3
-"""Of contact force and load in `FORCES`"""
+"""Places of contact force and load among the series of `FORCES`"""
 
 
 HEIGHT_DRIVEN = KNEE[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
-    titles="Contact force ± error, thick [BW of {weight} N]",
+    title_of_several="Contact force ± error, thick [BW of {weight} N]",
     series=KNEE[1].series[:LOAD_PLACE],
 )
-"""`FORCES` where the height is prescribed: a load drives nothing there, and is none of the force's"""
+"""Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
 
 
-def _signed(shown: Rows) -> Floats:
-    """Depth [m], < 0 apart."""
-    return np.asarray(shown["penetration_depth"] - shown["gap"])
+def _signed(answers: Rows) -> Floats:
+    """Return the depth [m]; negative when apart."""
+    return np.asarray(answers["penetration_depth"] - answers["gap"])
 
 
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
-    """Those in which there is something to see of a knee."""
-    shown = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
+    """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
+    plots = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
     if drawing.height_prescribed:
-        shown = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in shown]
-    shown += [plot for plot in DETAILS if latency or not plot.live]
-    return [*shown, *READ_OFF] if drawing.patch else shown
+        plots = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in plots]
+    plots += [plot for plot in DETAILS if latency or not plot.live]
+    return [*plots, *READ_OFF] if drawing.patch else plots

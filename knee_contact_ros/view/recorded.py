@@ -1,4 +1,4 @@
-"""The knees in recordings: how they are drawn, and their answers as a scene takes them."""
+"""The knees in recordings: their outlines, and their answers as a scene takes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
 from knee_contact_ros.view.sagittal import Pictures
 
 LONGEST_NAME = 80
-"""Characters of a knee's name"""
+"""Most characters of a knee's name"""
 
 
 class RecordedKnee(NamedTuple):
@@ -28,54 +28,55 @@ class RecordedKnee(NamedTuple):
 
     recording: Path
     topic: str
-    """Absolute name of that of its answers"""
+    """Absolute name of the topic of its answers"""
     model: KneeModel
-    """Its surfaces and how they move"""
+    """Model with its surfaces and their motion"""
     drawing: KneeOutlines
+    """Outlines of the knee"""
     changes: tuple[Change, ...]
-    """What happened to the node meanwhile"""
+    """Resets and changed parameters of the node during the recording"""
     known: bool
-    """Whether the recording tells the parameters; otherwise they were assumed"""
+    """Whether the recording holds its parameters; otherwise they were assumed"""
 
 
 def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> list[RecordedKnee]:
-    """All knees in some recordings, each under a name of its own.
+    """Return all knees in several recordings, each with a name of its own.
 
-    `recordings` gives each one's name, used where topics do not tell the knee; `parameters` are those of recordings
-    that do not tell theirs.
+    The values of `recordings` are names, used where topics do not name the knee; `parameters` are those of recordings
+    that do not hold theirs.
 
     Raises:
         UsageError: a recording cannot be used or has no answers.
     """
-    found = []
+    answered = []
     for path, name in recordings.items():
         topics = answer_topics(path)
         if not topics:
             raise UsageError(f"recording {path} has no answers (knee_contact_ros/msg/KneeContact)")
-        found += [(path, topic, name) for topic in topics]
-    alone = len({(path, knee_name(topic)) for path, topic, _ in found}) == 1
-    places = {(path, topic) for path, topic, _ in found}
-    names = distinct([_name(path, topic, name, alone, places) for path, topic, name in found])
-    return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(found, names, strict=True)]
+        answered += [(path, topic, name) for topic in topics]
+    alone = len({(path, knee_name(topic)) for path, topic, _ in answered}) == 1
+    places = {(path, topic) for path, topic, _ in answered}
+    names = distinct([_name(path, topic, name, alone, places) for path, topic, name in answered])
+    return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(answered, names, strict=True)]
 
 
 def answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Rows]]:
-    """Answers block by block, each with what happened to the node right before it; see `answer_blocks`."""
+    """Yield blocks of answers, each with the changes of the node right before it; for `advance` see `answer_blocks`."""
     pictures, waiting, done = Pictures(), list(knee.changes), 0
     for block in answer_blocks(knee.recording, knee.topic, advance):
         place(knee.model, block, pictures)
         begin = 0
         while begin < len(block):
-            now = [change for change in waiting if change.tick <= done + begin]
-            waiting = waiting[len(now) :]
+            due = [change for change in waiting if change.tick <= done + begin]
+            waiting = waiting[len(due) :]
             end = min(len(block), waiting[0].tick - done) if waiting else len(block)
-            yield now, block[begin:end]
+            yield due, block[begin:end]
             begin = end
         done += len(block)
 
 
 def place(model: KneeModel, answers: Rows, pictures: Pictures) -> None:
-    """Tell answers where femur and normal are: no message does. It is looked for only where there is a picture."""
+    """Add femoral x and normal to the answers that are drawn: messages do not hold them."""
     for i in pictures.choose(answers["stamp"]).tolist():
         angle, height = float(answers["flexion_angle"][i]), float(answers["femoral_height"][i])
         x, _ = model.mechanism.translation(angle)
@@ -84,21 +85,23 @@ def place(model: KneeModel, answers: Rows, pictures: Pictures) -> None:
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """Names made distinct, with a number behind those that come again."""
+    """Make names distinct: those that occur several times get a number."""
     return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _name(path: Path, topic: str, recording: str, alone: bool, found: Set[tuple[Path, str]]) -> str:
+def _name(path: Path, topic: str, recording: str, alone: bool, places: Set[tuple[Path, str]]) -> str:
+    """Return the name of a knee by its topic or its `recording`; `places` are the topics with answers of each path."""
     name = knee_name(topic)
     name = name.replace("/", "_") if name != KNEE or alone else recording
     if is_lateral(topic):
         name = compartment_name(name, LATERAL)
-    elif (path, f"{topic}/{LATERAL}") in found:
+    elif (path, f"{topic}/{LATERAL}") in places:
         name = compartment_name(name, MEDIAL)
     return "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
 
 
 def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> RecordedKnee:
+    """Build a knee from the parameters in its recording, or from `parameters` if it holds none."""
     provenance = read_provenance(path)
     if provenance:
         parameters = provenance.parameters

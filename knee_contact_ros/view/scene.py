@@ -1,4 +1,4 @@
-"""One knee in a Rerun recording, batch by batch."""
+"""The scene of one knee in a Rerun recording, written batch by batch."""
 
 from __future__ import annotations
 
@@ -14,39 +14,30 @@ from knee_contact_ros.core.readouts import SPREAD, Readings
 from knee_contact_ros.core.types import Rows, blank
 from knee_contact_ros.messages.ros_types import NANOSECONDS
 from knee_contact_ros.results.columns import DATES_FROM
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, NAME_OF_STATE, OF_KNEES, Colour
+from knee_contact_ros.view import sagittal
+from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, KNEE_COLOURS, NAME_OF_STATE, Colour
 from knee_contact_ros.view.frame import frame_of
 from knee_contact_ros.view.outlines import KneeOutlines
 from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, plots_of
 from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
-from knee_contact_ros.view.sagittal import (
-    BODY,
-    CAMERA,
-    Pictures,
-    camera,
-    marks_moving,
-    marks_still,
-    plane_moving,
-    plane_still,
-)
 
 TIMELINE = "stamp"
 CURVES, EVENTS, STATES = "curves", "events", "states"
 CONTACT, LEVEL = "contact", "level"
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
-"""By `Fidelity`"""
+"""Names of the levels, by `Fidelity`"""
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
 REPEAT = 5 * NANOSECONDS
-"""How long [ns] a state may last without being written again, where what is old gets lost"""
+"""Time [ns] after which a lasting state is written again, where old data is dropped"""
 SINGLE = 5.0
-"""Radius of the point that a curve is of a single answer"""
+"""Radius of the point that stands for the curve of a single answer"""
 LAYER_DEPTH = "contact.layer_depth"
 LAW = ("contact.", "lateral.contact.")
-"""What the names of parameters begin with on which patch, pressure and strain depend"""
+"""Beginnings of the names of parameters on which patch, pressure and strain depend"""
 
 
 class Scene:
-    """Writes a knee's answers into a recording."""
+    """Writes a knee's answers into a Rerun recording."""
 
     def __init__(
         self,
@@ -57,39 +48,43 @@ class Scene:
         forgetful: bool = False,
         number: int | None = None,
     ) -> None:
-        """Write what does not change.
+        """Write the parts of the scene that do not change.
 
-        `latency` says whether there will be some. Rest for `pause` [s] between two messages to Rerun. Where what is
-        old gets lost (`forgetful`), states are repeated. `number` is the knee's among several in one scene, which its
-        curves' colour tells.
+        Args:
+            recording: Rerun's recording.
+            drawing: Outlines of the knee.
+            latency: Whether the answers have latencies.
+            pause: Pause [s] between two messages to Rerun.
+            forgetful: Whether old data is dropped, so that states are repeated.
+            number: Number of the knee among several in one scene, for the colour of its curves; None: it is alone.
         """
         self._recording, self._drawing, self._pause = recording, drawing, pause
         self._plots, self._number = plots_of(drawing, latency), number
         self._layer = drawing.second_layer
-        self._pictures = Pictures()
+        self._pictures = sagittal.Pictures()
         self._remarks = Remarks(drawing.body_weight)
         self._time = _durations
         self._last_stamp = 0
-        self._begun, self._alone, self._told = False, True, False
+        self._begun, self._alone, self._has_events = False, True, False
         self._before, self._law_known = blank(0), True
         self._early: list[tuple[str, Mapping[str, str]]] = []
-        """Notes from before the first answer, whose stamp they get"""
+        """Notes that came before the first answer, whose stamp they get"""
         self._states: dict[str, int] = {}
         self._repeat = REPEAT if forgetful else math.inf
         self._written: dict[str, int] = {}
-        """Stamps [ns] of the states written last"""
+        """Stamps [ns] of the states that were written last"""
         self._write_still()
 
-    def show(self, shown: Rows) -> None:
+    def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
-        self._alone = not self._begun and len(shown) == 1
+        self._alone = not self._begun and len(answers) == 1
         if not self._begun:
-            self._begin(int(shown["stamp"][0]))
-        self._last_stamp = int(shown["stamp"][-1])
-        read = self._read_off(shown)
+            self._begin(int(answers["stamp"][0]))
+        self._last_stamp = int(answers["stamp"][-1])
+        read = self._read_off(answers)
         for plot in self._plots:
-            told: Any = read if plot.read_off else shown
-            values = np.stack([series.values(told, self._drawing.body_weight) for series in plot.series], axis=1)
+            source: Any = read if plot.read_off else answers
+            values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
             known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
             if not known.any():
                 continue
@@ -97,64 +92,69 @@ class Scene:
             columns = rr.Scalars.columns(scalars=values.ravel())
             if values.shape[1] > 1:
                 columns = columns.partition(np.full(len(values), values.shape[1]))
-            self._send(f"{CURVES}/{plot.path}", shown["stamp"][known], columns)
+            self._send(f"{CURVES}/{plot.path}", answers["stamp"][known], columns)
         if math.isfinite(self._layer):
-            ends = shown["stamp"][[0, -1]]
+            ends = answers["stamp"][[0, -1]]
             self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
-        pictures = self._pictures.choose(shown["stamp"])
+        pictures = self._pictures.choose(answers["stamp"])
         if len(pictures):
-            drawn = shown[pictures]
-            plane_moving(self._drawing, drawn, self._layer, self._to(BODY, drawn["stamp"]))
-            marks_moving(self._drawing, drawn, self._to(CAMERA, drawn["stamp"]))
-        self._write_changes(CONTACT, shown["stamp"], shown["contact_state"], list(NAME_OF_STATE.values()))
-        self._write_changes(LEVEL, shown["stamp"], shown["fidelity"], LEVEL_NAMES)
-        self._tell(self._remarks.take(shown))
+            drawn = answers[pictures]
+            sagittal.send_moving_plane(self._drawing, drawn, self._layer, self._to(sagittal.BODY, drawn["stamp"]))
+            sagittal.send_moving_marks(self._drawing, drawn, self._to(sagittal.CAMERA, drawn["stamp"]))
+        self._write_changes(CONTACT, answers["stamp"], answers["contact_state"], list(NAME_OF_STATE.values()))
+        self._write_changes(LEVEL, answers["stamp"], answers["fidelity"], LEVEL_NAMES)
+        self._write_events(self._remarks.take(answers))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Write down that something happened to the node behind the answers so far."""
+        """Write a note on something that happened to the node after the answers so far."""
         if LAYER_DEPTH in values and math.isfinite(self._layer):
             self._layer = float(values[LAYER_DEPTH])
         self._law_known &= not any(name.startswith(LAW) for name in values)
         if not self._begun:
             self._early.append((name, values))
             return
-        self._tell([remark_of_note(self._last_stamp, name, values)])
+        self._write_events([remark_of_note(self._last_stamp, name, values)])
 
-    def _read_off(self, shown: Rows) -> Readings | None:
-        """The readouts of answers, with the one before them for the loading rate; not a number once the law changed."""
-        drawing, together = self._drawing, np.concatenate((self._before, shown))
-        self._before = shown[-1:].copy()
+    def _read_off(self, answers: Rows) -> Readings | None:
+        """Return the readouts of answers; those that depend on the contact law are NaN once the law has changed.
+
+        The answer before them is taken into account for the loading rate.
+        """
+        drawing, together = self._drawing, np.concatenate((self._before, answers))
+        self._before = answers[-1:].copy()
         if drawing.patch is None:
             return None
-        read = drawing.patch.readouts(drawing.law, together)[len(together) - len(shown) :]
+        read = drawing.patch.readouts(drawing.law, together)[len(together) - len(answers) :]
         for name in () if self._law_known else SPREAD:
             read[name] = np.nan
         return read
 
     def finish(self) -> None:
-        """Write what is left to say; a single answer is no line, and gets points."""
+        """Write the last events; curves of a single answer become points."""
         if self._begun and self._alone:
             for path, names, colours, _ in self._styles():
                 points = rr.SeriesPoints(names=names, colors=colours, marker_sizes=[SINGLE])
                 self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
-        self._tell(self._remarks.finish())
-        if self._begun and not self._told:
-            self._tell([Remark(self._last_stamp, "no events")])
+        self._write_events(self._remarks.finish())
+        if self._begun and not self._has_events:
+            self._write_events([Remark(self._last_stamp, "no events")])
 
     def _begin(self, stamp: int) -> None:
-        """Decide by the first stamp [ns] what the timeline shows, once for all; tell what came before it."""
+        """Choose by the first stamp [ns] whether the timeline shows dates or durations; write earlier notes."""
         self._begun = True
         self._time = _dates if stamp >= DATES_FROM else _durations
-        self._tell([remark_of_note(stamp, name, values) for name, values in self._early])
+        self._write_events([remark_of_note(stamp, name, values) for name, values in self._early])
 
     def _write_still(self) -> None:
+        """Write the parts of the scene that do not change."""
+
         def at(root: str) -> Callable[[str, Any], None]:
             place = f"{self._drawing.knee}/{root}"
             return lambda path, what: self._recording.log(f"{place}/{path}" if path else place, what, static=True)
 
-        at(CAMERA)("", camera())
-        plane_still(self._drawing, at(BODY))
-        marks_still(frame_of(self._drawing), at(CAMERA))
+        at(sagittal.CAMERA)("", sagittal.camera())
+        sagittal.send_still_plane(self._drawing, at(sagittal.BODY))
+        sagittal.send_still_marks(frame_of(self._drawing), at(sagittal.CAMERA))
         steps = {plot.path for plot in self._plots if plot.steps}
         for path, names, colours, widths in self._styles():
             mode = rr.components.InterpolationMode.StepAfter if path in steps else None
@@ -164,17 +164,17 @@ class Scene:
         at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))
 
     def _styles(self) -> Iterator[tuple[str, Sequence[str], Sequence[Colour], Sequence[float]]]:
-        """For each entity of curves their names, colours and widths."""
+        """Yield path, names, colours and widths of the curves of each entity."""
         for plot in self._plots:
             names, colours, widths = zip(*(series[:3] for series in plot.series), strict=True)
             if self._number is not None:
-                colours = (OF_KNEES[self._number % len(OF_KNEES)].colour,) * len(names)
+                colours = (KNEE_COLOURS[self._number % len(KNEE_COLOURS)].colour,) * len(names)
             yield plot.path, names, colours, widths
         if self._drawing.has_bone:
             yield LAYER, [LAYER_NAME], [LAYER_COLOUR], [1.5]
 
     def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
-        """Write a state where it changes."""
+        """Write a state where it changes, and again after `REPEAT` where old data is dropped."""
         states = values.astype(int)
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
@@ -185,31 +185,37 @@ class Scene:
             texts = [names[state] for state in states[changes].tolist()]
             self._send(f"{STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
 
-    def _tell(self, remarks: Sequence[Remark]) -> None:
+    def _write_events(self, remarks: Sequence[Remark]) -> None:
+        """Write remarks as lines of the events."""
         if remarks:
-            self._told = True
+            self._has_events = True
             stamps = np.array([remark.stamp for remark in remarks], dtype=np.int64)
             texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
             levels = [remark.level for remark in remarks]
             self._send(EVENTS, stamps, rr.TextLog.columns(text=texts, level=levels))
 
     def _clock(self, stamp: int) -> str:
+        """Return a stamp [ns] as text, as the timeline shows it."""
         if self._time is _dates:
             return str(np.datetime64(stamp, "ns").astype("datetime64[ms]")).replace("T", " ")
         return f"{stamp / NANOSECONDS:.3f} s"
 
     def _to(self, root: str, stamps: Any) -> Callable[[str, Any], None]:
+        """Return a function that sends columns with these stamps to entities under `root`."""
         return lambda path, columns: self._send(f"{root}/{path}", stamps, columns)
 
     def _send(self, path: str, stamps: Any, columns: Any) -> None:
+        """Send columns with their stamps [ns] to an entity of the knee."""
         self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[self._time(stamps)], columns=columns)
         if self._pause:
             time.sleep(self._pause)
 
 
 def _durations(stamps: Any) -> rr.TimeColumn:
+    """Return stamps [ns] as durations."""
     return rr.TimeColumn(TIMELINE, duration=stamps.astype("timedelta64[ns]"))
 
 
 def _dates(stamps: Any) -> rr.TimeColumn:
+    """Return stamps [ns] as dates."""
     return rr.TimeColumn(TIMELINE, timestamp=stamps.astype("datetime64[ns]"))

@@ -1,4 +1,4 @@
-"""Polygons and bands as triangles, which is what Rerun fills."""
+"""Polygons and bands as triangles: Rerun fills nothing else."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Triangles = NDArray[np.uint32]
-"""Shape (m, 3), indices of corners"""
+"""Triangles as indices of their corners, shape (m, 3)"""
 
 
 def triangles_of(polygon: Floats) -> Triangles:
-    """A simple polygon, shape (n, 2), either way around, in n - 2 triangles: ears are cut off until none is left."""
+    """Triangulate a simple polygon, shape (n, 2), of either orientation, by cutting off ears: n - 2 triangles."""
     left = list(range(len(polygon)))
     if _turn(polygon, np.roll(polygon, -1, axis=0), np.zeros(2)).sum() < 0.0:
         left.reverse()
-    found = []
+    triangles = []
     while len(left) > 3:
         ear = next((i for i in range(len(left)) if _is_ear(polygon[left], i)), 0)  # none is left by rounding alone
-        found.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
+        triangles.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
         del left[ear]
-    return np.array([*found, left], dtype=np.uint32)
+    return np.array([*triangles, left], dtype=np.uint32)
 
 
 def band(columns: int, first: int = 0) -> Triangles:
-    """The band between two rows of `columns` points each, one behind the other, from the point `first` on."""
+    """Triangulate the band between two rows of `columns` points; the rows follow each other from point `first` on."""
     near = first + np.arange(columns - 1)
     far = near + columns
     halves = [np.stack([near, near + 1, far], axis=1), np.stack([far, near + 1, far + 1], axis=1)]
@@ -32,14 +32,14 @@ def band(columns: int, first: int = 0) -> Triangles:
 
 
 def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Twice the area of triangles, > 0 against the clock."""
+    """Return twice the area of triangles, positive if their corners go counterclockwise."""
     return np.asarray(
         (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
     )
 
 
 def _is_ear(polygon: Floats, i: int) -> bool:
-    """Whether a corner of a polygon that goes against the clock can be cut off."""
+    """Return whether corner `i` of a counterclockwise polygon can be cut off."""
     a, b, c = polygon[i - 1], polygon[i], polygon[(i + 1) % len(polygon)]
     if _turn(a, b, c) <= 0.0:
         return False

@@ -1,7 +1,7 @@
-"""Who may ask a server on this machine: programs and its own pages, and no page of another site.
+"""Requests that a server on this machine may answer: those of programs and its own pages, not of other sites' pages.
 
-A page whose name its owner lets point to 127.0.0.1 is no stranger to a browser ("DNS rebinding"): it may read what is
-served there, and only the name in the request (Host) tells it.
+A page under a name that its owner lets point to 127.0.0.1 ("DNS rebinding") may read what is served there, as far as
+a browser is concerned; only the name in the request (Host) shows where it comes from.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from secrets import randbelow
 
 HOSTS = r"(127\.0\.0\.1|localhost|\[::1\])"
-"""Names of this machine"""
+"""Names of this machine, as a regular expression"""
 
 
 def is_allowed(headers: Sequence[tuple[str, str]], port: int, pages: Sequence[int] = ()) -> bool:
-    """Whether a request with some headers to a port of this machine may be answered.
+    """Return whether a request with these headers to a port of this machine may be answered.
 
-    It must ask for this machine by its name, once; a page that asks must come from this machine too, and from one of
-    the ports `pages` if there are any.
+    The request must have exactly one Host, a name of this machine. If a page sent it (Origin), the page must come from
+    this machine too, and from one of the ports `pages` if any are given.
     """
     hosts = [value for name, value in headers if name.lower() == "host"]
     origins = [value for name, value in headers if name.lower() == "origin"]
@@ -29,5 +29,5 @@ def is_allowed(headers: Sequence[tuple[str, str]], port: int, pages: Sequence[in
 
 
 def unguessable_address() -> str:
-    """An address out of the millions that this machine has for itself: for servers that answer whoever finds them."""
+    """Return a random loopback address, one of millions: for servers that answer everybody who finds them."""
     return ".".join(["127", *(str(1 + randbelow(254)) for _ in range(3))])

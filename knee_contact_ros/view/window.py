@@ -1,4 +1,4 @@
-"""Rerun's own viewer as a process on this machine, bound to the loopback interface."""
+"""Rerun's viewer as a process on this machine, bound to the loopback interface."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from knee_contact_ros.view.visitors import unguessable_address
 NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY = "1GB"
-"""What a viewer beside a node may take; older data goes first"""
+"""Memory that a viewer beside a node may take; older data is dropped first"""
 BEHIND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
-"""Before the command of a viewer beside a node: it may wait, a tick may not; and it heeds signals that the process of a
-scene does not"""
+"""Beginning of the command of a viewer beside a node: it runs at low priority, as a tick must not wait for it, and it
+heeds signals that the process of a scene ignores"""
 ANY_PORT = ("--port", "0")
-"""Of the viewer's own server: with a port that is taken it would take the other for a viewer and send it its data"""
+"""Options for the viewer's own server: at a port that is taken, it would send its data to the other process"""
 
 
 class Window:
-    """A viewer that was started."""
+    """A viewer that this process started."""
 
     def __init__(self, process: Process, log: IO[bytes], still: str) -> None:
-        """`log` is what it says; `still` how to see the scene without it."""
+        """Watch a process; `log` has its output, and `still` says how to see the scene without it."""
         self.process = process
         self._log, self._still = log, still
         self._told = False
 
     def news(self) -> tuple[str, ...]:
-        """Say once that the viewer has ended."""
+        """Return a message that the viewer has ended, once."""
         code = self.process.poll()
         if code is None or self._told:
             return ()
@@ -45,19 +45,19 @@ class Window:
         return (f"the Rerun viewer {ending(code, self._log)}; {self._still}",)
 
     def close(self) -> None:
-        """End it."""
+        """End the viewer."""
         self.process.terminate()
 
 
 def address(port: int) -> str:
-    """What a viewer connects to."""
+    """Return the address at which a viewer connects to a server of this machine."""
     return f"rerun+http://{LOCALHOST}:{port}/proxy"
 
 
 def viewer() -> Path | None:
-    """Rerun's viewer, wherever Python finds its package: in the environment, or in the user's own packages.
+    """Return Rerun's viewer, wherever Python finds its package; None if it is not installed.
 
-    Rerun's library for Python is in the same package: without the one there is none of the other.
+    Rerun's library for Python is in the same package: either both are installed or neither.
     """
     package = find_spec("rerun_cli")
     folders = package.submodule_search_locations or () if package else ()
@@ -65,10 +65,10 @@ def viewer() -> Path | None:
 
 
 def executable(wanted: str = "") -> Path:
-    """Rerun's viewer; `wanted` is what asks for it.
+    """Return Rerun's viewer; `wanted` begins the message of the error.
 
     Raises:
-        UsageError: it is not installed.
+        UsageError: Rerun is not installed.
     """
     path = viewer()
     if path is None:
@@ -77,70 +77,70 @@ def executable(wanted: str = "") -> Path:
 
 
 class Hidden(NamedTuple):
-    """Where the viewer's own server listens: it answers whoever finds it."""
+    """Address and port of the viewer's own server, which answers everybody who finds it."""
 
     address: str
     port: int
 
     @property
     def options(self) -> tuple[str, ...]:
-        """For the viewer."""
+        """Options that make the viewer listen there."""
         return "--bind", self.address, "--port", str(self.port)
 
     @property
     def url(self) -> str:
-        """For programs that tell it what to show."""
+        """Address for programs that control the viewer."""
         return f"rerun+http://{self.address}:{self.port}/proxy"
 
 
 def hidden() -> Hidden:
-    """A place that nobody else knows, and that is free."""
+    """Return an address that nobody can guess, and a free port there."""
     address = unguessable_address()
     return Hidden(address, free_port(address))
 
 
 def has_screen() -> bool:
-    """Whether this machine shows windows to whoever started this process."""
+    """Return whether this process can open windows on a screen."""
     return any(os.environ.get(name) for name in SCREENS)
 
 
 def refuse_blind(instead: str) -> None:
-    """Tell that a viewer could not be seen, and what to do `instead`.
+    """Refuse to open a viewer without a screen, and say what to do `instead`.
 
     Raises:
-        UsageError: this machine has no screen.
+        UsageError: there is no screen.
     """
     if not has_screen():
         raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
 
 
 def ending(code: int, log: IO[bytes]) -> str:
-    """How a viewer that said something to `log` has ended."""
+    """Return how a viewer has ended, as text, with the last error in its `log`."""
     if code < 0:
         return f"was ended by {signal.Signals(-code).name}"
     if not code:
         return "has ended"
     log.seek(0)
     lines = log.read().decode(errors="replace").strip().splitlines()
-    told = [line for line in lines if "error" in line.lower()] or lines or ["it said nothing"]
-    return f"has ended with code {code} ({told[-1].strip()})"
+    reasons = [line for line in lines if "error" in line.lower()] or lines or ["it said nothing"]
+    return f"has ended with code {code} ({reasons[-1].strip()})"
 
 
 def uncoloured() -> dict[str, str]:
-    """The environment of a viewer that says what it says without colours."""
+    """Return the environment of a viewer whose output has no colours."""
     return os.environ | {"NO_COLOR": "1"}
 
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
-    """What opens a viewer that shows what is served at some addresses."""
+    """Return the command of a viewer that shows the scenes served at addresses."""
     return [*BEHIND, str(executable()), *hidden().options, "--memory-limit", MEMORY, *addresses]
 
 
 def open_window(address: str) -> Window:
-    """Start a viewer that shows what is served at an address; it stays when this process ends.
+    """Start a viewer that shows the scene served at an address; it stays open when this process ends.
 
     Raises:
-        UsageError: there is none on this machine, or no screen.
+        UsageError: Rerun is not installed, or there is no screen.
     """
     refuse_blind("parameter rerun.mode can be serve or file")
     log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)

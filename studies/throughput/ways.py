@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE
+from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import blank

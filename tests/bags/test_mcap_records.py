@@ -11,10 +11,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 
 from knee_contact_ros.bags import mcap_records
+from knee_contact_ros.bags.mcap_layout import HEAD, MAGIC, MESSAGE_HEAD
 from knee_contact_ros.bags.mcap_records import (
-    HEAD,
-    MAGIC,
-    MESSAGE_HEAD,
     Hole,
     Record,
     contents_of,
@@ -102,7 +100,7 @@ def index(*places: int, channel: int = 1) -> bytes:
 def test_an_index_that_is_right_tells_where_messages_begin() -> None:
     found = indexed(DATA, [index(*PLACES[1::2]), index(*PLACES[::2])])
     assert found is not None
-    assert [begin - MESSAGE_HEAD.itemsize for begin in found.begins] == PLACES
+    assert [begin - MESSAGE_HEAD.size for begin in found.begins] == PLACES
     assert found.heads["log"].tolist() == list(range(100, 140))
 
 

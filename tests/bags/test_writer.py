@@ -14,16 +14,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
+from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
+from knee_contact_ros.bags.mcap_writer import LIBRARY, offered_qos
 from knee_contact_ros.bags.metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import Contact
+from knee_contact_ros.messages.answer import Record
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.cdr import decode_wrench_stamped
-from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.messages.ros_types import definition, typestore
 from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, contact, contacts_of
@@ -42,18 +46,42 @@ def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r"
             bag.write(f"/{KNEE_CONTACT_WRENCH}", stamp, wrench)
 
 
+def write_by_library(path: Path, like: Path, names: dict[str, str], parts: list[list[Record]], flushed: bool) -> None:
+    """The same messages by the `mcap` library's writer; metadata are those of our file."""
+    with path.open("wb") as file, like.open("rb") as ours:
+        writer = Writer(file, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        writer.start("ros2", LIBRARY)
+        channels, numbers = {}, Counter[str]()
+        for topic, name in names.items():
+            kind = MESSAGE_TYPES[topic]
+            metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(kind)}
+            schema = writer.register_schema(kind, "ros2msg", definition(kind))
+            channels[topic] = writer.register_channel(name, "cdr", schema, metadata)
+        for records in parts:
+            for topic, stamp, data in records:
+                writer.add_message(channels[topic], stamp, data, stamp, numbers[topic])
+                numbers[topic] += 1
+            if flushed:
+                writer.flush()
+        for metadata in make_reader(ours).iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        writer.finish()
+
+
 @pytest.mark.parametrize("flushed", [False, True])
-def test_many_messages_at_once_are_the_same_bytes_as_one_by_one(tmp_path: Path, flushed: bool) -> None:
+def test_many_messages_at_once_are_the_same_bytes_as_one_by_one_and_as_by_the_library(
+    tmp_path: Path, flushed: bool
+) -> None:
     """Over the ends of chunks, with stamps that go back, and mixed with single ones."""
     names = {topic: f"/{topic}" for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH)}
     stamps = [1_700_000_000_000_000_000 + 1_000 * ((7 * number) % 100) for number in range(1000)]
     records = [(topic, stamp, bytes(stamp % 400)) for stamp in stamps for topic in names if stamp % 3000]
+    parts = [records[begin : begin + 300] for begin in range(0, len(records), 300)]
     for one_by_one in (True, False):
         with BagWriter(tmp_path / f"{one_by_one}" / "out.mcap") as bag:
             for topic, name in names.items():
                 bag.add_topic(name, MESSAGE_TYPES[topic])
-            for begin in range(0, len(records), 300):
-                some = records[begin : begin + 300]
+            for some in parts:
                 for topic, stamp, data in some if one_by_one else some[:1]:
                     bag.write(names[topic], stamp, data)
                 bag.write_all([] if one_by_one else some[1:], names)
@@ -62,6 +90,8 @@ def test_many_messages_at_once_are_the_same_bytes_as_one_by_one(tmp_path: Path, 
     first, second = (tmp_path / f"{one_by_one}" for one_by_one in (True, False))
     for name in ("out.mcap", "metadata.yaml"):
         assert (first / name).read_bytes() == (second / name).read_bytes()
+    write_by_library(tmp_path / "library.mcap", first / "out.mcap", names, parts, flushed)
+    assert (tmp_path / "library.mcap").read_bytes() == (first / "out.mcap").read_bytes()
     assert (first / "out.mcap").stat().st_size > 10_000
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.cli.commands.live import replay
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.cli.options import OptionalClockRate, timing_options
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
@@ -69,13 +68,5 @@ def test_what_solve_cannot_take_is_told_in_one_line(
     ],
 )
 def test_the_clocks_rate_may_be_left_out(arguments: list[str], clock: float | None, bag: str) -> None:
-    taken = {}
-
-    @click.command(cls=OptionalClockRate)
-    @click.argument("bag")
-    @timing_options
-    def replay(**given: object) -> None:
-        taken.update(given)
-
-    replay.main(arguments, standalone_mode=False)
-    assert (taken["clock"], taken["bag"]) == (clock, bag)
+    taken = replay.make_context("replay", arguments).params
+    assert (taken["clock"], taken["bag"]) == (clock, Path(bag))

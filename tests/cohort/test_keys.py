@@ -11,16 +11,16 @@ import pytest
 from knee_contact_ros.cohort import keys
 from knee_contact_ros.cohort.blocks import Missing, knees_of
 from knee_contact_ros.cohort.study import Study
-from knee_contact_ros.cohort.work import Aim
+from knee_contact_ros.cohort.work import Target
 from tests.cohort.studies import DAMPINGS, study
 
-AIM = Aim("", "", "", series=False, cases=1, answers="")
+TARGET = Target("", "", "", series=False, cases=1, answers="")
 PARAMETERS = "knee_contact:\n  ros__parameters:\n    contact:\n      damping: 4000.0\n"
 
 
 def keys_of(asked: Study) -> set[str]:
     """The keys of all cases."""
-    return {key for block in Missing(asked, knees_of(asked), set(), AIM) for key in block.keys}
+    return {key for block in Missing(asked, knees_of(asked), set(), TARGET) for key in block.keys}
 
 
 def key_of(bag: Path, **content: Any) -> str:
@@ -113,8 +113,8 @@ def test_keys_of_a_grid_are_those_of_a_larger_one(right_bag: Path) -> None:
 def test_all_clients_have_the_same_blocks_wherever_they_begin(right_bag: Path) -> None:
     asked = study(right_bag, sample={"n": 1000, "ranges": {"contact.damping": [0.0, 1e4]}})
     knees = knees_of(asked)
-    ways = [[block.name for block in Missing(asked, knees, set(), AIM)] for _ in range(4)]
+    ways = [[block.name for block in Missing(asked, knees, set(), TARGET)] for _ in range(4)]
     assert len({tuple(sorted(names)) for names in ways}) == 1
     assert len({tuple(names) for names in ways}) > 1
-    done = {key for block in Missing(asked, knees, set(), AIM) if block.name in ways[0][:9] for key in block.keys}
-    assert sorted(block.name for block in Missing(asked, knees, set(done), AIM)) == sorted(ways[0][9:])
+    done = {key for block in Missing(asked, knees, set(), TARGET) if block.name in ways[0][:9] for key in block.keys}
+    assert sorted(block.name for block in Missing(asked, knees, set(done), TARGET)) == sorted(ways[0][9:])

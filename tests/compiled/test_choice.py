@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.compiled import by_address, choice, kernel
+from knee_contact_ros.compiled import choice, kernel
 from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, cost_of, worth_compiling
 from knee_contact_ros.core.model import PLAIN, KneeModel
 
@@ -85,7 +85,7 @@ def test_arrays_of_any_kind_take_the_same_kernel() -> None:
     """A read-only or strided array would be a type of its own to the compiler, and another half minute."""
     knee = model(compiled=True)
     expected = knee.run(*SERIES).tobytes()
-    before = len(by_address._READY)
+    before = len(kernel._READY)
     frozen = [column.copy() for column in SERIES]
     for column in frozen:
         column.flags.writeable = False
@@ -93,7 +93,7 @@ def test_arrays_of_any_kind_take_the_same_kernel() -> None:
     singles = [column.tolist() for column in SERIES]
     for given in (frozen, strided, singles):
         assert knee.run(*given).tobytes() == expected
-    assert len(by_address._READY) == before
+    assert len(kernel._READY) == before
 
 
 @KEPT
@@ -110,10 +110,10 @@ import numpy as np
 import knee_contact_ros
 from knee_contact_ros.compiled import functions
 from tests.helpers.tiny_kernel import twice
-from knee_contact_ros.compiled.choice import COSTS, telling
+from knee_contact_ros.compiled.choice import COSTS, announcement
 from knee_contact_ros.compiled.turns import in_turn
 for value in (1.0, 1, 1.0):
-    with in_turn(lambda: str(value), telling(COSTS[0])):
+    with in_turn(lambda: str(value), announcement(COSTS[0])):
         functions.compiled_function(twice)(value)
 """
 

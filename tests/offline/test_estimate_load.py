@@ -24,8 +24,7 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.cdr import JointState, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, Transform, encode_transforms
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.load_summary import LoadSummary
+from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import load_parameters

@@ -17,7 +17,7 @@ from knee_contact_ros.core.geometries import Circle, Profile
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.build import build_model, load_model
 from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -111,7 +111,7 @@ def test_the_radius_is_that_of_the_circle_that_fits() -> None:
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_tick_that_is_too_deep_says_so_and_nothing_else(compiled: bool) -> None:
     limit = 1.0 / 5.0 * RADIUS
-    knee = build_model(load_parameters({"drive": "displacement"}), compiled=compiled)
+    knee = load_model({"drive": "displacement"}, compiled=compiled)
     depths = limit + np.array([-1e-3, -1e-9, 1e-9, 1e-3])
     series = knee.run(np.arange(4) * 1e-3, np.zeros(4), np.zeros(4), RADIUS - depths)
     assert series.status.tolist() == [0, 0, Status.IMPLAUSIBLE, Status.IMPLAUSIBLE]

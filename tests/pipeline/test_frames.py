@@ -166,14 +166,14 @@ def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     frame = ForceFrame("tibia")
     told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
-    assert frame.told()["from"] == "sensor"
+    assert frame.take_turn_note()["from"] == "sensor"
     told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))  # said again
     told(frame, Transform("tibia", "camera", NOWHERE, UPRIGHT))  # of no concern
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
-    assert not frame.told()
+    assert not frame.take_turn_note()
     told(frame, Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
     assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx((0.0, 1.0, 0.0), abs=ROUNDING)
-    assert frame.told()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
+    assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
 
 def test_frames_without_end_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,7 +192,7 @@ def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
         frame.turned(wrench("tibia", (math.nan, math.nan, math.nan)), b"")
         take(frame, wrench(wanted or "other", (0.0, -1.0, 0.0)))
         assert refusal(frame, wrench("tibia", NOWHERE)).reason == "frame_changed"
-        assert not frame.told()
+        assert not frame.take_turn_note()
 
 
 def test_a_bad_transform_costs_itself_alone() -> None:

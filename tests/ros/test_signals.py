@@ -83,7 +83,7 @@ try:
         del owner
         time.sleep(60.0)
 except KeyboardInterrupt:
-    print("interrupted", stop.asked)
+    print("interrupted", stop.requested)
 """
 
 

@@ -110,10 +110,10 @@ def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started:
 def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
     started: Started, monkeypatch: Any
 ) -> None:
-    def send_when_it_is_gone(sink: SinkProcess, connection: Connection) -> None:
+    def send_when_it_is_gone(sink: SinkProcess, connection: Connection, due: int) -> int:
         assert sink.process
         sink.process.wait()  # it ends between two looks at what it says
-        send(sink, connection)
+        return send(sink, connection, due)
 
     send = SinkProcess._send_batch
     monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)

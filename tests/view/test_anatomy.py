@@ -70,7 +70,7 @@ def crossings(polygon: np.ndarray) -> int:
 def test_polygons_are_simple_and_on_their_sides(config: Path, name: str, angle: float) -> None:
     model = model_of(config, KNEES[name])
     picture = pressed(model, angle)
-    for polygon in picture[:6]:
+    for polygon in picture[:5]:
         assert np.isfinite(polygon).all()
         assert crossings(polygon) == 0
         assert np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06  # no side leaps over the knee
@@ -143,7 +143,6 @@ def test_the_overlap_is_what_both_cover(config: Path, name: str, angle: float) -
     cell = (x[1] - x[0]) * (y[1] - y[0])
     # Both are drawn as polygons whose corners cut some micrometres off 0.7 mm.
     assert area(picture.overlap) == pytest.approx((femur & tibia).sum() * cell, rel=0.04)
-    assert area(picture.magnified) == pytest.approx(10.0 * area(picture.overlap), rel=0.05)
 
 
 def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(config: Path) -> None:
@@ -153,10 +152,9 @@ def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(config: Path) -> None:
     segment = radius**2 * (half - math.sin(half) * math.cos(half))
     assert area(picture.overlap) == pytest.approx(segment, rel=0.02)  # corners every 2 degrees
     assert np.ptp(picture.overlap[:, 0]) == pytest.approx(2.0 * radius * math.sin(half), rel=0.01)
-    assert picture.magnified[:, 1].min() == pytest.approx(10.0 * picture.overlap[:, 1].min())
 
 
 def test_there_is_no_overlap_apart() -> None:
     picture = picture_of(build_model(load_parameters({})), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
-    assert picture.overlap.shape == picture.magnified.shape == (0, 2)
+    assert picture.overlap.shape == (0, 2)

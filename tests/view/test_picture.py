@@ -105,7 +105,8 @@ def pressed(config: Path, depth: float, *files: str) -> Moment:
 
 def test_what_is_drawn_is_as_deep_as_it_says(config: Path) -> None:
     shown = pressed(config, 0.7e-3, "osteoarthritis.yaml")
-    anatomy, picture = posed(shown)
+    picture = posed(shown)
+    anatomy = picture.anatomy
     overlap = in_contact_frame(picture, picture.overlap)
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
     assert np.ptp(overlap[:, 1]) == pytest.approx(0.7, abs=0.01)

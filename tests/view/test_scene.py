@@ -24,7 +24,7 @@ from knee_contact_ros.pipeline.gait.strides import impulse_per_stride
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.view.anatomy import placed
-from knee_contact_ros.view.colours import OF_KNEES
+from knee_contact_ros.view.colours import KNEE_COLOURS
 from knee_contact_ros.view.cursor import peak_of
 from knee_contact_ros.view.frame import common, frame_of
 from knee_contact_ros.view.layout import LONGEST_TITLE, blueprint, plane_title, title_of
@@ -286,7 +286,7 @@ def test_several_knees_are_told_apart_by_their_colours(knee: tuple[KneeOutlines,
     assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
-    assert len({one.colour for one in OF_KNEES}) == len(OF_KNEES)
+    assert len({one.colour for one in KNEE_COLOURS}) == len(KNEE_COLOURS)
     four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
     assert title_of(four, KNEE[0]) == (
         "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
@@ -529,7 +529,7 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
     """Rerun follows the user's theme; in a browser that is mostly the light one."""
     for colour in [
         LAYER_COLOUR,
-        *(one.colour for one in OF_KNEES),
+        *(one.colour for one in KNEE_COLOURS),
         *(series.colour for plot in PLOTS for series in plot.series),
     ]:
         light = luminance(colour)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.options import together
+from knee_contact_ros.cli.options import FILE, together
 
 on_workers = together(
     click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]"),
@@ -17,7 +17,7 @@ on_workers = together(
 
 
 @click.command()
-@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.yaml")
+@click.argument("study", type=FILE, metavar="STUDY.yaml")
 @click.option(
     "--output", required=True, metavar="DIR",
     help="Folder of the table, a Parquet dataset, here or as fsspec spells it. What is there is not computed again.",
@@ -35,7 +35,7 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
 
 
 @click.command()
-@click.argument("study", type=click.Path(path_type=Path), metavar="STUDY.yaml")
+@click.argument("study", type=FILE, metavar="STUDY.yaml")
 @click.option(
     "--output", required=True, metavar="DIR",
     help="Folder of page, pictures, indices.csv and cases. Cases that are there are not computed again.",

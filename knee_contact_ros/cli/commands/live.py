@@ -1,26 +1,23 @@
-"""Commands that need ROS: demo, node, replay."""
+"""Commands that need ROS: demo, node, load, replay."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import (
-    OptionalClockRate,
-    found,
-    found_file,
-    names_in_bag_options,
-    parameter_files,
-    timing_options,
-)
-from knee_contact_ros.cli.output_option import Output
+from knee_contact_ros.cli.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
+
+CLOCK = "--clock"
+WITH_EVERY_MESSAGE = "0"
+"""Value of `--clock` where no number is given"""
 
 
 @click.command()
-@click.option("--bag", type=click.Path(path_type=Path), metavar="BAG", help="[default: the right leg's gait]")
+@click.option("--bag", type=FILE, metavar="BAG", help="[default: the right leg's gait]")
 @parameter_files
 @click.option(
     "--from-sensors",
@@ -32,7 +29,7 @@ from knee_contact_ros.cli.output_option import Output
     "--load-params",
     "load_files",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
 )
@@ -70,39 +67,132 @@ def demo(
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
-    files = found(parameter_files)
+    files = find_parameters(parameter_files)
     source: Source
     if from_sensors:
-        source = Sensors(bag, files, [found_file(name) for name in load_files or (Path(LOAD_FILE),)], companion)
+        source = Sensors(bag, files, find_parameters(load_files, LOAD_FILE), companion)
     else:
         source = Recorded(bag or share_folder() / "bags" / "gait2354_right", files, companion)
     run_demo(source, output, rate)
 
 
-@click.command(
-    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
-    add_help_option=False,
-    options_metavar="[--ros-args ...]",
-)
+def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a command that leaves its arguments to ROS 2, even `-h`; `options_metavar` stands in the help text."""
+    settings = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
+    return click.command(context_settings=settings, add_help_option=False, options_metavar=options_metavar)
+
+
+def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> None:
+    """Run the nodes of some `kinds` until they end, or print the help text if nothing but that is wanted."""
+    if ros_arguments in (("--help",), ("-h",)):
+        click.echo(click.get_current_context().get_help())
+        return
+    from knee_contact_ros.node.node import run_nodes
+
+    if code := run_nodes(list(ros_arguments), list(kinds())):
+        sys.exit(code)
+
+
+@ros_command("[--ros-args ...]")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def node(ros_arguments: tuple[str, ...]) -> None:
     """Run the ROS 2 node.
 
     Takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-    if ros_arguments in (("--help",), ("-h",)):
-        click.echo(click.get_current_context().get_help())
-        return
-    from knee_contact_ros.node.contact_session import CONTACT_NODE
-    from knee_contact_ros.node.node import run_nodes
 
-    if code := run_nodes(list(ros_arguments), [CONTACT_NODE]):
-        sys.exit(code)
+    def kinds() -> Sequence[Any]:
+        from knee_contact_ros.node.contact_session import CONTACT_NODE
+
+        return [CONTACT_NODE]
+
+    run(ros_arguments, kinds)
+
+
+@ros_command("[--with-contact] [--ros-args ...]")
+@click.option("--with-contact", is_flag=True, help="Run the contact node in the same process: quicker by a hop.")
+@click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
+def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
+    """Run the ROS 2 node that estimates the joint reaction force.
+
+    It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. Takes
+    ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
+    """
+
+    def kinds() -> Sequence[Any]:
+        if with_contact:
+            from knee_contact_ros.node.sensors_to_contact import load_and_contact
+
+            return load_and_contact()
+        from knee_contact_ros.node.load_session import LOAD_NODE
+
+        return [LOAD_NODE]
+
+    run(ros_arguments, kinds)
+
+
+class OptionalClockRate(click.Command):
+    """A command whose option `--clock` may come without its number, also before the argument BAG."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give a `--clock` without a number the value `WITH_EVERY_MESSAGE`."""
+        following = [*args, ""][1:]
+        filled = [
+            f"{CLOCK}={WITH_EVERY_MESSAGE}" if argument == CLOCK and not is_number(after) else argument
+            for argument, after in zip(args, following, strict=True)
+        ]
+        return super().parse_args(ctx, filled)
+
+
+def is_number(text: str) -> bool:
+    """Return whether an argument is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 @click.command(cls=OptionalClockRate)
-@click.argument("bag", type=click.Path(path_type=Path))
-@timing_options
+@click.argument("bag", type=FILE)
+@click.option(
+    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of the bag per second."
+)
+@click.option("--loop", is_flag=True, help="Start over at the end.")
+@click.option(
+    CLOCK,
+    type=click.FloatRange(0.0, 10_000.0),
+    metavar="[HZ]",
+    help="Publish /clock, at HZ; without a number, with every message.",
+)
+@click.option(
+    "--start-offset",
+    type=click.FloatRange(0.0, 1e9),
+    default=0.0,
+    metavar="SECONDS",
+    help="Begin so long after the bag's first message.",
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(0.0, 1e9, min_open=True),
+    metavar="SECONDS",
+    help="Publish only so long a part of the bag.",
+)
+@click.option(
+    "--delay",
+    type=click.FloatRange(0.0, 1e6),
+    default=0.0,
+    metavar="SECONDS",
+    help="Wait so long before the first message.",
+)
+@click.option("--start-paused", is_flag=True, help="Wait for a key.")
+@click.option(
+    "--wait",
+    type=click.FloatRange(0.0, 3600.0),
+    default=10.0,
+    show_default=True,
+    help="How long to wait for subscribers [s] before publishing all the same.",
+)
 @names_in_bag_options
 @click.option(
     "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node, and not /joint_reaction_force."

@@ -8,12 +8,13 @@ from typing import Any
 import click
 
 from knee_contact_ros.cli.options import (
-    found,
+    FILE,
+    Output,
+    find_parameters,
     names_in_bag_options,
     parameter_files,
     parameter_values,
 )
-from knee_contact_ros.cli.output_option import Output
 
 
 @click.command()
@@ -52,12 +53,12 @@ def view(
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
-    parameters = load_parameters([*found(parameter_files), parameters_of(parameter_values)])
+    parameters = load_parameters([*find_parameters(parameter_files), parameters_of(parameter_values)])
     run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
 
 
 @click.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @click.option(
     "--output",
     type=Output(folder=True),
@@ -72,14 +73,14 @@ def view(
     "--compare",
     "compare",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Compute each FILE again with this parameter file over its own parameters, as --compare osteoarthritis.yaml, "
     "and show it beside. Can be given several times, the later one wins.",
 )
 @click.option(
     "--uncertainty",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Show what the standard deviations in this YAML file make of depth and force, as 'contact.stiffness: 20 %'.",
 )
@@ -110,9 +111,9 @@ def report(
     from knee_contact_ros.tools.report.runs import ReportOptions
 
     values = parameters_of(parameter_values)
-    sources: list[Path | dict[str, Any]] = [*found(parameter_files), *([values] if values else [])]
+    sources: list[Path | dict[str, Any]] = [*find_parameters(parameter_files), *([values] if values else [])]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
-    compared = found(compare) if compare else []
+    compared = find_parameters(compare, None)
     for path in run_report(ReportOptions(files, labels, sources, given, compared, names, uncertainty), output):
         say(str(path))
     warn(sentence for path in files for sentence in others_beside(path))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.output_option import Output
+from knee_contact_ros.cli.options import Output
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""Commands on recordings: solve, recover."""
+"""Commands that need no ROS, on bags and recordings: solve, estimate-load, recover."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ import click
 
 from knee_contact_ros.cli.options import (
     DEFAULT_PARAMETERS,
+    FILE,
+    Output,
+    find_parameters,
     names_in_bag_options,
     parameter_files,
+    parameter_files_option,
     parameter_values,
 )
-from knee_contact_ros.cli.output_option import Output
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 
 @click.command()
-@click.argument("bag", type=click.Path(path_type=Path), required=False)
+@click.argument("bag", type=FILE, required=False)
 @parameter_files
 @parameter_values
 @click.option(
     "--subject",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Subject file: body mass, profile, cartilage thickness and bag; --params and -p win over it.",
 )
@@ -49,7 +52,7 @@ def solve(
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.offline.in_memory import asked_of
+    from knee_contact_ros.offline.in_memory import basis_of
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
     from knee_contact_ros.parameters.subject import Subject
@@ -60,23 +63,65 @@ def solve(
     bag = bag or (person.bag if person else None)
     if bag is None:
         raise UsageError("no BAG: give one, or --subject with a file that names one")
-    how = asked_of(bag, parameter_files or None, parameters_of(parameter_values), person)
+    basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
-        summary = solve_bag(bag, how, output, advance, overwrite, names)
+        summary = solve_bag(bag, basis, output, advance, overwrite, names)
     given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
     files = ", ".join(map(str, given))
-    source = f"those in {bag.name}, made with {how.package}" if isinstance(how, Provenance) else files
+    source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
     show_summary(summary, rows, {"Recording": str(output)})
     warn(others_beside(bag))
-    warn([*summary.sentences, *([summary.split.problem] if summary.split and summary.split.problem else [])])
+    warn(summary.warnings)
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
 
 
 @click.command()
-@click.argument("source", type=click.Path(path_type=Path), metavar="IN")
+@click.argument("bag", type=FILE)
+@parameter_files_option(": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force")
+@parameter_values
+@click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Bag to write.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+@names_in_bag_options
+def estimate_load(
+    bag: Path,
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    output: Path,
+    overwrite: bool,
+    remaps: tuple[str, ...],
+    namespace: str,
+) -> None:
+    """Estimate the joint reaction force of a bag, offline.
+
+    BAG holds what sensors of a leg tell, on /joint_states and /ground_reaction_force. OUT.mcap gets them too, and
+    /joint_reaction_force and /load_estimate, with the same numbers as the node's: `knee-contact solve OUT.mcap` goes on
+    from there. Research only: muscles are not measured.
+    """
+    from knee_contact_ros.bags.bag_files import in_a_line, others_beside
+    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.cli.load_table import show_load
+    from knee_contact_ros.messages.topics import LOAD_INPUTS
+    from knee_contact_ros.offline.estimate_load import estimate_load as estimate
+    from knee_contact_ros.parameters.load_schema import LOAD_READING
+    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.terminal import progress, warn
+
+    parameters = LOAD_READING.load([*find_parameters(parameter_files, None), parameters_of(parameter_values)])
+    names = names_in_bag(remaps, namespace, LOAD_INPUTS)
+    with progress("Estimating") as advance:
+        summary = estimate(bag, parameters, output, advance, overwrite, names)
+    given = ", ".join([*map(str, parameter_files), *parameter_values]) or "the defaults"
+    show_load(summary, parameters, {"parameters": given}, str(output))
+    warn(others_beside(bag))
+    if summary.damage:
+        raise IncompleteError(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
+
+
+@click.command()
+@click.argument("source", type=FILE, metavar="IN")
 @click.argument("output", type=Output(".mcap"), metavar="OUT.mcap")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 def recover(source: Path, output: Path, overwrite: bool) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.options import found, parameter_files, parameter_values
+from knee_contact_ros.cli.options import find_parameters, parameter_files, parameter_values
 
 
 @click.command()
@@ -21,7 +21,8 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     Each processor compiles one kind of knee at a time.
     """
     from knee_contact_ros.compiled.ahead import compile_ahead
-    from knee_contact_ros.compiled.kernel import is_kept, kernel_folder
+    from knee_contact_ros.compiled.keeping import kernel_folder
+    from knee_contact_ros.compiled.kernel import is_kept
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.parameters.reading import Source
     from knee_contact_ros.system.errors import IncompleteError
@@ -29,11 +30,11 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import busy, say
 
-    asked: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
+    sources: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
     if parameter_files or parameter_values:
         names = ", ".join([*map(str, parameter_files), *parameter_values])
-        asked = {names: [*found(parameter_files), parameters_of(parameter_values)]}
-    models = {name: load_model(source, compiled=True) for name, source in asked.items()}
+        sources = {names: [*find_parameters(parameter_files), parameters_of(parameter_values)]}
+    models = {name: load_model(source, compiled=True) for name, source in sources.items()}
     missing = [name for name, model in models.items() if not is_kept(model.scene)]
     if missing:
         with busy(f"compiling for {', '.join(missing)}"):

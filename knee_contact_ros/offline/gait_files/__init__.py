@@ -1,1 +1,1 @@
-"""From other programs' files to a gait bag: what importers share."""
+"""Parts that importers of other programs' files share: reading OpenSim's storage files, and writing gait bags."""

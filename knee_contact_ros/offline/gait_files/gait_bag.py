@@ -1,4 +1,4 @@
-"""A knee's gait → a rosbag2 folder like those we ship, with a metadata record that says where it comes from."""
+"""Writing a knee's gait as a rosbag2 folder, with a metadata record that gives its origin."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import sha256_of
 
 ORIGIN = "origin"
-"""Name of the metadata record"""
+"""Name of the metadata record with the origin of a bag"""
 JOINT = "knee"
-"""In the bag, whatever the model calls it: the default of `knee.joint_name`"""
+"""Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
 QUANTITIES = {
     "angle": "knee flexion, rad, positive in flexion",
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
 LEG_JOINTS = ("hip", "ankle")
-"""In the bag, behind the knee: as `load/inverse_dynamics` names them"""
+"""Names of the further joints in a bag, behind the knee, as in the parameter file `load/inverse_dynamics`"""
 LEG_QUANTITIES = {
     "joints": "knee flexion; hip, the angle between thigh and vertical in the sagittal plane, positive when the knee "
     "is ahead of the hip; ankle, positive in dorsiflexion, 0 at a right angle; rad",
@@ -42,8 +42,8 @@ LEG_QUANTITIES = {
     "to the right; a left leg is mirrored)",
 }
 GROUND_FRAME = "ground"
-AT_ONCE = 8192
-"""Rows that are made messages at a time"""
+BLOCK = 8192
+"""Number of rows that are made messages at a time"""
 MCAP = ".mcap"
 BAG_FILES = {MCAP, ".yaml"}
 
@@ -57,63 +57,60 @@ def write_bag(
     joint: str = JOINT,
     leg: Leg | None = None,
 ) -> None:
-    """Write a new rosbag2 folder; messages in the order of their stamps, the angle before the forces.
+    """Write a new rosbag2 folder; messages are in the order of their stamps, an angle before forces of the same stamp.
 
-    `side` is right or left, `origin` the metadata record of that name; angles have their rates. With a `leg`, whose
-    joints have the stamps of `angles`, its hip and ankle come with the knee, and the ground's forces on a topic.
+    Args:
+        side: `right` or `left`.
+        angles: Flexion angles of the knee, with their rates.
+        reactions: Joint reactions on the tibia.
+        folder: The folder to write.
+        origin: Values of the metadata record `ORIGIN`.
+        joint: Name of the knee in the bag.
+        leg: Hip and ankle, at the stamps of `angles`, and the ground forces; None: the bag has the knee alone.
 
     Raises:
-        UsageError: it cannot be written.
+        UsageError: the folder cannot be written.
     """
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
         for topic in (*INPUTS, GROUND_REACTION_FORCE) if leg else INPUTS:
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
         joints = {joint: angles}
-        streams = [reaction_messages(reactions, side)]
+        streams = [wrench_messages(reactions, JOINT_REACTION_FORCE, f"tibia_{side[0]}")]
         if leg:
             joints |= dict(zip(LEG_JOINTS, (leg.hip, leg.ankle), strict=True))
-            streams.append(ground_messages(leg.ground))
+            streams.append(wrench_messages(leg.ground, GROUND_REACTION_FORCE, GROUND_FRAME))
         for stamp, topic, data in heapq.merge(joint_messages(joints), *streams, key=itemgetter(0)):
             bag.write(f"/{topic}", stamp, data)
 
 
 def joint_messages(joints: dict[str, Angles]) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of the joints' angles, by their names; all have the same stamps, and rates."""
-    names, of_joints = tuple(joints), list(joints.values())
-    rates = [angles.rate for angles in of_joints if angles.rate is not None]
+    """Yield stamp [ns], topic and bytes of a JointState for every stamp; all joints have the same stamps, and rates."""
+    names, columns = tuple(joints), list(joints.values())
+    rates = [angles.rate for angles in columns if angles.rate is not None]
     assert len(rates) == len(names)  # noqa: S101  (the importers give them)
-    for stamp, *told in rows(of_joints[0].stamps, *(angles.angle for angles in of_joints), *rates):
-        angle, rate = tuple(told[: len(names)]), tuple(told[len(names) :])
+    for stamp, *values in rows(columns[0].stamps, *(angles.angle for angles in columns), *rates):
+        angle, rate = tuple(values[: len(names)]), tuple(values[len(names) :])
         yield stamp, JOINT_STATES, encode_joint_state(JointState(stamp, "", names, angle, rate, ()))
 
 
-def ground_messages(ground: GroundForces) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of every ground force."""
-    for stamp, force, torque in rows(*ground):
-        wrench = WrenchStamped(stamp, GROUND_FRAME, tuple(force), tuple(torque))
-        yield stamp, GROUND_REACTION_FORCE, encode_wrench_stamped(wrench)
-
-
-def reaction_messages(reactions: Reactions, side: str) -> Iterator[tuple[int, str, bytes]]:
-    """Stamp [ns], topic and bytes of every reaction."""
-    frame = f"tibia_{side[0]}"
-    for stamp, force, torque in rows(*reactions):
-        wrench = WrenchStamped(stamp, frame, tuple(force), tuple(torque))
-        yield stamp, JOINT_REACTION_FORCE, encode_wrench_stamped(wrench)
+def wrench_messages(wrenches: Reactions | GroundForces, topic: str, frame: str) -> Iterator[tuple[int, str, bytes]]:
+    """Yield stamp [ns], topic and bytes of a WrenchStamped for every reaction or ground force."""
+    for stamp, force, torque in rows(*wrenches):
+        yield stamp, topic, encode_wrench_stamped(WrenchStamped(stamp, frame, tuple(force), tuple(torque)))
 
 
 def rows(*columns: NDArray[Any]) -> Iterator[tuple[Any, ...]]:
-    """Rows of columns as plain numbers, some at a time: those of hours would take gigabytes."""
-    for begin in range(0, len(columns[0]), AT_ONCE):
-        yield from zip(*(column[begin : begin + AT_ONCE].tolist() for column in columns), strict=True)
+    """Yield the rows of columns as plain numbers, block by block: those of hours at once would take gigabytes."""
+    for begin in range(0, len(columns[0]), BLOCK):
+        yield from zip(*(column[begin : begin + BLOCK].tolist() for column in columns), strict=True)
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
-    """Refuse a name that is taken, unless it is a bag's and may be replaced, or that looks like a file's.
+    """Refuse a folder to write that exists, unless it is a bag's and may be replaced, and a name that is a file's.
 
     Raises:
-        UsageError: it is taken, or ends with `.mcap`.
+        UsageError: the folder exists, or its name ends with `.mcap`.
     """
     if folder.suffix == MCAP:
         raise UsageError(f"--output {folder}: a bag's folder is written; give its name without {MCAP}")
@@ -129,6 +126,6 @@ def check_output(folder: Path, overwrite: bool) -> None:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file as hexadecimal text."""
     with path.open("rb") as file:
         return sha256_of(file)

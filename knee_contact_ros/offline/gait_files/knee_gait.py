@@ -1,4 +1,7 @@
-"""A knee's angle and joint reaction over time, in our units, signs and frames; each with stamps of its own."""
+"""A knee's angle and joint reaction over time, in SI units and the package's signs and frames.
+
+Both have stamps of their own.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,18 @@ from knee_contact_ros.system.errors import UsageError
 
 
 class Angles(NamedTuple):
-    """Knee flexion."""
+    """Flexion angles of a joint over time."""
 
     stamps: Stamps
     """[ns], growing; shape (n,)"""
     angle: Floats
     """[rad], positive in flexion; shape (n,)"""
     rate: Floats | None
-    """[rad/s]; shape (n,). None: to be derived"""
+    """[rad/s], shape (n,); None: to be derived from the angles"""
 
 
 class Reactions(NamedTuple):
-    """What the femur exerts on the tibia, in the tibia frame (x anterior, y superior, z to the right)."""
+    """Joint reactions that the femur exerts on the tibia, in the tibia frame (x anterior, y superior, z right)."""
 
     stamps: Stamps
     """[ns], growing; shape (n,)"""
@@ -36,29 +39,29 @@ class Reactions(NamedTuple):
 def common_window(
     angles: Angles, reactions: Reactions, start: float | None, end: float | None, ground: Stamps | None = None
 ) -> tuple[int, int]:
-    """First and last stamp [ns] that both have, within `start` and `end` [s] and from time 0 on.
+    """Return the first and the last stamp [ns] of the time that all inputs cover, within `start` and `end` [s].
 
-    With `ground` [ns], shape (n,), that all three have.
+    Times before 0 are left out. `ground` are the stamps [ns] of the ground forces, shape (n,), where there are some.
 
     Raises:
-        UsageError: there is none.
+        UsageError: the inputs have no time in common, or none within `start` and `end`.
     """
     three = (angles.stamps, reactions.stamps, *(() if ground is None else (ground,)))
     spans = [(int(stamps[0]), int(stamps[-1])) for stamps in three]
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
-        told = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
+        covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
         what = "kinematics and reactions" if ground is None else "kinematics, reactions and ground forces"
-        raise UsageError(f"{what} have no time in common: {told}")
-    asked = (first if start is None else round(start * NANOSECONDS), last if end is None else round(end * NANOSECONDS))
-    if max(first, asked[0]) >= min(last, asked[1]):
-        told = f"--start {asked[0] / NANOSECONDS:g} --end {asked[1] / NANOSECONDS:g}"
-        raise UsageError(f"{told}: nothing is left of {first / NANOSECONDS:g} to {last / NANOSECONDS:g} s")
-    return max(first, asked[0]), min(last, asked[1])
+        raise UsageError(f"{what} have no time in common: {covered}")
+    wanted = (first if start is None else round(start * NANOSECONDS), last if end is None else round(end * NANOSECONDS))
+    if max(first, wanted[0]) >= min(last, wanted[1]):
+        options = f"--start {wanted[0] / NANOSECONDS:g} --end {wanted[1] / NANOSECONDS:g}"
+        raise UsageError(f"{options}: nothing is left of {first / NANOSECONDS:g} to {last / NANOSECONDS:g} s")
+    return max(first, wanted[0]), min(last, wanted[1])
 
 
 def cut(angles: Angles, reactions: Reactions, window: tuple[int, int]) -> tuple[Angles, Reactions]:
-    """What is within the window; of the angles also the neighbours, so that every reaction has its angle.
+    """Cut both to a window [ns]; the angles keep one neighbour on either side, so that every reaction has its angle.
 
     Raises:
         UsageError: fewer than two reactions are left.
@@ -75,10 +78,10 @@ def cut(angles: Angles, reactions: Reactions, window: tuple[int, int]) -> tuple[
 
 
 def resample(angles: Angles, reactions: Reactions, window: tuple[int, int], rate: float) -> tuple[Angles, Reactions]:
-    """Both at the multiples of 1/`rate` [Hz] within the window, interpolated linearly.
+    """Resample both at the multiples of 1/`rate` [Hz] within the window [ns], by linear interpolation.
 
     Raises:
-        UsageError: fewer than two are in it.
+        UsageError: fewer than two multiples are in the window.
     """
     period = NANOSECONDS / rate
     counts = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
@@ -96,7 +99,7 @@ def resample(angles: Angles, reactions: Reactions, window: tuple[int, int], rate
 
 
 def with_rate(angles: Angles) -> Angles:
-    """Angles with a rate: derived (second order) if there is none."""
+    """Return angles with their rate: derived by differences of second order if there is none."""
     if angles.rate is not None:
         return angles
     seconds = (angles.stamps - angles.stamps[0]) / NANOSECONDS
@@ -104,7 +107,7 @@ def with_rate(angles: Angles) -> Angles:
 
 
 def mirrored(reactions: Reactions) -> Reactions:
-    """A left knee's as a right one's: z to the right becomes z to the left, so force z and torque x, y change sign."""
+    """Mirror the reactions of a left knee to a right one: force z and torques x and y change their signs."""
     return reactions._replace(
         force=reactions.force * np.array([1.0, 1.0, -1.0]), torque=reactions.torque * np.array([-1.0, -1.0, 1.0])
     )

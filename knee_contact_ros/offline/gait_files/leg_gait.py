@@ -1,4 +1,4 @@
-"""What the sensors of a leg would tell beside the knee's angle, over time, in our units, signs and axes."""
+"""Hip, ankle and ground force of a leg over time, in SI units and the package's signs and axes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from knee_contact_ros.offline.gait_files.storage import Floats, Stamps
 
 
 class GroundForces(NamedTuple):
-    """What the ground exerts on a foot, in axes that stand upright (x forward, y up, z to the right)."""
+    """Forces and torques that the ground exerts on a foot, in upright axes (x forward, y up, z to the right)."""
 
     stamps: Stamps
     """[ns], growing; shape (n,)"""
@@ -22,17 +22,17 @@ class GroundForces(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """Hip and ankle, at the stamps of the knee's angle, and the ground's force at stamps of its own."""
+    """Hip and ankle at the stamps of the knee's angle, and the ground forces at stamps of their own."""
 
     hip: Angles
-    """Between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip"""
+    """Angle between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip"""
     ankle: Angles
-    """Positive in dorsiflexion, 0 at a right angle"""
+    """Angle of the ankle, positive in dorsiflexion, 0 at a right angle"""
     ground: GroundForces
 
 
 def leg_at(leg: Leg, stamps: Stamps, ground_stamps: Stamps) -> Leg:
-    """The joints at other stamps [ns], and the ground's force and torque likewise, interpolated linearly."""
+    """Resample the joints at `stamps` [ns] and the ground forces at `ground_stamps` [ns], by linear interpolation."""
     ground = leg.ground
     force, torque = (
         np.column_stack([interpolated(ground_stamps, ground.stamps, column) for column in values.T])
@@ -42,10 +42,11 @@ def leg_at(leg: Leg, stamps: Stamps, ground_stamps: Stamps) -> Leg:
 
 
 def interpolated(stamps: Stamps, known: Stamps, values: Floats) -> Floats:
-    """Values, shape (n,), at other stamps [ns], linear; beyond the known ones those at the ends."""
+    """Interpolate values, shape (n,), linearly at other stamps [ns]; beyond the known stamps the end values hold."""
     first = known[0]  # nanoseconds since 1970 have more digits than a float
     return np.asarray(np.interp(stamps - first, known - first, values))
 
 
 def _at(angles: Angles, stamps: Stamps) -> Angles:
+    """Resample angles at other stamps [ns], and derive their rate."""
     return with_rate(Angles(stamps, interpolated(stamps, angles.stamps, angles.angle), None))

@@ -18,31 +18,31 @@ Stamps = NDArray[np.int64]
 END = "endheader"
 TIME = "time"
 LAST_TIME = 2**31
-"""[s] beyond what a ROS stamp holds"""
-SHOWN = 12
-"""Column names in an error message"""
+"""First time [s] that a ROS stamp cannot hold"""
+MOST_NAMES = 12
+"""Largest number of column names in an error message"""
 
 
 class Storage(NamedTuple):
-    """A storage file; of rows with one stamp, as OpenSim writes them at the ends of steps, the last one."""
+    """Content of a storage file; of rows with one stamp, which OpenSim writes at the ends of steps, only the last."""
 
     path: Path
     names: tuple[str, ...]
-    """Of the columns, without time"""
+    """Names of the columns, without time"""
     stamps: Stamps
     """[ns], growing; shape (n,)"""
     values: Floats
     """Shape (n, columns)"""
     degrees: bool | None
-    """What `inDegrees` in the header says; None: nothing"""
+    """Value of `inDegrees` in the header; None: the header does not have it"""
     duplicates: int
-    """Rows that gave way to a later one of the same stamp"""
+    """Number of rows that were left out for a later one of the same stamp"""
 
     def column(self, name: str) -> Floats:
-        """A column by its name, all of it finite.
+        """Return a column by its name, shape (n,).
 
         Raises:
-            UsageError: it has a value that is not.
+            UsageError: the column has a value that is not finite.
         """
         values = self.values[:, self.names.index(name)]
         if not np.isfinite(values).all():
@@ -52,7 +52,7 @@ class Storage(NamedTuple):
         return values
 
     def span(self) -> str:
-        """From when to when, for a message."""
+        """Return the first and the last time [s] as text."""
         return f"{self.stamps[0] / NANOSECONDS:g} to {self.stamps[-1] / NANOSECONDS:g} s"
 
 
@@ -60,7 +60,7 @@ def read_storage(path: Path) -> Storage:
     """Read a storage file.
 
     Raises:
-        UsageError: it cannot be read, is no storage file, or its times go back.
+        UsageError: the file cannot be read, is no storage file, or its times decrease.
     """
     header, names, rows = split(path, text_of(path))
     if header.get("datatype", "double").lower() != "double":
@@ -71,10 +71,10 @@ def read_storage(path: Path) -> Storage:
 
 
 def over_time(path: Path, names: Sequence[str], time: Floats, values: Floats, degrees: bool | None) -> Storage:
-    """Columns `values`, shape (n, columns), at `time` [s], shape (n,); of rows with one stamp the last one.
+    """Make a `Storage` of columns `values`, shape (n, columns), at `time` [s], shape (n,).
 
     Raises:
-        UsageError: a time is no number of seconds, or goes back.
+        UsageError: a time is no number of seconds, or times decrease.
     """
     if not np.isfinite(time).all() or np.abs(time).max() >= LAST_TIME:
         raise UsageError(f"{path}: a time is not a number of seconds below {LAST_TIME}")
@@ -90,10 +90,10 @@ def over_time(path: Path, names: Sequence[str], time: Floats, values: Floats, de
 
 
 def text_of(path: Path) -> str:
-    """A text file's content.
+    """Return the content of a text file.
 
     Raises:
-        UsageError: it cannot be read, or is no text.
+        UsageError: the file cannot be read, or is not text.
     """
     try:
         data = path.read_bytes()
@@ -105,13 +105,13 @@ def text_of(path: Path) -> str:
 
 
 def split(path: Path, text: str) -> tuple[dict[str, str], list[str], list[str]]:
-    """Header entries by their names in lower case, column names, and the lines of the table.
+    """Split a storage file's text into header entries (by names in lower case), column names and lines of the table.
 
-    OpenSim 4.6 leaves an empty header, and more or less of a second one, in front of the names in `*_states.sto`: the
-    names are what is right before the numbers.
+    OpenSim 4.6 writes an empty header, and parts of a second one, before the names in `*_states.sto`: the names are
+    the line right before the numbers.
 
     Raises:
-        UsageError: it is no storage file.
+        UsageError: the text is no storage file.
     """
     lines = [line for line in text.splitlines() if line.strip()]
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == END), None)
@@ -126,7 +126,7 @@ def split(path: Path, text: str) -> tuple[dict[str, str], list[str], list[str]]:
 
 
 def is_number(text: str) -> bool:
-    """Whether a text is a number."""
+    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:
@@ -135,10 +135,10 @@ def is_number(text: str) -> bool:
 
 
 def repaired(text: str, path: Path) -> str:
-    """A storage file's text with one header that fits its table, for OpenSim itself.
+    """Return a storage file's text with a single header that fits its table, as OpenSim itself reads it.
 
     Raises:
-        UsageError: it is no storage file.
+        UsageError: the text is no storage file.
     """
     header, names, rows = split(path, text)
     degrees = header.get("indegrees", "no")
@@ -147,10 +147,10 @@ def repaired(text: str, path: Path) -> str:
 
 
 def numbers(path: Path, names: list[str], rows: list[str]) -> Floats:
-    """The table, shape (rows, columns).
+    """Return the numbers of a table, shape (rows, columns).
 
     Raises:
-        UsageError: there is none, a line has more or fewer columns than names, or something is no number.
+        UsageError: the table is empty, has more or fewer columns than names, or holds what is no number.
     """
     if not rows:
         raise UsageError(f"{path} has no rows")
@@ -164,6 +164,6 @@ def numbers(path: Path, names: list[str], rows: list[str]) -> Floats:
 
 
 def some(names: tuple[str, ...] | list[str]) -> str:
-    """Names for an error message, not too many."""
-    more = len(names) - SHOWN
-    return ", ".join(names[:SHOWN]) + (f" and {more} more" if more > 0 else "")
+    """List names for an error message, `MOST_NAMES` at most."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")

@@ -1,1 +1,1 @@
-"""A bag over real topics."""
+"""Replay of a bag over ROS 2 topics."""

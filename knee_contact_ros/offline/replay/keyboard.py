@@ -1,7 +1,8 @@
-"""Single keys from the terminal while something runs, and the terminal as it was afterwards, whatever happens.
+"""Single keys from the terminal while a command runs; the terminal is restored afterwards, whatever happens.
 
-The terminal goes into cbreak mode: keys come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning. It is ours
-only while this process is in the foreground: it is given back before Ctrl-Z stops us, and taken again when we go on.
+The terminal is put into cbreak mode: keys come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning. It is
+in this mode only while this process is in the foreground: it is restored before Ctrl-Z stops the process, and put into
+the mode again when the process continues.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import Enum
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 
 class Command(Enum):
-    """What a key asks for."""
+    """Commands that keys give."""
 
     PAUSE = "pause or go on"
     STEP = "one message while paused"
@@ -39,15 +40,15 @@ COMMANDS = {
 }
 HELP = "space: pause, s: step, up/down: rate"
 KEY = re.compile(rb"\x1b[\[O][A-Z]|.", re.DOTALL)
-LONGEST = 0.2
-"""[s] after which to look whether the terminal is ours"""
+LONGEST_WAIT = 0.2
+"""Time [s] after which to look whether this process is in the foreground"""
 
 
 class Keyboard:
-    """The keys of the terminal at standard input; without one there are none."""
+    """Keys of the terminal at standard input; without a terminal no key is ever pressed."""
 
     def __init__(self, stood_still: Callable[[float], None]) -> None:
-        """`stood_still` is told for how long [s] the process was stopped."""
+        """Call `stood_still` with the time [s] for which the process was stopped, whenever it continues."""
         self._input = sys.stdin.fileno() if has_terminal() else None
         self._stood_still = stood_still
         self._usual: list[Any] | None = None  # the terminal's modes while it is ours
@@ -60,46 +61,46 @@ class Keyboard:
             self._take()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._give_back()
         if self._stop_handler is not None:
             signal.signal(signal.SIGTSTP, self._stop_handler)
 
     def wait(self, seconds: float) -> list[Command]:
-        """Wait for keys, so long at most; what they ask for."""
+        """Wait for keys, for `seconds` at most; return their commands."""
         if self._usual is None:
-            time.sleep(min(seconds, LONGEST))
+            time.sleep(min(seconds, LONGEST_WAIT))
             self._take()
             return []
-        if self._input is None or not select.select([self._input], [], [], min(seconds, LONGEST))[0]:
+        if self._input is None or not select.select([self._input], [], [], min(seconds, LONGEST_WAIT))[0]:
             return []
         return self._pressed()
 
     def _pressed(self) -> list[Command]:
+        """Return the commands of the keys that were pressed."""
         keys = b""
         with suppress(OSError):  # the terminal is gone
             keys = os.read(self._input or 0, 1024)
         if not keys:
             self._input = self._usual = None
-        found = (key.group().replace(b"\x1bO", b"\x1b[") for key in KEY.finditer(keys))
-        return [COMMANDS[key] for key in found if key in COMMANDS]
+        sequences = (key.group().replace(b"\x1bO", b"\x1b[") for key in KEY.finditer(keys))
+        return [COMMANDS[key] for key in sequences if key in COMMANDS]
 
     def _take(self) -> None:
-        """Take the terminal if we are in the foreground; a background process that tries is stopped."""
+        """Put the terminal into cbreak mode if this process is in the foreground; the kernel stops others that try."""
         if self._input is not None and self._usual is None and in_foreground(self._input):
             self._usual = termios.tcgetattr(self._input)
             tty.setcbreak(self._input, termios.TCSANOW)
 
     def _give_back(self) -> None:
+        """Restore the modes of the terminal."""
         if self._input is not None and self._usual is not None:
             with suppress(termios.error):  # the terminal is gone
                 termios.tcsetattr(self._input, termios.TCSANOW, self._usual)
         self._usual = None
 
     def _on_stop(self, number: int, _frame: FrameType | None) -> None:
-        """Stop as asked, with the terminal as it was; this call returns when the process goes on."""
+        """Stop the process with the terminal restored; the handler returns when the process continues."""
         began = time.perf_counter()
         self._give_back()
         signal.signal(number, signal.SIG_DFL)
@@ -110,12 +111,12 @@ class Keyboard:
 
 
 def has_terminal() -> bool:
-    """Whether somebody can press keys."""
+    """Return whether standard input is a terminal."""
     return sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty()
 
 
 def in_foreground(terminal: int) -> bool:
-    """Whether a terminal listens to this process; one that controls nobody listens to all."""
+    """Return whether this process is in the foreground of a terminal, or the terminal controls no process."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:
@@ -124,7 +125,7 @@ def in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def unwinding_on_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the process by an exception, so that everything is put back on the way."""
+    """Let SIGTERM and SIGHUP end the process by an exception, so that context managers restore everything."""
 
     def end(number: int, _frame: FrameType | None) -> None:
         raise SystemExit(128 + number)

@@ -1,26 +1,26 @@
-"""How late messages went out, and what is said about it at the end."""
+"""How late messages were published, and the line that reports it at the end."""
 
 from __future__ import annotations
 
 LATE = 1e-3
-"""[s] from which on a message counts as late"""
+"""Delay [s] above which a message counts as late"""
 MS = 1e3
 
 
 class Lateness:
-    """Counts messages and how much later than due they were."""
+    """Counts published messages, and measures how much later than due they were."""
 
     def __init__(self) -> None:
         self.messages = 0
         self.late = 0
         self.largest = 0.0
-        """[s]"""
+        """Largest delay [s]"""
         self.drift = 0.0
-        """[s] of the last message of a time through the bag, the largest of all times"""
+        """Delay [s] of the last message of a pass through the bag, the largest of all passes"""
         self._last = 0.0
 
     def add(self, seconds: float | None) -> None:
-        """Count a message; None: it was called for by a key, and so never late."""
+        """Count a message that was `seconds` late; None: a key stepped to it, and it is never late."""
         self.messages += 1
         self._last = seconds or 0.0
         if self._last > LATE:
@@ -28,12 +28,12 @@ class Lateness:
         self.largest = max(self.largest, self._last)
 
     def end(self) -> None:
-        """The bag, or what was played of it, is over."""
+        """Note the end of a pass through the bag."""
         self.drift = max(self.drift, self._last)
         self._last = 0.0
 
     def __str__(self) -> str:
-        """One line."""
+        """Return the report as one line."""
         percent = 100.0 * self.late / max(self.messages, 1)
         return (
             f"{self.messages} messages published, {self.late} ({percent:.3g} %) later than {LATE * MS:g} ms, "

@@ -1,4 +1,4 @@
-"""Send the messages of a bag when they are due, obeying keys, and tell how late each one was. No ROS in here."""
+"""Publish the messages of a bag when they are due, obey keys, and measure how late each was. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from knee_contact_ros.offline.replay.schedule import Schedule
 
 LEAST_RATE, LARGEST_RATE = 0.01, 100.0
 RATE_STEP = 1.1
-"""By which a key multiplies or divides the rate"""
+"""Factor by which a key multiplies or divides the rate"""
 MARGIN = 1e-4
-"""[s] that a sleep may take too long; the rest of the time to a message is waited for awake"""
+"""Time [s] that a sleep may take too long; the rest of the time to a message is waited for in a loop"""
 LONGEST_WAIT = 1.0
-"""[s]"""
-LOOK_EVERY = 0.05
-"""[s] after which keys are looked for although messages are due all the time"""
+"""Longest wait [s] at once"""
+LOOK_PERIOD = 0.05
+"""Time [s] after which keys are looked for although messages are due all the time"""
 
 Wait = Callable[[float], Sequence[Command]]
-"""Waits so long [s] or shorter; gives what the keys pressed meanwhile ask for"""
+"""Function that waits for a time [s] or shorter, and returns the commands of the keys pressed meanwhile"""
 
 
 def sleep(seconds: float) -> Sequence[Command]:
-    """Wait where there are no keys."""
+    """Wait for a time [s] where there are no keys."""
     time.sleep(seconds)
     return ()
 
@@ -43,7 +43,10 @@ class Player:
         paused: bool = False,
         changed: Callable[[float, bool], None] = lambda _rate, _paused: None,
     ) -> None:
-        """`rate` is in seconds of the bag per second; `changed` is told when a key changes it or pauses."""
+        """Publish by `publish`, at `rate` in seconds of the bag per second.
+
+        `changed` is called with rate and pause whenever a key changes one of them.
+        """
         self.rate = rate
         self.paused = paused
         self._publish = publish
@@ -57,15 +60,15 @@ class Player:
         self._look = 0.0
         self._commands: deque[Command] = deque()
 
-    def tell_time(self, publish_clock: Callable[[int], None], rate: float) -> None:
-        """Call `publish_clock` with the bag's time [ns] at `rate` [Hz]; 0: with every message."""
+    def drive_clock(self, publish_clock: Callable[[int], None], rate: float) -> None:
+        """Call `publish_clock` with the bag's time [ns] at `rate` [Hz]; 0: before every message."""
         self._publish_clock = publish_clock
         self._clock_period = 1.0 / rate if rate else 0.0
 
     def play(self, messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, float | None]]:
-        """Publish each message when it is due, the first one at once; yields it and how late [s] it was.
+        """Publish each message when it is due, the first at once; yield the message and how late [s] it was.
 
-        None in place of the lateness: a key has called for the message.
+        The delay is None for a message to which a key stepped.
         """
         self._schedule = None
         for message in messages:
@@ -78,7 +81,7 @@ class Player:
             yield message, late
 
     def stood_still(self, seconds: float) -> None:
-        """Go on as if a time [s] had not been, for which the process was stopped."""
+        """Leave out a time [s] for which the process was stopped."""
         if self._schedule:
             self._schedule.stood_still(seconds)
 
@@ -89,11 +92,11 @@ class Player:
         return Schedule(log_time, self.rate, now, paused=self.paused)
 
     def _wait_for(self, log_time: int, schedule: Schedule) -> float | None:
-        """Wait until a message is due; tells how late [s] it is then, None if a key has called for it."""
+        """Wait until a message is due; return how late [s] it is then, None if a key has stepped to it."""
         while True:
             now = time.perf_counter()
             if now >= self._clock_due:
-                self._tell_time(schedule, now)
+                self._publish_time(schedule, now)
             due = math.inf if schedule.paused else schedule.due(log_time)
             if due <= now < self._look:
                 return now - due
@@ -107,19 +110,20 @@ class Player:
                 self._obey(command, schedule)
 
     def _wait_precisely(self, end: float, now: float) -> None:
-        """Wait until `end` at most: asleep, and shortly before it awake."""
+        """Wait until `end` [s] at most: asleep, and shortly before it in a loop."""
         if end - now > MARGIN or now >= self._look:
             self._commands += self._wait(max(0.0, min(end - now - MARGIN, LONGEST_WAIT)))
-            self._look = time.perf_counter() + LOOK_EVERY
+            self._look = time.perf_counter() + LOOK_PERIOD
             return
         while time.perf_counter() < end:
             pass
 
-    def _tell_time(self, schedule: Schedule, now: float) -> None:
+    def _publish_time(self, schedule: Schedule, now: float) -> None:
+        """Publish the bag's time, and plan the next time to do so."""
         if self._publish_clock:
             self._publish_clock(schedule.at(now))
-        told = math.floor((now - self._clock_began) / self._clock_period + 1e-6)
-        self._clock_due = self._clock_began + (told + 1) * self._clock_period
+        periods = math.floor((now - self._clock_began) / self._clock_period + 1e-6)
+        self._clock_due = self._clock_began + (periods + 1) * self._clock_period
 
     def _obey(self, command: Command, schedule: Schedule) -> None:
         now = time.perf_counter()

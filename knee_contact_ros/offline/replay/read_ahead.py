@@ -1,4 +1,4 @@
-"""Read a bag in a thread, ahead of its use and no farther than needed: an hour's bag does not fit the memory."""
+"""Reading a bag in a thread, some messages ahead of their use: the bag of an hour does not fit into memory."""
 
 from __future__ import annotations
 
@@ -7,24 +7,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from queue import Full, Queue
 from threading import Event, Thread
-from types import TracebackType
 
 from knee_contact_ros.bags.reader import RawMessage
 
 BLOCK = 256
-"""Messages that are handed over at once: each handing over wakes the other thread"""
+"""Number of messages that are handed over at once: each handover wakes the other thread"""
 BLOCKS = 64
-"""Blocks that may wait: 8 s of two topics at 1 kHz, some MB"""
-LOOK_UP = 0.1
-"""[s] after which a thread that cannot go on looks whether it is still wanted"""
+"""Largest number of waiting blocks: 8 s of two topics at 1 kHz, some MB"""
+LOOK_PERIOD = 0.1
+"""Time [s] after which a thread that cannot hand over looks whether it is still wanted"""
 SWITCH_INTERVAL = 1e-4
-"""[s] for which a thread may keep the interpreter from one that has something due; Python's own value is 5 ms"""
+"""Time [s] for which a thread may keep the interpreter while another wants it; Python's default is 5 ms"""
 
 Block = list[RawMessage]
 
 
 class ReadAhead:
-    """Messages of an iterator that a thread of its own goes through."""
+    """Messages of an iterator, which a thread of its own reads ahead."""
 
     def __init__(self, messages: Iterator[RawMessage]) -> None:
         self._queue: Queue[Block | Exception | None] = Queue(BLOCKS)
@@ -35,14 +34,12 @@ class ReadAhead:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._unwanted.set()
         self._thread.join()
 
     def __iter__(self) -> Iterator[RawMessage]:
-        """The messages; an error comes behind all that could be read before it."""
+        """Yield the messages; an error is raised after all messages that were read before it."""
         while (block := self._queue.get()) is not None:
             if isinstance(block, Exception):
                 raise block
@@ -63,11 +60,11 @@ class ReadAhead:
         if self._hand_over(block):
             self._hand_over(ending)
 
-    def _hand_over(self, what: Block | Exception | None) -> bool:
-        """False if nobody wants it any more."""
+    def _hand_over(self, item: Block | Exception | None) -> bool:
+        """Hand over a block, an error or the end (None); return False if nobody wants it any more."""
         while not self._unwanted.is_set():
             try:
-                self._queue.put(what, timeout=LOOK_UP)
+                self._queue.put(item, timeout=LOOK_PERIOD)
             except Full:
                 continue
             return True
@@ -76,7 +73,7 @@ class ReadAhead:
 
 @contextmanager
 def quick_switching() -> Iterator[None]:
-    """Let a thread that wakes up have the interpreter at once while another one reads."""
+    """Let a thread that wakes up have the interpreter at once while another thread reads."""
     usual = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:

@@ -1,4 +1,4 @@
-"""`knee-contact replay`: a bag's input topics in time, over real ROS topics, as `ros2 bag play` does it."""
+"""`knee-contact replay`: publish a bag's input topics in time over ROS 2 topics, as `ros2 bag play` does."""
 
 from __future__ import annotations
 
@@ -38,28 +38,30 @@ from knee_contact_ros.system.terminal import Bar, progress, say
 QOS = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LAST_ACKNOWLEDGEMENTS = 0.5
-"""How long [s] subscribers have to acknowledge what was sent when a signal ends the replay"""
+"""Time [s] that subscribers have to acknowledge messages when a signal ends the replay"""
 SETTLING = 2.0
-"""How long [s] no further subscriber must have come: ROS finds those of two nodes up to 1.6 s apart (decision 54)"""
+"""Time [s] without a new subscriber before playing: ROS finds those of two nodes up to 1.6 s apart (decision 54)"""
 
 
 class Timing(NamedTuple):
-    """How to time a replay."""
+    """Options of the timing of a replay."""
 
     rate: float = 1.0
-    """Seconds of the bag per second"""
+    """Rate in seconds of the bag per second"""
     loop: bool = False
+    """Whether to start over at the end"""
     clock: float | None = None
-    """[Hz] at which to publish /clock; 0: with every message; None: not at all"""
+    """Rate [Hz] at which /clock is published; 0: with every message; None: not at all"""
     wait: float = 10.0
-    """How long [s] to wait for the subscribers of each topic at most; then publish all the same"""
+    """Longest wait [s] for a subscriber of every topic; then messages are published all the same"""
     start_offset: float = 0.0
-    """[s] of the bag to leave out at its beginning"""
+    """Time [s] to leave out at the beginning of the bag"""
     duration: float | None = None
-    """[s] of the bag to play; None: all"""
+    """Time [s] of the bag to play; None: up to its end"""
     delay: float = 0.0
-    """[s] to wait before the first message"""
+    """Time [s] to wait before the first message"""
     start_paused: bool = False
+    """Whether to begin with a pause, which a key ends"""
 
 
 class Span(NamedTuple):
@@ -77,7 +79,7 @@ class Replayer:
     def __init__(
         self, node: Node, *, inputs: Sequence[str] = INPUTS, clock: bool = False, transforms: Sequence[bytes] = ()
     ) -> None:
-        """Publishers for `inputs`. With `clock`, /clock can be published too; `transforms` are said at once."""
+        """Make publishers of the topics `inputs`, and of /clock if `clock` is true; publish `transforms` at once."""
         types = {JOINT_STATES: JointState}
         self.publishers = {
             f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, QOS) for topic in inputs
@@ -94,23 +96,23 @@ class Replayer:
                     publisher.publish(data)
 
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
-        """Wait until each topic has a subscriber and no further one comes; False if the time runs out before."""
+        """Wait until each topic has a subscriber and no new one comes; return False if that takes over `seconds`."""
         now = time.monotonic()
         deadline, settled = now + seconds, now + SETTLING
-        found = self._subscribers()
-        while now < (settled if all(found) else deadline) and now < deadline:
+        counts = self._subscribers()
+        while now < (settled if all(counts) else deadline) and now < deadline:
             spin(0.02)
             now = time.monotonic()
-            if found != (found := self._subscribers()):
+            if counts != (counts := self._subscribers()):
                 settled = now + SETTLING
-        return all(found)
+        return all(counts)
 
     def _subscribers(self) -> list[int]:
-        """How many each topic has."""
+        """Return the number of subscribers of each topic."""
         return [publisher.get_subscription_count() for publisher in self.publishers.values()]
 
     def publish(self, message: RawMessage) -> None:
-        """Publish a message as it was recorded, the stamp in it included."""
+        """Publish a message as it was recorded, with its stamp."""
         self.publishers[message.topic].publish(message.data)
 
     def publish_clock(self, now: int) -> None:
@@ -120,18 +122,18 @@ class Replayer:
             self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
     def wait_for_acknowledgements(self, seconds: float) -> None:
-        """Wait until subscribers have what was published, so long at most."""
+        """Wait until subscribers have acknowledged all messages, for `seconds` at most."""
         deadline = time.monotonic() + seconds
         for publisher in self.publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
 def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequence[str] = INPUTS) -> None:
-    """Publish a bag's inputs in time, with a progress bar and keys, and say at the end how late they were.
+    """Publish a bag's inputs in time, with a progress bar and keys, and print at the end how late they were.
 
     Raises:
-        UsageError: the bag cannot be used, nothing of it is in the span, nobody could end the pause it is to start
-            with, or ROS does not let us in.
+        UsageError: the bag cannot be used, no message is in the span, nobody could end the pause at the beginning, or
+            ROS cannot be joined.
     """
     if timing.start_paused and not has_terminal():
         raise UsageError("--start-paused needs a terminal at standard input: nobody could end the pause")
@@ -146,8 +148,8 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequ
             opened.callback(rclpy.shutdown)
             node = Node("knee_contact_replay")
             opened.callback(node.destroy_node)
-        said = transform_messages(bag)
-        replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=said)
+        transforms = transform_messages(bag)
+        replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
             say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
         time.sleep(timing.delay)
@@ -155,10 +157,10 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequ
 
 
 def span_of(reader: BagReader, timing: Timing) -> Span:
-    """The part of the bag that the timing asks for.
+    """Return the part of the bag that the timing selects.
 
     Raises:
-        UsageError: no message is in it.
+        UsageError: no message is in this part.
     """
     message = next(reader.raw_messages(), None)
     if message is None:
@@ -175,7 +177,7 @@ def span_of(reader: BagReader, timing: Timing) -> Span:
 
 
 def play(reader: BagReader, span: Span, replayer: Replayer, timing: Timing) -> None:
-    """Play the span once or again and again; the last line is printed also if a signal ends it."""
+    """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
     lateness = Lateness()
     done = False
     with ExitStack() as opened:
@@ -194,7 +196,7 @@ def play(reader: BagReader, span: Span, replayer: Replayer, timing: Timing) -> N
 
 
 def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened: ExitStack) -> Player:
-    """A player that obeys keys if there is a terminal."""
+    """Make a player, which obeys keys if there is a terminal."""
 
     def stood_still(seconds: float) -> None:
         player.stood_still(seconds)
@@ -205,7 +207,7 @@ def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened:
     keyboard = opened.enter_context(Keyboard(stood_still))
     player = Player(replayer.publish, keyboard.wait, rate=timing.rate, paused=timing.start_paused, changed=changed)
     if timing.clock is not None:
-        player.tell_time(replayer.publish_clock, timing.clock)
+        player.drive_clock(replayer.publish_clock, timing.clock)
     return player
 
 
@@ -220,7 +222,7 @@ def play_once(player: Player, reader: BagReader, span: Span, lateness: Lateness,
 
 
 def description(name: str, rate: float, paused: bool) -> str:
-    """What stands beside the bar."""
+    """Return the text beside the progress bar."""
     state = "Paused" if paused else "Replaying"
     keys = f" ({HELP})" if has_terminal() else ""
     return f"{state} {name} at rate {rate:.3g}{keys}"
@@ -228,7 +230,7 @@ def description(name: str, rate: float, paused: bool) -> str:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Keep what could take the interpreter for milliseconds from it: another thread's turn, a look through the heap."""
+    """Keep other threads and the garbage collector from taking the interpreter for milliseconds."""
     gc.collect()
     gc.freeze()
     try:

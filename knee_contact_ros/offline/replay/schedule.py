@@ -1,4 +1,4 @@
-"""When each moment of a bag is due, on a clock, at a rate that may change and with pauses in between."""
+"""When each moment of a bag is due on a clock, at a rate that may change, and with pauses."""
 
 from __future__ import annotations
 
@@ -6,41 +6,41 @@ from knee_contact_ros.messages.ros_types import NANOSECONDS
 
 
 class Schedule:
-    """The bag's time against a clock's.
+    """Relation of the bag's time to the time of a clock.
 
-    Both are known at one moment, the beginning or the last change. Everything else is computed from there, so nothing
-    adds up on the way.
+    Both are known at one moment, the beginning or the last change. All other times are computed from there, so that
+    rounding errors do not accumulate.
     """
 
     def __init__(self, begin: int, rate: float, now: float, *, paused: bool = False) -> None:
-        """The bag's time `begin` [ns] is at `now` [s] of the clock; `rate` is in seconds of the bag per second."""
+        """Begin at the bag's time `begin` [ns] and the clock's `now` [s], with `rate` seconds of the bag per second."""
         self.rate = rate
         self.paused = paused
         self._bag = begin
         self._clock = now
 
     def due(self, log_time: int) -> float:
-        """When [s] a time of the bag [ns] comes, if no pause does."""
+        """Return the time [s] of the clock at which a time of the bag [ns] is due, without further pauses."""
         return self._clock + (log_time - self._bag) / NANOSECONDS / self.rate
 
     def at(self, now: float) -> int:
-        """The bag's time [ns] at `now` [s]."""
+        """Return the bag's time [ns] at `now` [s] of the clock."""
         return self._bag if self.paused else self._bag + round((now - self._clock) * NANOSECONDS * self.rate)
 
     def pause(self, now: float) -> None:
-        """Let the bag's time stand still."""
+        """Stop the bag's time at `now` [s] of the clock."""
         self._bag, self._clock, self.paused = self.at(now), now, True
 
     def resume(self, now: float) -> None:
-        """Let it go on."""
+        """Continue the bag's time at `now` [s] of the clock."""
         self._clock, self.paused = now, False
 
     def change_rate(self, rate: float, now: float) -> None:
-        """Go on at another rate."""
+        """Continue at another rate from `now` [s] of the clock on."""
         self._bag, self._clock, self.rate = self.at(now), now, rate
 
     def step_to(self, log_time: int, now: float) -> None:
-        """Be at a time of the bag [ns] now."""
+        """Set the bag's time [ns] at `now` [s] of the clock."""
         self._bag, self._clock = log_time, now
 
     def stood_still(self, seconds: float) -> None:

@@ -1,1 +1,1 @@
-"""How far depth and force may be off because angle, load, share or a constant of the knee is not known exactly."""
+"""Standard deviations of depth and force that follow from those of angle, load, share and constants of the knee."""

@@ -1,4 +1,4 @@
-"""The standard deviations of inputs and parameters, as they are given: by name, absolute or in percent."""
+"""Standard deviations of inputs and parameters as a user gives them: by name, absolute or in percent."""
 
 from __future__ import annotations
 
@@ -16,45 +16,43 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 
-FLEXION_ANGLE, AXIAL_LOAD, MEDIAL_SHARE, FEMORAL_HEIGHT = (
-    "flexion_angle",
-    "axial_load",
-    "medial_share",
-    "femoral_height",
-)
+FLEXION_ANGLE, AXIAL_LOAD = "flexion_angle", "axial_load"
+MEDIAL_SHARE, FEMORAL_HEIGHT = "medial_share", "femoral_height"
 STREAMS = {FLEXION_ANGLE: "rad", AXIAL_LOAD: "N", MEDIAL_SHARE: "", FEMORAL_HEIGHT: "m"}
-"""What a tick is given, and the share that follows from it, with the units of their deviations"""
+"""Units of the deviations of the inputs of a tick, and of the medial share that follows from them"""
 SECTIONS = ("load.", "femur.", "tibia.", "contact.", "lateral.", "body_weight")
-"""What the names of the parameters begin with that may be uncertain"""
+"""Beginnings of the names of the parameters that may be uncertain"""
 UNIT = re.compile(r"\[([^\]]+)\]")
-"""What a parameter's meaning begins with, if it has a unit"""
+"""The unit at the beginning of a parameter's description"""
 LARGEST = 1.0
-"""Of a deviation in parts of the value: beyond it little is known, and no straight line holds"""
+"""Largest relative deviation: beyond it little is known, and no linear propagation holds"""
 
 
 class Deviation(NamedTuple):
-    """A standard deviation of something that is off by the same through a recording: an offset, or a factor.
+    """Standard deviation of an input or a parameter with a constant error in a recording: an offset, or a factor.
 
-    One in percent is a factor eˢ, s being the deviation: what is positive stays so, however large the deviation.
+    A relative deviation s is that of a factor eˢ: a positive value stays positive, however large the deviation.
     """
 
     name: str
+    """Name of the input or the parameter"""
     size: float
-    """In the unit of what it is of, or a part of it"""
+    """Size in the unit of the input or parameter, or as a part of its value"""
     relative: bool
+    """Whether the size is a part of the value"""
 
     def moved(self, value: Any, times: float) -> Any:
-        """A value, a number or an array of them, off by so many deviations."""
+        """Return a value, a number or an array, with an error of so many deviations."""
         return value * math.exp(times * self.size) if self.relative else value + times * self.size
 
     @property
     def text(self) -> str:
-        """The deviation with its unit, for a person."""
+        """The deviation with its unit, as text."""
         return f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {_unit_of(self.name)}".strip()
 
 
 def _unit_of(name: str) -> str:
-    """The SI unit of an input or a parameter; empty if it has none."""
+    """Return the SI unit of an input or a parameter; empty if it has none."""
     if name in STREAMS:
         return STREAMS[name]
     unit = UNIT.match(known_parameters()[name].description)
@@ -62,22 +60,22 @@ def _unit_of(name: str) -> str:
 
 
 def read_deviations(path: Path) -> Mapping[str, Any]:
-    """What a YAML file maps names to.
+    """Read the mapping of names to standard deviations in a YAML file.
 
     Raises:
-        UsageError: it cannot be read, or is none.
+        UsageError: the file cannot be read, or holds no mapping.
     """
     return dotted(read_mapping(path, "file of standard deviations", "names to standard deviations"))
 
 
 def deviations_of(given: Mapping[str, Any], parameters: Parameters) -> tuple[Deviation, ...]:
-    """Standard deviations by name (of `STREAMS`, or of parameters that are real numbers), in the order given.
+    """Check standard deviations by name (of `STREAMS`, or of parameters that are real numbers), and keep their order.
 
-    Each is a number in SI units, or a text in percent of the value: `"10 %"`; that of an angle, a share or a height is
-    a number.
+    Each is a number in SI units, or a text in percent of the value, as `"10 %"`; that of an angle, a share or a height
+    is a number.
 
     Raises:
-        UsageError: a name is none of these, has no effect in this drive, or a deviation is none.
+        UsageError: a name is unknown or has no effect in this drive, or its value is no standard deviation.
     """
     if not given:
         raise UsageError("uncertainty: no standard deviation is given; as contact.stiffness: 10 %")
@@ -86,7 +84,8 @@ def deviations_of(given: Mapping[str, Any], parameters: Parameters) -> tuple[Dev
 
 
 def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Parameters) -> Deviation:
-    real = [each for each, value in values.items() if each.startswith(SECTIONS) and isinstance(value, float)]
+    """Check a standard deviation; `values` are those of all parameters by name."""
+    real = [key for key, value in values.items() if key.startswith(SECTIONS) and isinstance(value, float)]
     if name not in STREAMS and name not in real:
         near = difflib.get_close_matches(name, [*STREAMS, *real], n=1, cutoff=0.75)
         allowed = (
@@ -109,7 +108,7 @@ def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Par
 
 
 def _number(given: Any) -> float:
-    """A number, Python's or NumPy's; not a number if it is none, and infinite if it has too many digits."""
+    """Return a number of Python or NumPy as float; NaN if it is no number, infinite if it is too large."""
     try:
         return float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
     except OverflowError:
@@ -117,7 +116,7 @@ def _number(given: Any) -> float:
 
 
 def _percent(text: str) -> float:
-    """Parts of 1 of a text in percent, likewise."""
+    """Return a text in percent as a part of 1; NaN if it is none."""
     number, percent, rest = text.partition("%")
     try:
         return float(number) / 100.0 if percent and not rest.strip() else math.nan

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.uncertainty`: the uncertainty of a recorded gait's answers, for a notebook."""
+"""`knee_contact_ros.uncertainty`: standard deviations of the answers to a recorded gait, as a function of Python."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.offline.in_memory import Name, asked_in_python, in_python_words
+from knee_contact_ros.offline.in_memory import Name, in_python_words, solve_inputs
+from knee_contact_ros.offline.solve import parameters_in
 from knee_contact_ros.offline.uncertainty.deviations import deviations_of, read_deviations
 from knee_contact_ros.offline.uncertainty.propagation import Propagated, Sampled, propagated, sampled
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
@@ -20,16 +20,17 @@ from knee_contact_ros.system.terminal import progress
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What `uncertainty` gives: the standard deviations of each compartment, and what they were made from."""
+    """Result of `uncertainty`: standard deviations of each compartment's answers, and the inputs they follow from."""
 
     medial: Propagated
-    """Of the medial compartment, or the only one"""
+    """Standard deviations of the medial compartment, or of the only one"""
     lateral: Propagated | None
-    """Of the lateral one, where both are modelled"""
+    """Standard deviations of the lateral compartment, where both are modelled"""
     given: Given
+    """Inputs and parameters of the recording"""
 
     def sampled(self, samples: int = 200, seed: int = 0) -> list[Sampled]:
-        """Hold the straight lines against so many samples of all inputs at once, for each compartment.
+        """Compare the linear propagation with random samples of all inputs at once, for each compartment.
 
         Raises:
             UsageError: fewer than 2 samples, or none of them lies in the parameters' ranges.
@@ -52,32 +53,31 @@ def uncertainty(
     namespace: str = "",
     compiled: bool | None = None,
 ) -> Uncertainty:
-    """Depth and force of a recorded gait with the standard deviations that those of inputs and parameters make.
+    """Propagate standard deviations of inputs and parameters to the depth and force of a recorded gait.
 
     Args:
         bag: This, and all other arguments but `deviations`, are as for `solve`.
-        params: The knee.
+        params: Parameters of the knee.
         deviations: Standard deviations by name, or a YAML file of them: of `flexion_angle` [rad], `axial_load` ([N] or
             `"5 %"`), `medial_share`, `femoral_height` [m], and of parameters that are real numbers, in SI units or in
             percent: `{"contact.stiffness": "20 %"}`. Each is constant through the recording, and independent of the
             others.
-        values: Single parameters.
+        values: Single parameters, which win over all others.
         subject: A subject file.
-        remap: Other names of the inputs.
-        namespace: Of the inputs.
+        remap: Other names of the inputs in the bag.
+        namespace: Namespace of the inputs in the bag.
         compiled: As for `load_model`.
 
     Raises:
-        UsageError: one of them cannot be used, or parameters changed while the recording was made.
+        UsageError: an argument cannot be used, or parameters changed while the recording was made.
     """
     with in_python_words():
-        path, how, names = asked_in_python(bag, params, values, subject, remap, namespace)
-        told = deviations or {}
-        read = dotted(told) if isinstance(told, Mapping) else read_deviations(Path(expanded(str(told))))
-        parameters = how.parameters if isinstance(how, Provenance) else how
-        asked = deviations_of(read, parameters)
+        path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
+        sizes = deviations or {}
+        sizes = dotted(sizes) if isinstance(sizes, Mapping) else read_deviations(Path(expanded(str(sizes))))
+        wanted = deviations_of(sizes, parameters_in(basis))
         with progress("Solving") as advance:
-            given = given_in(path, how, advance, names, replays=2 * len(asked), compiled=compiled)
+            given = given_in(path, basis, advance, names, replays=2 * len(wanted), compiled=compiled)
         with progress("Propagating") as advance:
-            medial, *lateral = propagated(given, asked, advance)
+            medial, *lateral = propagated(given, wanted, advance)
     return Uncertainty(medial, lateral[0] if lateral else None, given)

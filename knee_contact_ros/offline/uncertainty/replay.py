@@ -1,4 +1,4 @@
-"""What the model was given in a recording, and what it answers to that with other inputs and parameters."""
+"""Inputs of the model in a recording, and its answers to them with errors of inputs and parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.compiled.choice import forced, worth_compiling
 from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.offline.solve import solve, texts_of
+from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
 from knee_contact_ros.offline.uncertainty.deviations import (
     AXIAL_LOAD,
     FEMORAL_HEIGHT,
@@ -32,47 +32,48 @@ from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
 Moved = Mapping[Deviation, float]
-"""How many standard deviations each is off"""
+"""Errors of inputs and parameters, in standard deviations of each"""
 
 
 class Given(NamedTuple):
-    """What the ticks of a recording were given, arrays of shape (n,), and with which parameters."""
+    """Inputs of the ticks of a recording, arrays of shape (n,), and the parameters it was computed with."""
 
     parameters: Parameters
     texts: Mapping[str, str]
-    """Contents of files by parameter"""
+    """Contents of the files that parameters name, by parameter"""
     rows: tuple[Rows, ...]
-    """The answers of each compartment"""
+    """Answers of each compartment, arrays of shape (n,)"""
     angles: Floats
-    """[rad]"""
+    """Flexion angles [rad]"""
     axial: Floats
-    """[N]"""
+    """Axial loads [N]"""
     moment: Floats
-    """[N m]"""
+    """Frontal moments [N m]"""
     compartments: tuple[Compartment, ...]
-    """To answer with"""
-    asked: bool | None
-    """Whether with the compiled kernel; None: if that answers sooner"""
+    """Compartments that compute the answers to inputs with errors"""
+    wanted: bool | None
+    """Whether the compiled kernel is to be used; None: if it is quicker with its compilation"""
     compiled: bool
+    """Whether the compartments use the compiled kernel"""
     damage: tuple[str, ...]
-    """What of the recording cannot be read, as sentences"""
+    """Damage of the recording, as sentences"""
 
     def ready_for(self, replays: int) -> Given:
-        """The same, to be answered so many times more: for many it is compiled."""
+        """Return the same inputs, prepared for so many replays: for many, the model is compiled."""
         scene, ticks = self.compartments[0].model.scene, replays * sum(map(len, self.rows))
-        wanted = worth_compiling(scene, ticks) if self.asked is None else self.asked
-        for compartment in self.compartments if wanted and not self.compiled else ():
+        compiles = worth_compiling(scene, ticks) if self.wanted is None else self.wanted
+        for compartment in self.compartments if compiles and not self.compiled else ():
             compartment.compile(forced)
-        return self._replace(compiled=self.compiled or wanted)
+        return self._replace(compiled=self.compiled or compiles)
 
     def answers(self, moved: Moved) -> list[Rows]:
-        """The answers of each compartment to inputs and parameters that are off.
+        """Return the answers of each compartment to inputs and parameters with errors.
 
-        A lateral parameter that is the medial one's is off with it, unless it is among those moved. Off by nothing,
-        the bits are the recording's.
+        A lateral parameter that follows its medial one has the same error, unless it is in `moved` itself. Without
+        errors the answers are those of the recording, bit for bit.
 
         Raises:
-            UsageError: a parameter leaves its range, or an input that of a knee.
+            UsageError: a parameter leaves its range, or an input the range of a knee.
         """
         parameters = self._parameters(moved)
         by_name = {deviation.name: (deviation, times) for deviation, times in moved.items()}
@@ -90,24 +91,24 @@ class Given(NamedTuple):
         stamps, status = self.rows[0]["stamp"], self.rows[0]["status"] & Status.TIME_RESET
         displaced = parameters.drive == "displacement"
         heights = off(FEMORAL_HEIGHT, self.rows[0]["femoral_height"].copy()) if displaced else None
-        found = []
+        answers = []
         for compartment, loads in zip(self._compartments(parameters, moved), (medial, axial - medial), strict=False):
             parts = []
             for part in np.split(np.arange(len(stamps)), np.flatnonzero(status)):
                 if len(part):
-                    ours = slice(part[0], part[-1] + 1)
-                    height = None if heights is None else heights[ours]
-                    parts.append(_run(compartment, stamps[ours], angles[ours], loads[ours], height, status[ours]))
-            found.append(np.concatenate(parts))
-        return found
+                    rows = slice(part[0], part[-1] + 1)
+                    height = None if heights is None else heights[rows]
+                    parts.append(_run(compartment, stamps[rows], angles[rows], loads[rows], height, status[rows]))
+            answers.append(np.concatenate(parts))
+        return answers
 
     def _compartments(self, parameters: Parameters, moved: Moved) -> Sequence[Compartment]:
-        """Those of other parameters: ours with other numbers, unless other surfaces have to be made."""
+        """Return compartments with other parameters: the same ones retuned, unless surfaces have to be made anew."""
         if any(times and of_a_surface(deviation.name) for deviation, times in moved.items()):
-            made = compartments_of(parameters, self.texts)
-            for compartment in made if self.compiled else ():
+            new = compartments_of(parameters, self.texts)
+            for compartment in new if self.compiled else ():
                 compartment.compile(forced)
-            return made
+            return new
         z = aside(parameters)
         for compartment, own, place in zip(
             self.compartments, (parameters, lateral_knee(parameters)), (-z, z), strict=False
@@ -116,12 +117,17 @@ class Given(NamedTuple):
         return self.compartments
 
     def _parameters(self, moved: Moved) -> Parameters:
+        """Return the parameters with their errors."""
         values = flat_parameters(self.parameters)
-        known = {name: self._value(name) for name in (each.name for each in moved) if name not in STREAMS}
-        off = {each.name: each.moved(known[each.name], times) for each, times in moved.items() if each.name in known}
+        off = {
+            deviation.name: deviation.moved(self._value(deviation.name), times)
+            for deviation, times in moved.items()
+            if deviation.name not in STREAMS
+        }
         return load_parameters(values | off) if off else self.parameters
 
     def _value(self, name: str) -> float:
+        """Return the value of a parameter by its dotted name; a lateral one may follow the medial one."""
         part: Any = self.parameters
         for step in name.split("."):
             part = getattr(part, step)
@@ -129,52 +135,52 @@ class Given(NamedTuple):
 
 
 def given_in(
-    bag: Path, how: Parameters | Provenance, advance: Callable[[int, int], None], names: Names = OWN_NAMES,
+    bag: Path, basis: Parameters | Provenance, advance: Callable[[int, int], None], names: Names = OWN_NAMES,
     *, replays: int, compiled: bool | None = None, curves: Mapping[str, str] | None = None,
 ) -> Given:  # fmt: skip
-    """What the model is given in a bag, to be answered `replays` times more. The arguments are those of `solve`.
+    """Read the inputs of the model from a bag, to be answered `replays` times; other arguments are those of `solve`.
 
-    All answers are held in memory: 300 B a tick and compartment.
+    All answers are held in memory: 300 B for each tick and compartment.
 
     Raises:
-        UsageError: as `solve`; or parameters changed while the recording was made, so that no model made all of it.
+        UsageError: the bag cannot be used, see `solve`; or parameters changed while the recording was made.
     """
-    if isinstance(how, Provenance) and how.changes:
+    if isinstance(basis, Provenance) and basis.changes:
         raise UsageError(
             f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
         )
-    parameters = how.parameters if isinstance(how, Provenance) else how
-    texts = texts_of(how) if curves is None else curves
-    taken: list[tuple[Any, Any, Any]] = []
+    parameters = parameters_in(basis)
+    texts = texts_of(basis) if curves is None else curves
+    inputs: list[tuple[Any, Any, Any]] = []
     blocks: list[Sequence[Rows]] = []
 
     def listen(pipeline: Pipeline) -> None:
         rule = pipeline.rule
 
-        def told(axial: Any, moment: Any, flexion: Any) -> Any:
-            taken.append((axial, moment, flexion))
+        def noting(axial: Any, moment: Any, flexion: Any) -> Any:
+            inputs.append((axial, moment, flexion))
             return rule(axial, moment, flexion)
 
-        pipeline.rule = told
+        pipeline.rule = noting
 
     summary = solve(
-        bag, how, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
+        bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
     )
     axial, moment, angles = (
-        np.concatenate([np.atleast_1d(one) for one in column]) for column in zip(*taken, strict=True)
+        np.concatenate([np.atleast_1d(one) for one in column]) for column in zip(*inputs, strict=True)
     )
     rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    ours = compartments_of(parameters, texts)
+    compartments = compartments_of(parameters, texts)
     damage = tuple(summary.damage)
-    given = Given(parameters, texts, rows, angles, axial, moment, ours, compiled, compiled=False, damage=damage)
+    given = Given(parameters, texts, rows, angles, axial, moment, compartments, compiled, False, damage)
     return given.ready_for(replays)
 
 
 def _run(compartment: Compartment, *columns: Any) -> Rows:
-    """Answer ticks from rest; the columns are those of `Compartment.advance_all`.
+    """Compute ticks from rest; the columns are the arguments of `Compartment.advance_all`.
 
     Raises:
-        UsageError: a value is no knee's.
+        UsageError: a value is outside the range of a knee.
     """
     compartment.start_anew()
     try:
@@ -184,5 +190,5 @@ def _run(compartment: Compartment, *columns: Any) -> Rows:
 
 
 def of_a_surface(name: str) -> bool:
-    """Whether a parameter is one of a surface or a mechanism, which are made anew for it."""
+    """Return whether a parameter belongs to a surface or a mechanism, which are made anew when it changes."""
     return name.removeprefix(LATERAL).startswith(("femur.", "tibia.", "translation.")) and not name.endswith(".mass")

@@ -1,1 +1,1 @@
-"""Gait events in angle and load: NumPy only."""
+"""Gait events in flexion angle and load; needs NumPy only."""

@@ -4,9 +4,9 @@ Both are brought onto a grid of 200 Hz and smoothed (Gaussian, 20 ms), whatever 
 in `rules.py`.
 
 - **Heel strike**: 30 ms after the extension peak at the end of swing. That is a minimum of the angle to which it fell
-  by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load comes: before,
+  by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load rises: before,
   it was below 0.45 of what it reaches within 0.4 s.
-- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more in which the load goes: just after,
+- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more in which the load falls: just after,
   it is below 0.45 of what it was within 0.4 s before.
 - **Load peak**: the largest load within 0.25 s on either side, of 1 BW or more, where the load varies by 0.15 BW or
   more; not at the ends of the run. It is that of the largest sample within 50 ms of the smoothed load's peak.
@@ -52,47 +52,50 @@ Stamps = NDArray[np.int64]
 
 HEEL_STRIKE, TOE_OFF, LOAD_PEAK = "heel strike", "toe-off", "load peak"
 AFTER_EXTENSION = 30_000_000
-"""[ns] from the extension peak to heel strike"""
+"""Time [ns] from the extension peak to heel strike"""
 AFTER_RATE_PEAK = 25_000_000
-"""[ns] from the largest flexion rate to toe-off"""
+"""Time [ns] from the largest flexion rate to toe-off"""
 NEARBY = 50_000_000
-"""[ns] around a peak of the smoothed load, in which its largest sample is"""
+"""Largest distance [ns] of the largest sample from a peak of the smoothed load"""
 GAP = 500_000_000
-"""[ns] between two samples, beyond which everything starts anew"""
+"""Largest time [ns] between two samples; beyond it everything starts anew"""
 KEPT = points(2.0 * LONGEST_TURN + LOADING_TIME) + 100
-"""Grid points that are kept: those that a decision may look back at"""
+"""Number of grid points that are kept, as decisions look back at them"""
 
 
 class GaitEvent(NamedTuple):
-    """Something that happened in a gait."""
+    """Event in a gait."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     kind: str
     """`HEEL_STRIKE`, `TOE_OFF` or `LOAD_PEAK`"""
     text: str
-    """For a person, with units"""
+    """Description for a person, with units"""
 
 
 class GaitEvents:
-    """Finds the events of a stream of any length, in bounded memory; the same, however it is cut into batches."""
+    """Finds the events of a stream of any length in bounded memory.
+
+    The events do not depend on how the stream is cut into batches.
+    """
 
     def __init__(self, body_weight: float) -> None:
-        """`body_weight` is in N."""
+        """Begin a stream of a person with this body weight [N]."""
         self._body_weight = body_weight
         self._run = _Run(body_weight)
         self._last: int | None = None
 
     def add(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
-        """Take samples; give the events that have become certain, in the order in which they did.
+        """Take samples; return the events that have become certain, in the order in which they did.
 
         That is up to two seconds after an event's stamp, so an earlier one of another kind may come later. Where stamps
-        do not grow, or leave a gap of more than half a second, everything starts anew.
+        do not increase, or leave a gap of more than half a second, everything starts anew.
 
         Args:
-            stamps: [ns], shape (n,).
-            flexion_angle: [rad], shape (n,), finite.
-            load: [N] of the compartment, compression positive, shape (n,), finite.
+            stamps: Stamps [ns], shape (n,).
+            flexion_angle: Flexion angles [rad], shape (n,), finite.
+            load: Loads of the compartment [N], compression positive, shape (n,), finite.
         """
         if not len(stamps):
             return []
@@ -109,14 +112,14 @@ class GaitEvents:
         return events
 
     def finish(self) -> list[GaitEvent]:
-        """The events that the end of the stream makes certain; what comes after it starts anew."""
+        """End the stream; return the events that this makes certain. Samples after it start a new stream."""
         events = self._run.finish()
         self._run, self._last = _Run(self._body_weight), None
         return events
 
 
 class _Waiting(NamedTuple):
-    """What may be an event, and from when on that can be decided."""
+    """Possible event that cannot be decided yet."""
 
     due: int
     """Index of the last point that it depends on"""
@@ -124,11 +127,11 @@ class _Waiting(NamedTuple):
     place: int
     """Index of the extremum"""
     since: int
-    """Index of the turn before"""
+    """Index of the previous turn"""
 
 
 class _Run:
-    """Samples without a gap. An index counts grid points from the first one on."""
+    """Samples without a gap. An index counts grid points, from the first one."""
 
     def __init__(self, body_weight: float) -> None:
         self._body_weight = body_weight
@@ -136,12 +139,12 @@ class _Run:
         self._angles, self._loads, self._turns = LocalExtrema(), LocalExtrema(), Turns(TURN)
         self._smooth = Stretch(np.empty((0, 2)), 0)
         self._stamps, self._raw_loads = np.empty(0, dtype=np.int64), np.empty(0)
-        """The samples themselves"""
+        """Stamps [ns] and loads [N] of the samples themselves"""
         self._first_stamp: int | None = None
         self._waiting: list[_Waiting] = []
 
     def add(self, stamps: Stamps, values: Floats) -> list[GaitEvent]:
-        """Take samples, at least one."""
+        """Take samples, at least one; return the events that have become certain."""
         if self._first_stamp is None:
             self._first_stamp = int(stamps[0])
         self._stamps = np.append(self._stamps, stamps)
@@ -150,7 +153,7 @@ class _Run:
         return self._decided(self._smooth.end)
 
     def finish(self) -> list[GaitEvent]:
-        """Nothing more comes."""
+        """End the samples; return the events that this makes certain."""
         self._take(self._smoother.finish())
         end = self._smooth.end
         if end and (turn := self._turns.finish(end - 1, float(self._smooth.values[-1, ANGLE]), TURN_AT_END)):
@@ -173,31 +176,31 @@ class _Run:
             self._waiting.append(_Waiting(due, TOE_OFF if turn.highest else HEEL_STRIKE, turn.place, turn.since))
 
     def _decided(self, end: int | None) -> list[GaitEvent]:
-        """What the points before index `end` decide (None: no more will come); forget what is of no use any more."""
-        due = sorted(each for each in self._waiting if end is None or each.due < end)
-        self._waiting = [each for each in self._waiting if end is not None and each.due >= end]
-        events = [event for each in due if (event := self._decide(each, ended=end is None))]
+        """Events that the points before index `end` decide (None: no more will come); forget old samples."""
+        due = sorted(possible for possible in self._waiting if end is None or possible.due < end)
+        self._waiting = [possible for possible in self._waiting if end is not None and possible.due >= end]
+        events = [event for possible in due if (event := self._decide(possible, ended=end is None))]
         old = max(len(self._smooth.values) - KEPT, 0)
         self._smooth = Stretch(self._smooth.values[old:], self._smooth.first + old)
         unused = np.searchsorted(self._stamps, self._stamp(self._smooth.first))
         self._stamps, self._raw_loads = self._stamps[unused:], self._raw_loads[unused:]
         return events
 
-    def _decide(self, what: _Waiting, *, ended: bool) -> GaitEvent | None:
-        if what.kind == LOAD_PEAK:
-            return self._load_peak(what.place, ended=ended) if is_load_peak(self._smooth, what.place) else None
-        if what.kind == HEEL_STRIKE:
-            place, later = extension_peak(self._smooth, what.place), AFTER_EXTENSION
+    def _decide(self, possible: _Waiting, *, ended: bool) -> GaitEvent | None:
+        if possible.kind == LOAD_PEAK:
+            return self._load_peak(possible.place, ended=ended) if is_load_peak(self._smooth, possible.place) else None
+        if possible.kind == HEEL_STRIKE:
+            place, later = extension_peak(self._smooth, possible.place), AFTER_EXTENSION
         else:
-            place, later = flexion_rate_peak(self._smooth, what.place, what.since), AFTER_RATE_PEAK
+            place, later = flexion_rate_peak(self._smooth, possible.place, possible.since), AFTER_RATE_PEAK
         if place is None:
             return None
         stamp = min(self._stamp(place) + later, int(self._stamps[-1]))
         (angle,) = self._smooth.between(ANGLE, *2 * [min(self._index(stamp), self._smooth.end - 1)])
-        return GaitEvent(stamp, what.kind, f"{what.kind} at {np.degrees(angle):.0f}° of flexion")
+        return GaitEvent(stamp, possible.kind, f"{possible.kind} at {np.degrees(angle):.0f}° of flexion")
 
     def _load_peak(self, index: int, *, ended: bool) -> GaitEvent | None:
-        """The largest sample near a peak of the smoothed load."""
+        """Load peak at the largest sample near a peak of the smoothed load; None if it is too small, or at an end."""
         stamp = self._stamp(index)
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))
         at = int(begin + self._raw_loads[begin:end].argmax())

@@ -1,4 +1,4 @@
-"""What makes an extremum of flexion angle or load a gait event; `events.py` has the rules in words."""
+"""Rules by which an extremum of flexion angle or load is a gait event; `events.py` describes them."""
 
 from __future__ import annotations
 
@@ -10,53 +10,53 @@ import numpy as np
 from knee_contact_ros.pipeline.gait.signal import RATE, Floats
 
 TURN, TURN_AT_END = math.radians(3.0), math.radians(0.5)
-"""[rad] by which the knee must turn back; at the end of a run"""
+"""Angle [rad] by which the knee must turn back after an extremum; at the end of a run"""
 FALL, FALL_TIME = math.radians(5.0), 0.1
-"""[rad] that the knee extends within so many [s] before heel strike, at least"""
+"""Smallest extension of the knee [rad] before heel strike, within this time [s]"""
 SWING = math.radians(20.0)
-"""[rad] of flexion around toe-off, at least"""
+"""Smallest flexion around toe-off [rad]"""
 RATE_OVER = 0.04
-"""[s] over which the flexion rate is taken"""
+"""Time [s] over which the flexion rate is taken"""
 LONGEST_TURN = 1.0
-"""[s] that a flexion around toe-off takes, and that its end or an extension peak may wait for the next turn, at most"""
+"""Longest time [s] of a flexion around toe-off, and from its end, or from an extension peak, to the next turn"""
 UNLOADED, LEAST_LOAD = 0.45, 0.5
-"""Share of the stance's load below which the leg swings; least load [BW] of a stance"""
+"""Share of the stance's load below which the leg swings; smallest load of a stance [BW]"""
 LOADING_TIME = 0.4
-"""[s] of stance in which its load is looked for"""
+"""Time [s] of stance within which its load is looked for"""
 BEFORE_LANDING = (0.25, 0.07)
-"""[s] before the extension peak between which the leg swings"""
+"""Times [s] before the extension peak between which the leg swings"""
 AFTER_LEAVING = (0.08, 0.2)
-"""[s] after the largest flexion rate between which the leg swings"""
+"""Times [s] after the largest flexion rate between which the leg swings"""
 PEAK_LOAD, PEAK_DISTANCE, PEAK_PROMINENCE = 1.0, 0.25, 0.15
 """Smallest load [BW] of a peak, smallest time [s] between two, smallest range [BW] of the load around"""
 ANGLE, LOAD = 0, 1
-"""Columns"""
+"""Columns of the smoothed signals"""
 
 
 def points(time: float) -> int:
-    """Grid points in a time [s]."""
+    """Number of grid points in a time [s]."""
     return round(time * RATE)
 
 
 class Stretch(NamedTuple):
-    """A part of the smoothed signals."""
+    """Part of the smoothed signals."""
 
     values: Floats
-    """Shape (n, 2): angle [rad] and load [BW]"""
+    """Angle [rad] and load [BW], shape (n, 2)"""
     first: int
-    """Index of the first of them"""
+    """Index of the first point"""
 
     @property
     def end(self) -> int:
-        """Index behind the last of them."""
+        """Index behind the last point."""
         return self.first + len(self.values)
 
     def between(self, column: int, first: int, last: int) -> Floats:
-        """Turns from one index to another, both included, as far as there are any."""
+        """Values of a column from one index to another, both included, as far as there are any."""
         return self.values[max(first - self.first, 0) : max(last + 1 - self.first, 0), column]
 
     def fraction(self, index: int, sign: float, heights: Floats) -> float:
-        """Index, between two points, of a parabola's peak through the point at `index` of `heights` and its neighbours.
+        """Fractional index of the peak of a parabola through the point of `heights` at `index` and its neighbours.
 
         `sign` is 1 for a maximum, and -1 for a minimum.
         """
@@ -69,7 +69,7 @@ class Stretch(NamedTuple):
 
 
 def extension_peak(of: Stretch, index: int) -> float | None:
-    """Where a minimum of the angle is the extension peak before a heel strike."""
+    """Fractional index of the extension peak before a heel strike, if a minimum of the angle at `index` is one."""
     fall = of.between(ANGLE, index - points(FALL_TIME), index).max() - of.values[index - of.first, ANGLE]
     begin, end = (index - points(time) for time in BEFORE_LANDING)
     swing = of.between(LOAD, begin, max(end, of.first, 0))
@@ -80,7 +80,10 @@ def extension_peak(of: Stretch, index: int) -> float | None:
 
 
 def flexion_rate_peak(of: Stretch, index: int, since: int) -> float | None:
-    """Where, before a maximum of the angle, the knee flexes most quickly, if the foot leaves the ground there."""
+    """Fractional index of the largest flexion rate between a turn `since` and a maximum of the angle at `index`.
+
+    None if the foot does not leave the ground there.
+    """
     begin = max(since, index - points(LONGEST_TURN))
     rise = of.between(ANGLE, begin, index)
     if rise[-1] - rise[0] < SWING:
@@ -99,7 +102,7 @@ def flexion_rate_peak(of: Stretch, index: int, since: int) -> float | None:
 
 
 def is_load_peak(of: Stretch, index: int) -> bool:
-    """Whether a maximum of the load is a peak of stance."""
+    """Whether a maximum of the load at `index` is a peak of stance."""
     reach = points(PEAK_DISTANCE)
     before, after = of.between(LOAD, index - reach, index), of.between(LOAD, index, index + reach)
     load = before[-1]
@@ -109,7 +112,7 @@ def is_load_peak(of: Stretch, index: int) -> bool:
 
 
 def _unloaded(swing: Floats, stance: Floats) -> bool:
-    """Whether the leg swings at one time, compared with another."""
+    """Whether the loads `swing` are those of a swing phase, compared with the loads `stance`."""
     if not (len(swing) and len(stance)):
         return False
     return bool(stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max())

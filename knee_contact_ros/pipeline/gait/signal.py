@@ -1,6 +1,6 @@
-"""Samples of any rate, brought onto a fixed grid and smoothed, the same however they are cut into batches.
+"""Resamples a signal of any rate on a fixed grid and smooths it, independent of how it is cut into batches.
 
-What a grid point becomes depends on the samples around it alone, bit for bit: every step is done number by number, in
+The value of a grid point depends on the samples around it alone, bit for bit: every step is done number by number, in
 the same order.
 """
 
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 PERIOD = 5_000_000
-"""[ns] of the grid, whose points are its multiples"""
+"""Period of the grid [ns]; its points are the multiples"""
 RATE = 1_000_000_000 // PERIOD
-"""Grid points per second"""
+"""Number of grid points per second"""
 SMOOTHING = 0.02
-"""Standard deviation [s] of the Gaussian: gait below 6 Hz passes, noise of single samples is cut to a quarter"""
+"""Standard deviation [s] of the Gaussian: gait below 6 Hz passes, noise of single samples is reduced to a quarter"""
 REACH = round(3.0 * SMOOTHING * RATE)
-"""Grid points on either side that a smoothed one depends on"""
+"""Number of grid points on either side that a smoothed one depends on"""
 
 
 def _gaussian() -> Floats:
@@ -40,7 +40,11 @@ class Grid:
         self._last_values = np.empty((0, 2))
 
     def add(self, stamps: NDArray[np.int64], values: Floats) -> Floats:
-        """Take samples, at least one, stamps [ns] growing, values of shape (n, 2); give the new grid points'."""
+        """Take samples, at least one, with increasing stamps [ns], shape (n,), and values, shape (n, 2).
+
+        Returns:
+            Values at the new grid points, shape (m, 2).
+        """
         if self._next is None:
             self.first = self._next = -(-int(stamps[0]) // PERIOD)
         stamps = np.concatenate((self._last_stamps, stamps))
@@ -56,14 +60,14 @@ class Grid:
 
 
 class Smoother:
-    """A Gaussian over grid points. Beyond the ends they are taken to go on as their mirror image through the end."""
+    """Gaussian filter over grid points. Beyond the ends the signal is continued by its mirror image through the end."""
 
     def __init__(self) -> None:
         self._points = np.empty((0, 2))
         self._begun = False
 
     def add(self, points: Floats) -> Floats:
-        """Take grid points, shape (n, 2); give those that are smooth now."""
+        """Take grid points, shape (n, 2); return the smoothed points that they complete, shape (m, 2)."""
         self._points = np.concatenate((self._points, points))
         if not self._begun:
             if len(self._points) <= REACH:
@@ -79,7 +83,7 @@ class Smoother:
         return smooth
 
     def finish(self) -> Floats:
-        """The rest, up to the last grid point."""
+        """Return the remaining smoothed points, up to the last grid point, shape (m, 2)."""
         if not self._begun:
             return np.empty((0, 2))
         return self.add(2.0 * self._points[-1:] - self._points[-2 : -2 - REACH : -1])

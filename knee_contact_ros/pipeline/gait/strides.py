@@ -1,4 +1,4 @@
-"""Strides, from a heel strike to the next of the same leg, and how far the femur slides on the tibia in each."""
+"""Strides, from a heel strike to the next of the same leg: sliding distance and impulse in each."""
 
 from __future__ import annotations
 
@@ -16,68 +16,68 @@ from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEven
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 SHORTEST, LONGEST = 0.4, 2.5
-"""[s] of a stride"""
+"""Range of plausible durations of a stride [s]"""
 CERTAIN = round(2.2 * SECOND)
-"""[ns] after which all events are: a toe-off may wait for a slow flexion and a slow extension"""
+"""Time [ns] after which all events are certain: a toe-off may wait for a slow flexion and a slow extension"""
 KEPT = round((LONGEST + 3.0) * SECOND)
-"""[ns] of samples that strides may look back at: one, and as late as events become certain"""
+"""Time [ns] that samples must be kept: a stride, and the time until events are certain"""
 
 
 class Span(NamedTuple):
-    """When a stride was."""
+    """Times of a stride."""
 
     start: int
-    """[ns] heel strike"""
+    """Stamp of the heel strike [ns]"""
     toe_off: int
-    """[ns]"""
+    """Stamp of the toe-off [ns]"""
     end: int
-    """[ns] the next heel strike"""
+    """Stamp of the next heel strike [ns]"""
 
     @property
     def duration(self) -> float:
-        """[s]."""
+        """Duration of the stride [s]."""
         return (self.end - self.start) / SECOND
 
     @property
     def stance(self) -> float:
-        """Share of the stride from heel strike to toe-off [%]."""
+        """Part of the stride from heel strike to toe-off [%]."""
         return 100.0 * (self.toe_off - self.start) / (self.end - self.start)
 
     def percent(self, stamp: int) -> float:
-        """Where a stamp [ns] lies [%]."""
+        """Position of a stamp [ns] in the stride [%]."""
         return 100.0 * (stamp - self.start) / (self.end - self.start)
 
 
 class Sliding(NamedTuple):
-    """How far the femur slides in a stride."""
+    """Sliding of the femur in a stride."""
 
     span: Span
     distance: float
-    """[m] along the tibia, to and fro, while in contact"""
+    """Sliding distance along the tibia [m], forward and backward, while in contact"""
 
 
 class Impulse(NamedTuple):
-    """What the contact force amounts to in a stride."""
+    """Impulse of the contact force in a stride."""
 
     span: Span
     impulse: float
-    """[N s] from heel strike to heel strike"""
+    """Impulse from heel strike to heel strike [N s]"""
     stance_impulse: float
-    """[N s] from heel strike to toe-off"""
+    """Impulse from heel strike to toe-off [N s]"""
 
 
 def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
-    """The strides between heel strikes [ns] in their order: of a plausible duration, with one toe-off."""
-    found = []
+    """Strides between heel strikes [ns], in order: those of a plausible duration, with one toe-off [ns]."""
+    strides = []
     for start, end in pairwise(strikes):
         between = [stamp for stamp in toe_offs if start < stamp < end]
         if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST:
-            found.append(Span(start, between[0], end))
-    return found
+            strides.append(Span(start, between[0], end))
+    return strides
 
 
 def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tuple[Floats, Floats]:
-    """Samples between two stamps [ns], with those of `at_stamps` at both.
+    """Samples between two stamps [ns], with the values of `at_stamps` at both.
 
     Returns:
         Time [s] since `start`, shape (n,), and values, shape (n, columns).
@@ -89,7 +89,7 @@ def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tupl
 
 
 def at_stamps(stamps: Stamps, values: Floats, at: Stamps, held: int) -> Floats:
-    """Values at stamps, shape (n, columns): interpolated, but for the last columns, `held` of them."""
+    """Values at stamps [ns], shape (n, columns): interpolated, except for the last `held` columns, which are held."""
     since = (stamps - stamps[0]).astype(np.float64)
     wanted = (at - stamps[0]).astype(np.float64)
     last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None)]
@@ -101,12 +101,12 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
     """Integral of the sliding speed over the time in contact [m]: ∫ |v| dt, v linear between ticks.
 
     Args:
-        time: Of the ticks [s], shape (n,), not decreasing.
-        sliding_velocity: [m/s], shape (n,).
-        contact_state: `ContactState`, shape (n,); that of a tick counts for the interval before it.
+        time: Times of the ticks [s], shape (n,), not decreasing.
+        sliding_velocity: Sliding velocities [m/s], shape (n,).
+        contact_state: `ContactState`, shape (n,); that of a tick holds for the interval before it.
 
     Returns:
-        The distance; not a number if a velocity of it is none.
+        The distance; NaN if a velocity is NaN.
     """
     touching = contact_state[1:] != ContactState.SEPARATED
     begin, end = sliding_velocity[:-1][touching], sliding_velocity[1:][touching]
@@ -117,51 +117,48 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
 
 
 def integral(time: Floats, values: Floats) -> float:
-    """Of values over time [s], both of shape (n,), by trapezoids; `np.trapezoid` has another name in NumPy 1."""
+    """Integrate values over time [s], both of shape (n,), by trapezoids; `np.trapezoid` has another name in NumPy 1."""
     return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
 
 
 def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:
-    """The strides that flexion and load tell (see `GaitEvents`), each with its sliding distance. Needs no ROS.
+    """Find the strides in flexion angle and load (see `GaitEvents`), with their sliding distances. Needs no ROS.
 
     Args:
-        time: Stamps [s], shape (n,), increasing: those that `KneeModel.run` was given.
-        series: What it gave for them, shape (n,).
-        body_weight: [N]; a load peak is 1 BW or more.
+        time: Times [s], shape (n,), increasing, as they were given to `KneeModel.run`.
+        series: Result of `KneeModel.run` for them, shape (n,).
+        body_weight: Body weight [N].
 
     Returns:
-        One entry per whole stride, in their order; none where there is no gait.
+        One entry per whole stride, in order; none where there is no gait.
     """
     stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
     values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
-    found = []
+    strides = []
     for span in _strides(stamps, series, body_weight):
         since, (velocity, state) = (columns.T for columns in cut(stamps, values, span.start, span.end, held=1))
-        found.append(Sliding(span, sliding_distance(since, velocity, state)))
-    return found
+        strides.append(Sliding(span, sliding_distance(since, velocity, state)))
+    return strides
 
 
 def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Impulse]:
-    """The strides that flexion and load tell (see `GaitEvents`), each with the impulse of its contact force.
+    """Find the strides in flexion angle and load (see `GaitEvents`), with the impulses of the contact force.
 
     Args:
-        series: Answers, shape (n,), stamps increasing.
-        body_weight: [N]; a load peak is 1 BW or more.
+        series: Answers, shape (n,), with increasing stamps.
+        body_weight: Body weight [N].
 
     Returns:
-        One entry per whole stride, in their order; none where there is no gait.
+        One entry per whole stride, in order; none where there is no gait.
     """
     stamps, force = np.asarray(series["stamp"]), np.asarray(series["contact_force"])
     return [impulse_of(span, stamps, force) for span in _strides(stamps, series, body_weight)]
 
 
 def impulse_of(span: Span, stamps: Stamps, force: Floats) -> Impulse:
-    """That of a stride within stamps [ns], which grow, and contact forces [N], both of shape (n,)."""
-    whole, stance = (
-        integral(since, of_it[:, 0])
-        for since, of_it in (cut(stamps, force[:, np.newaxis], span.start, end, 0) for end in (span.end, span.toe_off))
-    )
-    return Impulse(span, whole, stance)
+    """Impulse of a stride, from increasing stamps [ns] and contact forces [N], both of shape (n,)."""
+    parts = [cut(stamps, force[:, np.newaxis], span.start, end, held=0) for end in (span.end, span.toe_off)]
+    return Impulse(span, *(integral(since, forces[:, 0]) for since, forces in parts))
 
 
 def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:

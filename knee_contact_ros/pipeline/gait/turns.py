@@ -1,4 +1,4 @@
-"""Where a smoothed signal turns, found as it grows and the same however it is cut into batches."""
+"""Finds the turns of a smoothed signal while it grows, independent of how it is cut into batches."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from knee_contact_ros.pipeline.gait.signal import Floats
 
 
 class Extremum(NamedTuple):
-    """A local extremum."""
+    """Local extremum of a signal."""
 
     place: int
-    """Its index, counted from the signal's first point; a plateau's is its start"""
+    """Index of the extremum, counted from the signal's first point; for a plateau that of its start"""
     value: float
     highest: bool
     """Whether it is a maximum"""
     known: int
-    """Index of the point that shows it to be one"""
+    """Index of the point at which it is known to be an extremum"""
 
 
 class LocalExtrema:
-    """All of them."""
+    """Finder of all local extrema of a signal."""
 
     def __init__(self) -> None:
         self._last = np.empty(0)
         self._place = 0
         """Index of the next point"""
         self._moved: tuple[float, int, float] | None = None
-        """The last step that was not zero: its sign, and the index and value at which it ended"""
+        """Last step that was not zero: its sign, and the index and value at which it ended"""
 
     def add(self, values: Floats) -> list[Extremum]:
-        """Take points, shape (n,)."""
+        """Take points, shape (n,); return the extrema that they show."""
         start = self._place - len(self._last)
         joined = np.concatenate((self._last, values))
         self._last, self._place = joined[-1:], self._place + len(values)
@@ -50,29 +50,29 @@ class LocalExtrema:
 
 
 class Turn(NamedTuple):
-    """An extremum from which a signal has gone back by a given amount."""
+    """Extremum from which a signal has returned by a given amount."""
 
     place: int
-    """Index"""
+    """Index of the extremum"""
     highest: bool
     """Whether it is a maximum"""
     since: int
-    """Index of the turn before; the first one's is 0"""
+    """Index of the previous turn; 0 for the first one"""
     known: int
-    """Index of the point that shows it"""
+    """Index of the point at which it is known to be a turn"""
 
 
 class Turns:
-    """Extrema that small wiggles neither hide nor make."""
+    """Finder of the turns of a signal, without those of small fluctuations."""
 
     def __init__(self, least: float) -> None:
-        """`least` is how far the signal must go back."""
+        """Find turns from which the signal returns by at least this amount."""
         self._least = least
         self._latest: Extremum | None = None
         self._since = 0
 
     def add(self, extremum: Extremum) -> Turn | None:
-        """Take the next local extremum; give the turn that it shows."""
+        """Take the next local extremum; return the turn that it shows."""
         latest = self._latest
         if latest is None or latest.highest == extremum.highest:
             if latest is None or (extremum.value > latest.value) == latest.highest:
@@ -85,7 +85,7 @@ class Turns:
         return turn
 
     def finish(self, index: int, value: float, least: float) -> Turn | None:
-        """The turn that the signal's last point shows, if it is back by `least`."""
+        """Return the turn that the signal's last point shows, if the signal has returned by `least`."""
         latest = self._latest
         if latest is None or ((latest.value - value) if latest.highest else (value - latest.value)) < least:
             return None

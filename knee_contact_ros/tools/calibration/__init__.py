@@ -1,1 +1,1 @@
-"""From measured depth, force or gap to the parameters of the model, with intervals."""
+"""Calibration: fit parameters of the model to a measured depth, force or gap, with intervals."""

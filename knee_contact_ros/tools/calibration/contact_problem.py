@@ -1,11 +1,10 @@
-"""The contact model of a compartment, held against what was measured of it."""
+"""The problem of fitting the contact model of a compartment to what was measured of it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,80 +22,75 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.calibration.measured import Measured
 from knee_contact_ros.tools.calibration.problem import STEP, Problem
-from knee_contact_ros.tools.calibration.unknowns import Unknown
+from knee_contact_ros.tools.calibration.unknowns import Unknown, nested
 
 Floats = NDArray[np.float64]
 FINE = 1e-9
-"""Wanted error of the depth [m] while fitting: what the model errs by must be far below what was measured"""
+"""Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
 RUNS = 300
-"""That a fit takes, about"""
+"""Approximate number of runs of the model that a fit takes for each free parameter"""
 
 
 @dataclass(frozen=True)
 class ContactProblem(Problem):
-    """A knee's model, what is free of it, and what it is held against."""
+    """The problem of fitting the contact model of a compartment."""
 
     measured: Measured
     parameters: Parameters
+    """All parameters at the start"""
     model: KneeModel
-    """At the start"""
+    """Model at the start, whose kernel all runs use"""
     scene: Scene
-    """Of the model"""
+    """Scene of that model"""
     texts: Mapping[str, str]
-    """Contents of files by parameter"""
+    """Contents of the files that parameters name, by parameter"""
 
     def answers(self, place: Floats) -> Rows:
-        """What the model says there, shape (n,): the kernel's answers, without what `KneeModel.run` checks and adds.
-
-        Raises:
-            UsageError: parameters make no model.
-        """
+        """Compute the kernel's answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`."""
         values = self.values(place)
         parameters = _with(self.parameters, values)
-        given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
-        height = np.full(len(given.time), math.nan) if given.height is None else given.height
-        durations = np.diff(np.rint(given.time * 1e9), prepend=np.rint(given.time[0] * 1e9)) * 1e-9
-        answers = blank(len(given.time))
+        trial, height = self.measured, self.measured.height
+        if height is None:
+            height = np.full(len(trial.time), math.nan)
+        stamps = np.rint(trial.time * 1e9)
+        durations = np.diff(stamps, prepend=stamps[:1]) * 1e-9
+        answers = blank(len(trial.time))
         try:
             scene = self._scene(parameters, values)
         except ValueError as error:
-            raise UsageError(f"{given.source}: {error}") from None
-        self.model.kernel.run(scene, np.zeros(1, MEMORY), durations, given.angle, share * given.load, height, answers)
+            raise UsageError(f"{trial.source}: {error}") from None
+        run, load = self.model.kernel.run, trial.load_of(parameters.load.share)
+        run(scene, np.zeros(1, MEMORY), durations, trial.angle, load, height, answers)
         return answers
 
     def predicted(self, place: Floats) -> Results:
-        """The same by a whole model, with all there is to results.
-
-        Raises:
-            UsageError: parameters make no model, or inputs are none of a knee.
-        """
-        values = self.values(place)
-        parameters = checked(self.parameters, values)
-        given, share = self.measured, parameters.load.share if self.measured.axial else 1.0
+        """Compute the answers by a run of a model; see `Problem.predicted`."""
+        parameters = checked(self.parameters, self.values(place))
+        trial = self.measured
         try:
             model = replace(build_model(parameters, curves=self.texts), kernel=self.model.kernel, results=Results)
-            series = model.run(given.time, given.angle, share * given.load, given.height)
+            series = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
         except ValueError as error:
-            raise UsageError(f"{given.source}: {error}") from None
+            raise UsageError(f"{trial.source}: {error}") from None
         return series.view(Results) if not isinstance(series, Results) else series
 
     def doubts(self, place: Floats) -> list[str]:
-        """Ticks that the model itself does not vouch for, and landings at which a measured force leaps."""
+        """Report answers with a status that makes them unusable, and landings at which a measured force leaps."""
         return [*self._unusable(place), *self._leaps(place)]
 
     def _unusable(self, place: Floats) -> list[str]:
         status = self.answers(place)["status"]
-        told = []
-        for bit, what in (
+        sentences = []
+        for bit, fault in (
             (Status.NOT_CONVERGED, "missed their tolerance"),
             (Status.IMPLAUSIBLE, "are implausibly deep"),
         ):
             if count := int(np.count_nonzero(status & bit)):
-                told.append(f"{count} of {len(status)} answers {what}")
-        return told
+                sentences.append(f"{count} of {len(status)} answers {fault}")
+        return sentences
 
     def _leaps(self, place: Floats) -> list[str]:
-        """Landings under a law whose force leaps at touch, among samples of the force."""
+        """Report landings among samples of the force, under a contact law whose force leaps at touch."""
         forces = self.measured.answers.get("contact_force")
         if forces is None:
             return []
@@ -109,7 +103,7 @@ class ContactProblem(Problem):
                 "or after it: the misfit jumps, and the intervals are rough; leave these samples empty"]  # fmt: skip
 
     def _scene(self, parameters: Parameters, values: Mapping[str, float]) -> Scene:
-        """What the kernel is given: other numbers, and surfaces made anew if one of them is free."""
+        """Make the scene of some parameters; surfaces are made again only if a parameter of theirs is free."""
         if any(name.startswith(("femur.", "tibia.")) and name != "femur.mass" for name in values):
             return build_model(parameters, curves=self.texts).scene
         return self.scene._replace(modes=untried_law(parameters.contact), mass=parameters.femur.mass)
@@ -118,11 +112,17 @@ class ContactProblem(Problem):
 def problem_of(
     parameters: Parameters, measured: Measured, unknowns: tuple[Unknown, ...], compiled: bool | None
 ) -> ContactProblem:
-    """A problem with a model that is exact enough, compiled where that pays or is asked for.
+    """Make the problem of fitting a compartment's contact model, with a tolerance that is small enough.
+
+    Args:
+        parameters: All parameters at the start.
+        measured: The trial.
+        unknowns: The free parameters.
+        compiled: Whether to use the compiled kernel; None: where that is expected to be faster.
 
     Raises:
-        UsageError: the load is the axial one and no fixed share is modelled, inputs are none of a knee, or there are
-            fewer measurements than parameters.
+        UsageError: the load is the axial one and no fixed share is modelled, inputs are too large for a knee, or there
+            are not more measurements than free parameters.
     """
     if measured.axial and parameters.load.rule != "fixed_share":
         raise UsageError(f"{measured.source}: column axial_load needs load.compartment fixed_share, not "
@@ -143,31 +143,26 @@ def problem_of(
         model = replace(model, kernel=PLAIN)
     steps = np.full(len(unknowns), STEP)
     problem = ContactProblem(measured, unknowns, steps, exact, model, model.scene, texts)
-    problem.predicted(problem.start)  # what is wrong with inputs or start is said
+    problem.predicted(problem.start)  # raises an error for wrong inputs or a wrong start
     return problem
 
 
 def checked(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-    """Parameters with other values, all of them checked.
+    """Give parameters with other values, after checking all of them.
 
     Raises:
-        UsageError: they are not allowed with each other.
+        UsageError: a value is not allowed, alone or together with others.
     """
     return load_parameters(flat_parameters(parameters) | dict(values))
 
 
 def _with(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-    """Parameters with other values within their ranges, which are not checked again: that takes milliseconds."""
-    sections: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        section, inner = name.split(".")
-        sections.setdefault(section, {})[inner] = value
-    found = parameters.model_copy(
-        update={name: getattr(parameters, name).model_copy(update=inner) for name, inner in sections.items()}
-    )
-    femur, tibia, contact = found.femur, found.tibia, found.contact
+    """Give parameters with other values within their ranges, which are not checked again: that takes milliseconds."""
+    sections = {name: getattr(parameters, name).model_copy(update=section) for name, section in nested(values).items()}
+    changed = parameters.model_copy(update=sections)
+    femur, tibia, contact = changed.femur, changed.tibia, changed.contact
     if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
         raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
     if contact.law == "elastic_foundation" and contact.tibial_radius <= contact.femoral_radius:
         raise UsageError(f"contact.tibial_radius: {contact.tibial_radius:g} must exceed contact.femoral_radius")
-    return found
+    return changed

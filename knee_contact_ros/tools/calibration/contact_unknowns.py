@@ -1,4 +1,4 @@
-"""Which parameters of the contact model can be fitted."""
+"""The parameters of the contact model that can be fitted."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ SHARE = "load.share"
 SECTIONS = ("femur.", "tibia.", "contact.")
 RADII = ("femoral_radius", "tibial_radius")
 ELASTIC = {"stiffness": ("youngs_modulus", "poissons_ratio"), "stiffness_2": ("youngs_modulus_2", "poissons_ratio_2")}
-"""What a stiffness is made of where `contact.stiffness_from` is material"""
+"""Parameters from which a stiffness is computed where `contact.stiffness_from` is material"""
 
 
 def fittable_of(parameters: Parameters, measured: Measured) -> Fittable:
-    """The real parameters that the model of a compartment, driven as it was measured, depends on."""
-    used, known = used_parameters(parameters, measured), known_parameters()
+    """Give the parameters that can be fitted to a trial: real ones on which the model of the compartment depends."""
+    used, known = _used_parameters(parameters, measured), known_parameters()
 
     def why_not(name: str) -> str:
         if name == SHARE:
@@ -28,16 +28,15 @@ def fittable_of(parameters: Parameters, measured: Measured) -> Fittable:
             return ""
         if not isinstance(known[name].default, float):
             return f"it is no real number; allowed are {', '.join(used)}"
-        how = f"law {parameters.contact.law}, femur {parameters.femur.geometry}, tibia {parameters.tibia.geometry}"
+        model = f"law {parameters.contact.law}, femur {parameters.femur.geometry}, tibia {parameters.tibia.geometry}"
         if parameters.contact.stiffness_from == "material":
-            how += ", stiffness from material"
-        return f"nothing depends on it ({how}, drive {parameters.drive}); allowed are {', '.join(used)}"
+            model += ", stiffness from material"
+        return f"nothing depends on it ({model}, drive {parameters.drive}); allowed are {', '.join(used)}"
 
     return Fittable(used, known, all_values(parameters), "contact.stiffness", why_not)
 
 
-def used_parameters(parameters: Parameters, measured: Measured) -> list[str]:
-    """The real parameters that the model of a compartment, driven as it was measured, depends on."""
+def _used_parameters(parameters: Parameters, measured: Measured) -> list[str]:
     contact, femur, tibia = parameters.contact, parameters.femur, parameters.tibia
     names = [name for name in constants_of(contact.law) if isinstance(getattr(contact, name), float)]
     if contact.stiffness_from == "material" and "stiffness" in names:

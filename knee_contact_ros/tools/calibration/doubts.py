@@ -1,4 +1,4 @@
-"""What speaks against a fit, or against its intervals: a sentence for each."""
+"""Doubts about a fit or its intervals, a sentence for each."""
 
 from __future__ import annotations
 
@@ -14,42 +14,51 @@ from knee_contact_ros.tools.calibration.profile import Interval, quantile
 
 Floats = NDArray[np.float64]
 UNLIKELY = 1e-4
-"""Probability of residuals below which the noise given is doubted"""
+"""Probability of the residuals below which the noise given is doubted"""
 AT_END = 1e-3
-"""Coordinates from the end of a range within which a value counts as lying there"""
+"""Distance [coordinates] from the end of a range within which a value counts as lying at the end"""
 APART = 1.0
-"""Standard deviations by which another minimum must differ in a coordinate, at least"""
+"""The least distance [standard deviations] of another minimum in a coordinate"""
 
 
-def doubts(minimum: Minimum, found: Sequence[Interval] | None, level: float, deviations: Floats) -> list[str]:
-    """Of a fit with these intervals; `deviations` are those of the coordinates, shape (p,)."""
+def doubts(minimum: Minimum, intervals: Sequence[Interval] | None, level: float, deviations: Floats) -> list[str]:
+    """Collect all doubts about a fit.
+
+    Args:
+        minimum: The fit.
+        intervals: Intervals of the parameters; None if they were not computed.
+        level: Probability of the intervals.
+        deviations: Standard deviations of the coordinates, shape (p,).
+    """
     return [
-        *_at_ends(minimum), *_open(minimum, found), *_others(minimum, level, deviations), *_noise(minimum),
+        *_at_ends(minimum), *_open(minimum, intervals), *_others(minimum, level, deviations), *_noise(minimum),
         *_correlated(minimum), *minimum.problem.doubts(minimum.place),
     ]  # fmt: skip
 
 
 def _at_ends(minimum: Minimum) -> list[str]:
+    """Report parameters that lie at the ends of their ranges."""
     low, high = minimum.problem.bounds
-    told = []
+    sentences = []
     for unknown, place, least, most in zip(minimum.problem.unknowns, minimum.place, low, high, strict=True):
         if min(place - least, most - place) < AT_END:
             end = unknown.least if place - least < most - place else unknown.most
-            told.append(f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the data ask for more")
-    return told
+            sentences.append(f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the data ask for more")
+    return sentences
 
 
-def _open(minimum: Minimum, found: Sequence[Interval] | None) -> list[str]:
-    told = []
-    for unknown, each in zip(minimum.problem.unknowns, found or (), strict=False):
-        ways = [way for way, is_open in (("below", each.low_open), ("above", each.high_open)) if is_open]
-        if ways:
-            told.append(f"{unknown.name} is not bounded by the data {' or '.join(ways)}")
-    return told
+def _open(minimum: Minimum, intervals: Sequence[Interval] | None) -> list[str]:
+    """Report parameters whose intervals have an open end."""
+    sentences = []
+    for unknown, interval in zip(minimum.problem.unknowns, intervals or (), strict=False):
+        sides = [side for side, is_open in (("below", interval.low_open), ("above", interval.high_open)) if is_open]
+        if sides:
+            sentences.append(f"{unknown.name} is not bounded by the data {' or '.join(sides)}")
+    return sentences
 
 
 def _others(minimum: Minimum, level: float, deviations: Floats) -> list[str]:
-    """Another minimum that the data do not refute."""
+    """Report another minimum, if the data do not reject one at the level of the intervals."""
     best = minimum.cost(minimum.place)
     limit = quantile(minimum, level)
     for place, _ in minimum.ends:
@@ -69,30 +78,34 @@ def _far(place: Floats, minimum: Minimum, deviations: Floats) -> bool:
 
 
 def _noise(minimum: Minimum) -> list[str]:
-    """Noise that was given, and is not what was left."""
-    told = []
+    """Report noise that was given and does not agree with the residuals."""
+    sentences = []
     misfits = minimum.problem.misfits(minimum.place)
     for name in sorted(minimum.given & misfits.keys()) if minimum.loss == "linear" else ():
         scaled = misfits[name] / minimum.noise[name]
-        part = minimum.independent  # of the samples are worth something
+        part = minimum.independent
         total, number = part * float((scaled**2).sum()), part * len(scaled)
         if chi2.sf(total, number) < UNLIKELY:
-            told.append(f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given: the model does "
-                        "not describe it, or the noise is larger; the intervals are too narrow")  # fmt: skip
+            sentences.append(
+                f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given: the model does not "
+                "describe it, or the noise is larger; the intervals are too narrow"
+            )
         elif chi2.cdf(total, number) < UNLIKELY:
-            told.append(f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given; the intervals "
-                        "are too wide")  # fmt: skip
-    return told
+            sentences.append(
+                f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given; the intervals are too "
+                "wide"
+            )
+    return sentences
 
 
 def _correlated(minimum: Minimum) -> list[str]:
-    """Residuals that are alike from sample to sample."""
-    told = []
+    """Report residuals that are correlated from sample to sample."""
+    sentences = []
     for name, misfit in minimum.problem.misfits(minimum.place).items():
         if correlation := alike(misfit):
             worth = round(len(misfit) / samples_per_value(misfit))
-            told.append(
+            sentences.append(
                 f"{name}: what is left is alike from sample to sample (correlation {correlation:.2f}): {len(misfit)} "
                 f"samples count as {worth}, and the intervals are wider for it; they do not know the model's own error"
             )
-    return told
+    return sentences

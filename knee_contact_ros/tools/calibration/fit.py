@@ -1,7 +1,7 @@
-"""The parameters that fit best: SciPy's bounded least squares from several starts, and the noise that is left.
+"""Find the parameters that fit best, by SciPy's bounded least squares from several starts, and the noise.
 
-A column whose noise is not given has that of its own misfits: fit and noise are found in turns until both stay, which
-is the most likely choice of both.
+The noise of a column that is not given is that of its own misfits: fit and noise are computed in turns until both
+converge, which is the most likely choice of both.
 """
 
 from __future__ import annotations
@@ -17,55 +17,59 @@ from scipy.stats import qmc
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.calibration.independence import independent_part
 from knee_contact_ros.tools.calibration.losses import LINEAR, LOSSES, calibration, cost, noise_of
-from knee_contact_ros.tools.calibration.problem import FAR, Noise, Problem
+from knee_contact_ros.tools.calibration.problem import Noise, Problem
 
 Floats = NDArray[np.float64]
 PRECISION = 1e-10
-"""Part of cost and place, and the slope, at which a search ends"""
+"""Relative change of cost and place, and slope, at which a search ends"""
 MOST_TRIES = 100
-"""Of places in a search"""
+"""The largest number of evaluations of a search"""
 COARSE, COARSE_TRIES = 1e-6, 30
-"""The same of the searches from several starts, of which the best one is gone on with"""
+"""Precision and largest number of evaluations of the searches from several starts, the best of which is continued"""
 REACH = 4.0
-"""By which factor other starts differ from the first one, at most; e-fold or `scale` steps are its logarithm"""
+"""The largest factor between another start and the first one; where a coordinate is no logarithm, its logarithm is the
+largest difference of the coordinates"""
 TURNS, STEADY = 30, 1e-3
-"""Of finding fit and noise, at most; and the part by which a noise may change in the last one"""
+"""The largest number of turns of fit and noise, and the relative change of a noise at which they end"""
 STEPS_STEADY = 0.5
-"""The same of the steps of difference quotients, as a logarithm"""
+"""Change of the logarithms of the difference quotients' steps at which the turns end"""
 LEAST_NOISE = 1e-9
-"""Part of the largest value of a column"""
+"""The least noise of a column, relative to its largest value"""
 SCREENED = 50
-"""Places around the first start that are looked at for each parameter; the best of them are the other starts"""
+"""Number of places around the first start, for each parameter, of which the best become the other starts"""
 INSIDE = 1e-9
-"""By how much [coordinates] a search begins within its bounds"""
+"""Distance [coordinates] from the bounds within which a search does not begin"""
 SEED = 20
-"""Of the starts: the same fit has the same answer"""
+"""Seed of the starts: the same fit has the same answer"""
+NO_EFFECT = 1e-5
+"""Slope of a residual, in spreads of its column over an e-fold change, below which a parameter has no effect: a
+thousandth of what the model's own error could make of it"""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """The best place that was found."""
+    """The best fit that was found."""
 
     problem: Problem
     loss: str
     place: Floats
-    """Coordinates, shape (p,)"""
+    """Coordinates of the parameters, shape (p,)"""
     noise: Noise
     given: frozenset[str]
     """Columns whose noise was given"""
     ends: tuple[tuple[Floats, float], ...]
-    """Where each start ended, and the cost there"""
+    """Place at which the search from each start ended, and the cost there"""
     independent: float = 1.0
-    """Part of the measurements that counts: less than 1 where what is left is alike from sample to sample"""
+    """Part of the measurements that counts: less than 1 where residuals are correlated from sample to sample"""
 
     @property
     def residuals(self) -> Floats:
-        """At the place, in units of the noise."""
+        """Residuals at the place, in units of the noise."""
         return self.problem.residuals(self.place, self.noise)
 
     @property
     def freedom(self) -> float:
-        """Independent measurements less parameters, 1 or more."""
+        """Degrees of freedom: independent measurements less parameters, 1 or more."""
         return max(self.independent * self.problem.measured.number - len(self.place), 1.0)
 
     @property
@@ -74,11 +78,11 @@ class Minimum:
         return self.given >= self.problem.measured.answers.keys()
 
     def cost(self, place: Floats) -> float:
-        """Half the sum of losses at a place."""
+        """Give half the sum of losses at a place."""
         return cost(LOSSES[self.loss], self.problem.residuals(place, self.noise))
 
     def calibration(self) -> float:
-        """What a rise of twice the cost is to be multiplied with, to be a likelihood ratio."""
+        """Give the factor that turns a rise of twice the cost into a likelihood ratio."""
         number = self.problem.measured.number
         if self.loss != LINEAR:
             return calibration(LOSSES[self.loss], self.residuals) * self.freedom / number
@@ -86,7 +90,14 @@ class Minimum:
 
 
 def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Callable[[int, int], None]) -> Minimum:
-    """The best fit; `given` is the noise of columns that is known, `advance` is told the starts that are done.
+    """Find the best fit.
+
+    Args:
+        problem: Model and measurements.
+        loss: Name of the loss, a key of `LOSSES`.
+        given: Noise of the columns for which it is known.
+        starts: Number of starts.
+        advance: Called with the number of starts that are done, and the number of all.
 
     Raises:
         UsageError: a free parameter changes nothing that was measured.
@@ -104,7 +115,7 @@ def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Call
 
 
 def settled(minimum: Minimum) -> Minimum:
-    """Search from there on, with the noise found anew, until both stay."""
+    """Continue the search in turns with estimates of the noise, until both converge."""
     problem, loss = minimum.problem, minimum.loss
     place, noise = minimum.place, dict(minimum.noise)
     part_free = 1.0 - len(minimum.place) / problem.measured.number
@@ -113,9 +124,9 @@ def settled(minimum: Minimum) -> Minimum:
         misfits, steady = problem.misfits(place), True
         for name in misfits.keys() - minimum.given:
             least = LEAST_NOISE * float(np.nanmax(np.abs(problem.measured.answers[name])))
-            found = max(noise_of(loss, misfits[name], part_free), least, np.finfo(float).tiny)
-            steady &= abs(found / noise[name] - 1.0) < STEADY
-            noise[name] = found
+            estimate = max(noise_of(loss, misfits[name], part_free), least, np.finfo(float).tiny)
+            steady &= abs(estimate / noise[name] - 1.0) < STEADY
+            noise[name] = estimate
         finer = problem.with_steps_for(place, noise)
         steady &= bool((np.abs(np.log(finer.steps / problem.steps)) < STEPS_STEADY).all())
         problem = finer
@@ -129,7 +140,7 @@ def searched(
     problem: Problem, loss: str, noise: Noise, start: Floats, held: Sequence[int] = (),
     *, precision: float = PRECISION, tries: int = MOST_TRIES,
 ) -> Floats:  # fmt: skip
-    """The place of the least cost around a start; coordinates `held` stay."""
+    """Search for the place of the least cost from a start; the coordinates with indices `held` stay."""
     moving = np.array([index for index in range(len(start)) if index not in held], dtype=int)
     if not len(moving):
         return start
@@ -141,17 +152,17 @@ def searched(
         place[moving] = part
         return place
 
-    found = least_squares(
+    result = least_squares(
         lambda part: problem.residuals(whole(part), noise), np.clip(start[moving], low + inside, high - inside),
         jac=lambda part: problem.jacobian(whole(part), noise, moving), bounds=(low, high), method="trf",
         loss=loss if loss == "linear" else LOSSES[loss], x_scale="jac",
         ftol=precision, xtol=precision, gtol=precision, max_nfev=tries,
     )  # fmt: skip
-    return whole(found.x)
+    return whole(result.x)
 
 
 def _starts(problem: Problem, loss: str, noise: Noise, number: int) -> list[Floats]:
-    """The given start, and the best of places that are spread evenly around it within the bounds."""
+    """Give the parameters' own start, and the best of many places that are spread evenly around it."""
     if number == 1:
         return [problem.start]
     low, high = problem.bounds
@@ -164,27 +175,17 @@ def _starts(problem: Problem, loss: str, noise: Noise, number: int) -> list[Floa
 
 
 def _spread(column: Floats) -> float:
-    """A first size of a column's noise: something of the right order. Equal values spread by roundings, by no noise."""
+    """Make a first guess of a column's noise, of the right order; equal values differ by rounding, not by noise."""
     known = column[np.isfinite(column)]
     spread, largest = float(np.std(known)), float(np.abs(known).max())
     return spread if spread > LEAST_NOISE * largest else largest or 1.0
 
 
 def _check_effects(problem: Problem, noise: Noise) -> None:
-    """Refuse a parameter that nothing measured depends on.
-
-    Raises:
-        UsageError: see there.
-    """
+    """Refuse a free parameter on which nothing depends that was measured."""
     slopes = np.abs(problem.jacobian(problem.start, noise)).max(axis=0)
     columns = ", ".join(problem.measured.answers)
     for unknown, slope in zip(problem.unknowns, slopes, strict=True):
         if slope < NO_EFFECT:
             raise UsageError(f"--free {unknown.name}: around {unknown.start:g} it changes nothing of what was measured "
                              f"({columns}); leave it fixed, or measure what it changes")  # fmt: skip
-
-
-NO_EFFECT = 1e-5
-"""Slope of a residual, in spreads of its column over an e-fold change, below which there is none: a thousandth of what
-the model's own error can make of it would be as large"""
-assert FAR > 1.0  # noqa: S101

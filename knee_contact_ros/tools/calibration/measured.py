@@ -1,4 +1,4 @@
-"""What was measured: a table of inputs over time, and of the depth, force, gap or height that is fitted to."""
+"""Tables of measurements: inputs over time, and the depth, force, gap or height to which parameters are fitted."""
 
 from __future__ import annotations
 
@@ -17,48 +17,52 @@ from knee_contact_ros.system.regular_file import read_regular
 
 Floats = NDArray[np.float64]
 LARGEST_FILE = 2**28
-"""[B]"""
+"""Largest size [B] of a file"""
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
 ANSWERS = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
-"""Columns that the model is fitted to, with their units; the height only where it is not prescribed"""
+"""Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
 COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
 COMMENT = "#"
 
 
 class Measured(NamedTuple):
-    """Inputs and answers of a trial; n samples."""
+    """Inputs and measured answers of a trial of n samples."""
 
     source: str
-    """What it is called"""
+    """Name of the file or table, for messages"""
     digest: str
     """SHA-256 of the file; empty for a table in memory"""
     time: Floats
-    """[s], shape (n,), increasing"""
+    """Time [s], shape (n,), increasing"""
     angle: Floats
     """Flexion angle [rad], shape (n,)"""
     load: Floats
-    """[N], shape (n,): of the compartment, or axial"""
+    """Compressive load of the compartment, or the axial one, [N], shape (n,)"""
     axial: bool
     """Whether the load is the axial joint reaction, of which the compartment bears `load.share`"""
     height: Floats | None
     """Prescribed femoral height [m], shape (n,); None with drive force"""
     answers: dict[str, Floats]
-    """What was measured, by `ANSWERS`, shape (n,) each; not a number where it was not"""
+    """Measured columns by name, see `ANSWERS`, shape (n,) each; not a number where nothing was measured"""
 
     @property
     def number(self) -> int:
-        """How many values were measured."""
+        """Number of measured values."""
         return sum(int(np.isfinite(column).sum()) for column in self.answers.values())
+
+    def load_of(self, share: float) -> Floats:
+        """Give the load of the compartment [N], which bears a `share` of an axial load."""
+        return share * self.load if self.axial else self.load
 
 
 def read_measured(path: Path, drive: str) -> Measured:
-    """A trial from a CSV file: names in the first line, an empty cell (or nan) where nothing was measured.
+    """Read a trial from a CSV file: names in the first line, an empty cell (or nan) where nothing was measured.
 
-    Lines that begin with `#` are left out. Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
+    Lines that begin with `#` are ignored. Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
     or, with drive displacement, `femoral_height` [m]; and one or more of `ANSWERS`.
 
     Raises:
-        UsageError: the file cannot be read, is no such table, or values make no sense.
+        UsageError: the file cannot be read or is no such table, or values make no sense.
     """
     try:
         content = read_regular(path, LARGEST_FILE)
@@ -79,7 +83,12 @@ def read_measured(path: Path, drive: str) -> Measured:
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:
-    """A trial from columns by name: a mapping of arrays of shape (n,), or a data frame; see `read_measured`.
+    """Make a trial from columns by name: a mapping of arrays of shape (n,), or a data frame; see `read_measured`.
+
+    Args:
+        table: The columns.
+        drive: The parameter `drive`: force or displacement.
+        source: Name of the table, for messages.
 
     Raises:
         UsageError: columns are missing, or values make no sense.
@@ -93,7 +102,8 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
     needed = [TIME, ANGLE, *([HEIGHT] if prescribed else [] if loads else [LOAD])]
     for name in needed:
         if name not in columns:
-            raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has {_list(columns)}")
+            present = ", ".join(columns) or "none"
+            raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has {present}")
     answers = {name: columns[name] for name in ANSWERS if name in columns and name not in needed}
     if not answers:
         known = ", ".join(name for name in ANSWERS if name not in needed)
@@ -114,7 +124,7 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
 
 
 def _column(table: Any, name: str, source: str) -> Floats:
-    """A copy of a column."""
+    """Copy a column as numbers."""
     try:
         column = np.array(table[name], dtype=np.float64)
     except (TypeError, ValueError):
@@ -125,7 +135,7 @@ def _column(table: Any, name: str, source: str) -> Floats:
 
 
 def _row(line: str, columns: int, number: int, path: Path) -> list[float]:
-    """The numbers of a line; an empty cell is not a number."""
+    """Read the numbers of a line; an empty cell is not a number."""
     try:
         cells = [float(cell) if cell.strip() else math.nan for cell in line.split(",")]
     except ValueError:
@@ -151,7 +161,3 @@ def _check_finite(column: Floats, name: str, source: str, *, all_of_them: bool) 
         raise UsageError(f"{source}: column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}; {what}")
     if np.isnan(column).all():
         raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
-
-
-def _list(names: Iterable[str]) -> str:
-    return ", ".join(names) or "none"

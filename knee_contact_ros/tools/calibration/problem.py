@@ -1,4 +1,4 @@
-"""The residuals of a choice of parameters: what a model says less what was measured, in units of the noise."""
+"""A problem to be fitted: residuals of given parameters, answers of a model less measurements over their noise."""
 
 from __future__ import annotations
 
@@ -19,106 +19,119 @@ P = TypeVar("P", bound="Problem")
 Noise = Mapping[str, float]
 """Standard deviation of each measured column, in its unit"""
 STEP, LEAST_STEP, PART = 1e-3, 1e-7, 0.5
-"""Of a difference quotient, in coordinates: a part in a thousand at first, and later so much of what the data resolve
-where that is less: an impact may meet a sample or not within a thousandth"""
+"""Steps of difference quotients, in coordinates: STEP at first; later the part PART of what the data resolve, at least
+LEAST_STEP, where that is less, since within STEP an impact may come before a sample or after it"""
 FAR = 1e8
-"""Residual where parameters make no model"""
+"""Residual where parameters do not make a model"""
 
 
 class Data(Protocol):
-    """What was measured."""
+    """The measurements to which a model is fitted."""
 
     @property
     def source(self) -> str:
-        """What it is called."""
+        """Name of the file, bag or table, for messages."""
 
     @property
     def digest(self) -> str:
-        """SHA-256; empty of what is in memory."""
+        """SHA-256 of the file or bag; empty for a table in memory."""
 
     @property
     def answers(self) -> dict[str, Floats]:
-        """What a model is held against, by name, shape (n,) each; not a number where it was not measured."""
+        """Measured columns by name, shape (n,) each; not a number where nothing was measured."""
 
     @property
     def number(self) -> int:
-        """How many values were measured."""
+        """Number of measured values."""
 
 
 @dataclass(frozen=True)
 class Problem(ABC):
-    """A model, what is free of it, and what it is held against."""
+    """A model with free parameters, and measurements to which it is fitted.
+
+    A place is a choice of the p free parameters: their coordinates, shape (p,), see `Unknown`.
+    """
 
     measured: Data
     unknowns: tuple[Unknown, ...]
+    """The free parameters"""
     steps: Floats
-    """Of difference quotients, in coordinates, shape (p,)"""
+    """Steps of difference quotients, in coordinates, shape (p,)"""
 
     @abstractmethod
     def answers(self, place: Floats) -> Any:
-        """What the model says at a place, by the names of what was measured, shape (n,) each.
+        """Compute the model's answers at a place, by the names of the measured columns, shape (n,) each.
 
         Raises:
-            UsageError: parameters make no model.
+            UsageError: the parameters do not make a model.
         """
 
     @abstractmethod
     def predicted(self, place: Floats) -> Results | dict[str, Floats]:
-        """The same with all there is to results.
+        """Compute the answers at a place, with all that the caller of `calibrate` gets.
 
         Raises:
-            UsageError: parameters make no model, or inputs are none of a knee.
+            UsageError: the parameters do not make a model, or inputs are too large for a knee.
         """
 
     @abstractmethod
     def doubts(self, place: Floats) -> list[str]:
-        """What of the answers speaks against a fit, a sentence each."""
+        """Report what is doubtful in the answers at a place, a sentence each."""
 
     def remarks(self, place: Floats) -> list[str]:  # noqa: ARG002
-        """What else there is to say of a fit, a line each."""
+        """Give further remarks on a fit, a line each."""
         return []
 
     def also(self, place: Floats) -> dict[str, Any]:  # noqa: ARG002
-        """Parameters that follow from a fit, beside the fitted ones."""
+        """Give parameters that follow from a fit, beside the fitted ones."""
         return {}
 
     @property
     def start(self) -> Floats:
-        """Coordinates to start from, shape (p,)."""
+        """The place from which a fit starts."""
         return np.array([unknown.coordinate(unknown.start) for unknown in self.unknowns])
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Ends of the coordinates, shape (p,) each."""
+        """Lower and upper ends of the coordinates, shape (p,) each."""
         low, high = zip(*(unknown.bounds for unknown in self.unknowns), strict=True)
         return np.array(low), np.array(high)
 
     def values(self, place: Floats) -> dict[str, float]:
-        """Parameters at a place, coordinates of shape (p,)."""
+        """Give the values of the parameters at a place, by name."""
         return {unknown.name: unknown.value(float(each)) for unknown, each in zip(self.unknowns, place, strict=True)}
 
     def misfits(self, place: Floats) -> dict[str, Floats]:
-        """Answers less measurements in their unit, of each column where it was measured.
+        """Compute answers less measurements in their units, by column, where something was measured.
 
         Raises:
-            UsageError: as `answers`.
+            UsageError: see `answers`.
         """
         answers, measured = self.answers(place), self.measured.answers
         return {name: (answers[name] - column)[np.isfinite(column)] for name, column in measured.items()}
 
     def residuals(self, place: Floats, noise: Noise) -> Floats:
-        """The same in units of the noise, one column after another; `FAR` where there is no model."""
+        """Compute all misfits in units of the noise, one column after another; `FAR` if there is no model."""
         try:
             return self.scaled(self.misfits(place), noise)
         except UsageError:
             return np.full(self.measured.number, FAR)
 
     def scaled(self, misfits: Mapping[str, Floats], noise: Noise) -> Floats:
-        """Misfits in units of the noise, one column after another."""
+        """Divide misfits by the noise, and join them, one column after another."""
         return np.concatenate([misfits[name] / noise[name] for name in misfits])
 
     def jacobian(self, place: Floats, noise: Noise, which: Floats | None = None) -> Floats:
-        """Slopes of the residuals over the coordinates `which` (all of them by default), by central differences."""
+        """Compute the slopes of the residuals over coordinates by central differences.
+
+        Args:
+            place: Where to compute them.
+            noise: The noise of the columns.
+            which: Indices of the coordinates; None: all.
+
+        Returns:
+            Slopes of shape (residuals, coordinates).
+        """
         low, high = self.bounds
         columns = []
         for each in range(len(place)) if which is None else which:
@@ -135,6 +148,6 @@ class Problem(ABC):
         return np.stack(columns, axis=1)
 
     def with_steps_for(self: P, place: Floats, noise: Noise) -> P:
-        """The same with steps that fit what the data resolve around a place."""
+        """Give the same problem with steps that fit what the data resolve around a place."""
         sizes = np.linalg.norm(self.jacobian(place, noise), axis=0)
         return replace(self, steps=np.clip(PART / np.maximum(sizes, 1.0), LEAST_STEP, STEP))

@@ -1,4 +1,4 @@
-"""What a knee's load estimate is fitted to: a bag of a leg's sensors that also holds the measured joint reaction."""
+"""Read a bag of a leg's sensors with the measured joint reaction, to which the load estimate is fitted."""
 
 from __future__ import annotations
 
@@ -15,49 +15,56 @@ from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.core.types import UNUSABLE
+from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError, load_sample
-from knee_contact_ros.pipeline.synchronise import SECOND
 from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 AXIAL_FORCE = "axial_force"
 OWN_NAME, ROLE = f"/{JOINT_REACTION_FORCE}", "/reference"
-"""The reference's topic, unless it is another one; and what it is called here, as no other force may stand in for it"""
+"""Default topic of the reference, and a role of its own, so that no other force is read in its place"""
 
 
 class Referenced(NamedTuple):
-    """A leg's sensors and the joint reaction beside them; n samples, one per ground force."""
+    """Samples of a leg's sensors, n of them, one for each ground force, and the joint reaction at their stamps."""
 
     source: str
-    """The bag"""
+    """Path of the bag"""
     digest: str
-    """SHA-256 of it"""
+    """SHA-256 of the bag"""
     samples: tuple[Sensed, ...]
-    """All of them, n"""
+    """All n samples"""
     answers: dict[str, Floats]
     """`axial_force` [N], shape (n,): the reference; not a number at samples that are left out"""
     left_out: dict[str, int]
-    """Samples by why"""
+    """Number of samples that are left out, by the reason"""
     doubts: tuple[str, ...]
-    """What makes no sense, a sentence each"""
+    """What makes no sense in the bag, a sentence each"""
 
     @property
     def number(self) -> int:
-        """How many samples have a reference."""
+        """Number of samples that have a reference."""
         return int(np.isfinite(self.answers[AXIAL_FORCE]).sum())
 
 
 def referenced(
     bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
 ) -> Referenced:  # fmt: skip
-    """Read a bag; `names` are those of its three topics. Left out is what is flagged, or has no reference at its stamp.
+    """Read a bag; samples that are flagged, or have no reference at their stamps, are left out.
 
-    The reference at a stamp is interpolated between its neighbours, unless they are `pairing.max_gap` apart.
+    The reference at a stamp is interpolated between its neighbours, if they are not further than `pairing.max_gap`
+    apart.
+
+    Args:
+        bag: Path of the bag.
+        parameters: Parameters of the load node.
+        names: Names of the bag's three topics.
+        advance: Called with the amount that is read, and that of all.
 
     Raises:
         UsageError: the bag cannot be used, a topic is missing, or no sample is left.
@@ -81,9 +88,17 @@ def referenced(
 
 
 def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int) -> Floats:
-    """The reference at every sample, shape (n,); not a number where its neighbours are further apart [ns] or missing.
+    """Interpolate the reference at the stamps of all samples.
 
-    Nor where a sample's stamp is not later than all before: of two runs over the same stamps, the first one counts.
+    Args:
+        stamps: Stamps of the reference [ns], increasing.
+        values: The reference.
+        sensed: The samples.
+        max_gap: The largest distance [ns] of neighbours between which to interpolate.
+
+    Returns:
+        The reference, shape (n,). It is not a number where neighbours are missing or too far apart, and where a
+        sample's stamp is not later than all before: of two runs over the same stamps, the first one counts.
     """
     at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
     later = at > np.maximum.accumulate(np.concatenate(([-1], at[:-1])))
@@ -94,16 +109,12 @@ def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int
     gap = stamps[inside] - stamps[before]
     between = (after > 0) & (after < len(stamps)) & (gap <= max_gap)
     part = (at - stamps[before]) / np.maximum(gap, 1)
-    found = np.where(exact, values[inside], values[before] + part * (values[inside] - values[before]))
-    return np.where(later & (exact | between), found, np.nan)
+    at_stamps = np.where(exact, values[inside], values[before] + part * (values[inside] - values[before]))
+    return np.where(later & (exact | between), at_stamps, np.nan)
 
 
 def _reference(bag: Path, topic: str) -> tuple[Stamps, Floats, Counter[str]]:
-    """Stamps [ns], increasing, and axial forces [N] of the reference; and what of it is refused, by reason.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """Read increasing stamps [ns] and axial forces [N] of the reference, and count refused samples by the reason."""
     decoder, kept, refused, last = Decoder(deserialize), [], Counter[str](), -1
     with _opened(bag, topic) as reader:
         for message in reader.raw_messages():
@@ -130,7 +141,7 @@ def _opened(bag: Path, topic: str) -> BagReader:
 
 
 def _own(bag: Path, topic: str) -> list[str]:
-    """Told where the reference is an estimate of our own, as `load_estimate` beside it says."""
+    """Report a reference that is likely an estimate of our own, as there is a topic `load_estimate` beside it."""
     estimate = topic.removesuffix(JOINT_REACTION_FORCE) + LOAD_ESTIMATE
     if not topic.endswith(OWN_NAME):
         return []

@@ -1,4 +1,4 @@
-"""The work of `knee-contact calibrate`: a table or a bag → a parameter file with what was fitted."""
+"""The work of `knee-contact calibrate`: fit parameters to a table or a bag, and write them into a parameter file."""
 
 from __future__ import annotations
 
@@ -13,24 +13,28 @@ from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import READING
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import partial_name, refuse_existing, refuse_impossible, write_new
-from knee_contact_ros.tools.calibration.in_memory import Calibration, Fit, Topics, calibrated, is_bag
+from knee_contact_ros.tools.calibration.in_memory import Calibration, FitOptions, calibrated, is_bag
 from knee_contact_ros.tools.calibration.measured import ANSWERS
 from knee_contact_ros.tools.calibration.reference import AXIAL_FORCE
+from knee_contact_ros.tools.calibration.unknowns import nested
 
 UNITS = ANSWERS | {AXIAL_FORCE: "N"}
-"""Of what is measured"""
+"""Units of all columns that can be measured"""
 
 
 class CalibrateOptions(NamedTuple):
-    """What the command line says."""
+    """Options of the command."""
 
     data: Path
+    """The table or the bag"""
     params: Sequence[Path]
-    """Empty: the healthy knee; of a bag the load node's defaults"""
+    """Parameter files; none: the healthy knee, or for a bag the load node's defaults"""
     values: Mapping[str, Any]
+    """Values of single parameters, by name"""
     free: Sequence[str]
+    """Names of the free parameters, also with ranges, as contact.damping=1000:20000"""
     sigma: Sequence[str]
-    """As penetration_depth=1e-6"""
+    """Standard deviations of columns, as penetration_depth=1e-6"""
     loss: str
     level: float
     with_intervals: bool
@@ -38,85 +42,84 @@ class CalibrateOptions(NamedTuple):
     output: Path
     overwrite: bool = False
     remaps: Sequence[str] = ()
-    """Of a bag's topics, as joint_reaction_force:=/implant/force"""
+    """Other names of a bag's topics, as joint_reaction_force:=/implant/force"""
     namespace: str = ""
+    """Namespace of a bag's topics"""
 
 
-def run_calibrate(asked: CalibrateOptions) -> Calibration:
+def run_calibrate(options: CalibrateOptions) -> Calibration:
     """Fit, and write the parameter file.
 
     Raises:
         UsageError: data, parameters, an option or the output cannot be used. Nothing is written then.
     """
-    refuse_impossible(asked.output)
-    if not asked.overwrite:
-        refuse_existing(asked.output)
-    fit = Fit(_sigma(asked.sigma), asked.loss, asked.level, asked.with_intervals, asked.starts)
-    topics = Topics(tuple(asked.remaps), asked.namespace)
-    found = calibrated(asked.data, list(asked.params), asked.free, asked.values, fit, topics)
-    partial = partial_name(asked.output)
+    refuse_impossible(options.output)
+    if not options.overwrite:
+        refuse_existing(options.output)
+    fit_options = FitOptions(
+        _sigma(options.sigma), options.loss, options.level, options.with_intervals, options.starts, options.remaps,
+        options.namespace,
+    )  # fmt: skip
+    calibration = calibrated(options.data, list(options.params), options.free, options.values, fit_options)
+    partial = partial_name(options.output)
     try:
-        write_new(partial, parameter_file(found, asked).encode())
-        partial.replace(asked.output)
+        write_new(partial, parameter_file(calibration, options).encode())
+        partial.replace(options.output)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise UsageError(f"cannot write {asked.output}: {error.strerror}") from None
-    _reading(asked).set_in(asked.output)
-    return found
+        raise UsageError(f"cannot write {options.output}: {error.strerror}") from None
+    _reading(options).set_in(options.output)
+    return calibration
 
 
-def _reading(asked: CalibrateOptions) -> NodeReading[Any]:
-    """Of the node that the file is for."""
-    return LOAD_READING if is_bag(asked.data) else READING
+def _reading(options: CalibrateOptions) -> NodeReading[Any]:
+    """Give the reading of parameters of the node for which the file is."""
+    return LOAD_READING if is_bag(options.data) else READING
 
 
-def parameter_file(found: Calibration, asked: CalibrateOptions) -> str:
-    """The file's text: the fitted values alone, and in comments how they were made."""
-    files = ", ".join(path.name for path in asked.params) or "the defaults"
-    others = "".join(f", {name} {value}" for name, value in asked.values.items())
-    noise = [f"{name} {found.rms[name]:.4g} {UNITS[name]}" for name in found.rms]
-    said = [
-        f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
-        f"Data: {asked.data.name}, sha256 {found.measured.digest}.",
-        f"RMS of what is left: {', '.join(noise)}.",
-        *(f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks),
-        *(f"{name}: {interval_text(found, name)}." for name in found.intervals),
-        *(f"Warning: {warning}." for warning in found.warnings),
+def parameter_file(calibration: Calibration, options: CalibrateOptions) -> str:
+    """Write the parameter file as text: only the fitted values, and in comments where they come from."""
+    files = ", ".join(path.name for path in options.params) or "the defaults"
+    others = "".join(f", {name} {value}" for name, value in options.values.items())
+    rms = [f"{name} {value:.4g} {UNITS[name]}" for name, value in calibration.rms.items()]
+    comments = [
+        f"Written by knee-contact calibrate {__version__}, loss {calibration.loss}; all other parameters: "
+        f"{files}{others}.",
+        f"Data: {options.data.name}, sha256 {calibration.measured.digest}.",
+        f"RMS of what is left: {', '.join(rms)}.",
+        *(f"{remark[0].upper()}{remark[1:]}." for remark in calibration.remarks),
+        *(f"{name}: {interval_text(calibration, name)}." for name in calibration.intervals),
+        *(f"Warning: {warning}." for warning in calibration.warnings),
     ]
-    lines = [f"# {' '.join(line.split())}" for line in said]
-    lines += [f"/**/{_reading(asked).node}:", "  ros__parameters:", *_entries(found.also, "    ")]
-    sections: dict[str, dict[str, float]] = {}
-    for name, value in found.values.items():
-        section, inner = name.split(".")
-        sections.setdefault(section, {})[inner] = value
-    for section, values in sections.items():
+    lines = [f"# {' '.join(comment.split())}" for comment in comments]
+    lines += [f"/**/{_reading(options).node}:", "  ros__parameters:", *_entries(calibration.also, "    ")]
+    for section, values in nested(calibration.values).items():
         lines += [f"    {section}:", *_entries(values, "      ")]
     return "\n".join(lines) + "\n"
 
 
 def _entries(values: Mapping[str, Any], indent: str) -> list[str]:
-    """Lines of parameters."""
     return [f"{indent}{name}: {'true' if value is True else f'{value:.9e}'}" for name, value in values.items()]
 
 
-def interval_text(found: Calibration, name: str) -> str:
-    """An interval in words."""
-    low, high, low_open, high_open = found.intervals[name]
+def interval_text(calibration: Calibration, name: str) -> str:
+    """Write the interval of a parameter as text."""
+    low, high, low_open, high_open = calibration.intervals[name]
     below = "not bounded below" if low_open else f"{low:.6g}"
     above = "not bounded above" if high_open else f"{high:.6g}"
     between = f"{below} to {above}" if not (low_open or high_open) else f"{below}, {above}"
-    return f"{100.0 * found.level:g} % interval {between}"
+    return f"{100.0 * calibration.level:g} % interval {between}"
 
 
-def _sigma(given: Sequence[str]) -> dict[str, float]:
-    """Standard deviations by column."""
-    found = {}
-    for each in given:
-        name, _, told = each.partition("=")
+def _sigma(texts: Sequence[str]) -> dict[str, float]:
+    """Read standard deviations, by column."""
+    deviations = {}
+    for text in texts:
+        name, _, number = text.partition("=")
         try:
-            found[name] = float(told)
+            deviations[name] = float(number)
         except ValueError:
-            found[name] = math.nan
-        if not 0.0 < found[name] < math.inf:
-            raise UsageError(f"--sigma {each}: it must be COLUMN=NUMBER, the number > 0, as penetration_depth=1e-6")
-    return found
+            deviations[name] = math.nan
+        if not 0.0 < deviations[name] < math.inf:
+            raise UsageError(f"--sigma {text}: it must be COLUMN=NUMBER, the number > 0, as penetration_depth=1e-6")
+    return deviations

@@ -1,4 +1,4 @@
-"""The parameters that are fitted: their names, ranges and coordinates."""
+"""The free parameters of a fit: their names, ranges and coordinates."""
 
 from __future__ import annotations
 
@@ -15,83 +15,96 @@ from knee_contact_ros.system.errors import UsageError
 
 Ends = tuple[float, float]
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
-"""Names, or names to the ends of a narrower range"""
+"""Names of parameters, or a mapping of names to the ends of narrower ranges"""
 UNIT = re.compile(r"\[([^\]]+)\]")
-"""What a parameter's meaning begins with, if it has a unit"""
+"""The unit with which a parameter's description begins, if it has one"""
 
 
 class Unknown(NamedTuple):
-    """A parameter that is fitted. What cannot be 0 has its logarithm as coordinate, else its value over `scale`."""
+    """A free parameter; its coordinate is the logarithm of a value that cannot be 0, else the value over `scale`."""
 
     name: str
+    """Name of the parameter"""
     start: float
+    """Value from which the fit starts"""
     least: float
-    """Of its range; both ends are allowed"""
+    """Lower end of the range, which is allowed"""
     most: float
+    """Upper end of the range, which is allowed"""
     unit: str
-    """Empty if it has none"""
+    """Unit of the parameter; empty if it has none"""
     scale: float
-    """In its unit; 0: logarithmic"""
+    """Change of the value over that of the coordinate, in the unit; 0 where the coordinate is the logarithm"""
 
     @property
     def bounds(self) -> Ends:
-        """Its range, as coordinates."""
+        """Lower and upper end of the coordinate."""
         return self.coordinate(self.least), self.coordinate(self.most)
 
     def coordinate(self, value: float) -> float:
-        """Of a value."""
+        """Give the coordinate of a value."""
         return value / self.scale if self.scale else math.log(value)
 
     def value(self, coordinate: float) -> float:
-        """At a coordinate, within the range."""
+        """Give the value at a coordinate, within the range."""
         if self.scale:
             return min(max(coordinate * self.scale, self.least), self.most)
         return min(max(math.exp(min(coordinate, 700.0)), self.least), self.most)
 
 
 class Fittable(NamedTuple):
-    """What may be free."""
+    """The parameters that may be free in a problem."""
 
     names: Sequence[str]
+    """Names of these parameters"""
     known: Mapping[str, Declaration]
-    """Of every parameter by its name"""
+    """Declarations of all parameters, by name"""
     values: Mapping[str, Any]
-    """Likewise; a fit starts from them"""
+    """Values of all parameters, by name, from which a fit starts"""
     example: str
     """One of the names"""
     why_not: Callable[[str], str]
-    """Why another name cannot be free; empty: it is none that is known"""
+    """Gives the reason why another name cannot be free; empty if there is no such parameter"""
 
 
 def unknowns_of(free: Free, fittable: Fittable) -> tuple[Unknown, ...]:
-    """Those that are asked for, in the order given: each with the range that is given, or else with its own.
+    """Give the free parameters in the order of their names, with the ranges that are given, or else with their own.
 
     Raises:
-        UsageError: none is given, a name is given twice or is none of these, a range is none or leaves the parameter's
-            own, or the value to start from lies outside of it.
+        UsageError: no name is given, one is given twice or cannot be free, a range is no range or is not within the
+            parameter's own, or the value to start from is outside of it.
     """
-    asked = _asked(free)
-    if not asked:
+    ranges = _ranges(free)
+    if not ranges:
         raise UsageError(f"calibrate: no parameter is free; as --free {fittable.example}")
-    for name in asked:
+    for name in ranges:
         _check_name(name, fittable)
     known, values = fittable.known, fittable.values
-    return tuple(_unknown(name, ends, known[name], float(values[name])) for name, ends in asked.items())
+    return tuple(_unknown(name, ends, known[name], float(values[name])) for name, ends in ranges.items())
 
 
-def _asked(free: Free) -> dict[str, Ends | None]:
-    """Names and ends of ranges."""
+def nested(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Group parameters named `section.name` by their sections."""
+    sections: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        section, inner = name.split(".")
+        sections.setdefault(section, {})[inner] = value
+    return sections
+
+
+def _ranges(free: Free) -> dict[str, Ends | None]:
+    """Give the range of each free parameter, by name; None for its own."""
     if isinstance(free, str):
         free = [free]
     if isinstance(free, Mapping):
         return {str(name): None if ends is None else _ends(str(name), ends) for name, ends in free.items()}
-    asked: dict[str, Ends | None] = {}
+    ranges: dict[str, Ends | None] = {}
     for each in free:
-        name, equals, told = str(each).partition("=")
-        if name in asked:
+        name, equals, ends = str(each).partition("=")
+        if name in ranges:
             raise UsageError(f"--free {name}: it is given twice")
-        asked[name] = _ends(name, told.split(":")) if equals else None
-    return asked
+        ranges[name] = _ends(name, ends.split(":")) if equals else None
+    return ranges
 
 
 def _ends(name: str, given: Sequence[float | str]) -> Ends:
@@ -100,8 +113,8 @@ def _ends(name: str, given: Sequence[float | str]) -> Ends:
     except (TypeError, ValueError):
         low = high = math.nan
     if not low < high:
-        told = ":".join(map(str, given)) if isinstance(given, Sequence) else repr(given)
-        raise UsageError(f"--free {name}: range {told!r} is not allowed; two numbers that grow, as 1000:20000")
+        text = ":".join(map(str, given)) if isinstance(given, Sequence) else repr(given)
+        raise UsageError(f"--free {name}: range {text!r} is not allowed; two numbers that grow, as 1000:20000")
     return low, high
 
 

@@ -37,7 +37,7 @@ class Pipeline(NamedTuple):
 
 
 def import_opensim(side: str, options: dict[str, Any], output: Path, overwrite: bool) -> None:
-    """Do what the command line asks for; `options` are those of `opensim_results_options` and `opensim_run_options`.
+    """Do what the command line asks for; `options` are those of the command `import-opensim`.
 
     Raises:
         UsageError: they do not fit together; and see `import_run` and `import_results`.

@@ -1,1 +1,1 @@
-"""Which parameter matters: indices of Sobol and of Morris for what comes out of a knee, by SALib."""
+"""Sensitivity analysis: Sobol's and Morris's indices of a knee's outcomes to its parameters, by SALib."""

@@ -1,7 +1,7 @@
-"""Indices of an outcome from a table of it at the points of a design, by SALib, with intervals of a bootstrap.
+"""Sensitivity indices of an outcome from its values at the points of a design, by SALib, with bootstrap intervals.
 
-A group of points (a base sample, a trajectory) of which one has no value is left out as a whole, as SALib needs it; of
-more than `MOST_SPOILT` of them spoilt there are no indices, since what is left is no sample of the ranges any more.
+SALib needs whole groups of points (a base sample, a trajectory): a group in which a case has no value is left out. If
+more than `MOST_SPOILT` of the groups are left out, there are no indices, since the rest is no sample of the ranges.
 """
 
 from __future__ import annotations
@@ -18,96 +18,104 @@ from knee_contact_ros.tools.sensitivity.design import FEWEST, LEVELS, SalibDesig
 
 Floats = NDArray[np.float64]
 RESAMPLES = 200
-"""Of the bootstrap"""
+"""Number of resamples of the bootstrap"""
 FEWER = 100
-"""Where each is a call of SALib"""
+"""Number of resamples where each is a call of SALib"""
 BEGINNINGS = (8, 4, 2, 1)
-"""Parts of the design that indices are told of, to see whether they still move: n/8, n/4, n/2, n"""
+"""Divisors of n: indices are computed from the first n/8, n/4, n/2 and n groups, to see whether they have converged"""
 MOST_SPOILT = 0.1
-"""Of the groups"""
+"""The largest part of the groups that may be left out"""
 SAME = 1e-12
-"""Of an outcome, as little as it may vary and be the same"""
+"""Range of an outcome, relative to its size, up to which it counts as constant"""
 LEADING = {"sobol": "ST", "morris": "mu_star"}
-"""The index that parameters are sorted by"""
+"""The index of each method by which parameters are sorted"""
 
 
 class Index(NamedTuple):
-    """An index, and where it lies at the confidence that is asked for."""
+    """A sensitivity index, with its interval at the design's level of confidence."""
 
     parameter: str
-    """`a x b` of two together"""
+    """Name of the parameter; `a x b` for the index of a pair"""
     kind: str
-    """S1, ST, S2; mu_star, mu, sigma in the outcome's unit per range"""
+    """S1, ST or S2; mu_star, mu or sigma, in the outcome's unit over the whole range of the parameter"""
     n: int
-    """Groups that it is made of"""
+    """Number of groups from which the index is computed"""
     value: float
+    """Value of the index"""
     low: float
-    """Not a number where there is no interval"""
+    """Lower end of the interval; not a number where there is none"""
     high: float
+    """Upper end of the interval; not a number where there is none"""
 
 
 class Analysed(NamedTuple):
-    """What there is to say of an outcome."""
+    """Analysis of an outcome."""
 
     outcome: str
+    """Name of the outcome"""
     indices: tuple[Index, ...]
-    """Of the beginnings, the whole last; none where there is a `reason`"""
+    """Indices for the beginnings of the design, and last for all of it; none where there is a `reason`"""
     groups: int
-    """That the design has"""
+    """Number of groups of the design"""
     spoilt: int
-    """Of these, in which a case has no value"""
+    """Number of groups in which a case has no value"""
     cases: int
-    """Cases without a value"""
+    """Number of cases without a value"""
     mean: float
+    """Mean of the outcome over the cases that have a value"""
     deviation: float
-    """Standard one of the outcome over the cases that have it"""
+    """Standard deviation of the outcome over the cases that have a value"""
     reason: str
     """Why there are no indices; empty if there are"""
 
     def final(self, kind: str) -> list[Index]:
-        """The indices of a kind of the whole design, the largest first."""
+        """Give the indices of a kind for the whole design, the largest first."""
         most = max((index.n for index in self.indices), default=0)
-        own = [index for index in self.indices if index.n == most and index.kind == kind]
-        return sorted(own, key=lambda index: -index.value)
+        indices = [index for index in self.indices if index.n == most and index.kind == kind]
+        return sorted(indices, key=lambda index: -index.value)
+
+    def by_parameter(self, kind: str) -> dict[str, Index]:
+        """Give the indices of a kind for the whole design by parameter, the largest first."""
+        return {index.parameter: index for index in self.final(kind)}
 
     def course(self, kind: str, parameter: str) -> list[Index]:
-        """An index over the beginnings of the design."""
-        own = (index for index in self.indices if (index.kind, index.parameter) == (kind, parameter))
-        return sorted(own, key=lambda index: index.n)
+        """Give an index for the beginnings of the design, the shortest first."""
+        indices = (index for index in self.indices if (index.kind, index.parameter) == (kind, parameter))
+        return sorted(indices, key=lambda index: index.n)
 
 
 def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.0) -> Analysed:
-    """The indices of an outcome.
+    """Compute the indices of an outcome.
 
     Args:
-        design: Whose points they are.
-        outcome: Its name.
-        values: At the points, shape (design.number,); not a number where a case failed.
-        bound: Numerical error that they may have; an outcome that varies by less has no indices.
+        design: The design at whose points the outcome was computed.
+        outcome: Name of the outcome.
+        values: Values at the points, shape (design.number,); not a number where a case failed.
+        bound: Bound of the values' numerical error; an outcome whose standard deviation is no larger has no indices.
     """
     grouped = values.reshape(design.n, design.group)
-    there = np.isfinite(values)
-    whole = np.asarray(there.reshape(grouped.shape).all(axis=1))
-    spoilt, own = int((~whole).sum()), values[there]
-    mean, deviation = (float(own.mean()), float(own.std())) if own.size else (np.nan, np.nan)
-    found = Analysed(outcome, (), design.n, spoilt, int((~there).sum()), mean, deviation, "")
-    if not own.size:
-        return found._replace(reason="no case has a value")
+    finite = np.isfinite(values)
+    whole = np.asarray(finite.reshape(grouped.shape).all(axis=1))
+    spoilt, known = int((~whole).sum()), values[finite]
+    mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
+    analysed = Analysed(outcome, (), design.n, spoilt, int((~finite).sum()), mean, deviation, "")
+    if not known.size:
+        return analysed._replace(reason="no case has a value")
     if spoilt > MOST_SPOILT * design.n:
         reason = (
-            f"{found.cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
+            f"{analysed.cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
             f"more than {MOST_SPOILT:.0%}, so what is left is no sample of the ranges"
         )
-        return found._replace(reason=reason)
+        return analysed._replace(reason=reason)
     unit = f" {unit_of(outcome)}".rstrip()
-    if _same(own):
-        return found._replace(reason=f"it is the same in all cases, {mean:g}{unit}")
+    if _same(known):
+        return analysed._replace(reason=f"it is the same in all cases, {mean:g}{unit}")
     if deviation <= bound:
         reason = (
             f"it varies by {deviation:.2g}{unit} (one standard deviation) around {mean:.6g}{unit}, and its numerical "
             f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
         )
-        return found._replace(reason=reason)
+        return analysed._replace(reason=reason)
     cube = design.unit().reshape(design.n, design.group, -1)
     indices: list[Index] = []
     for part in BEGINNINGS:
@@ -117,11 +125,11 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
             indices += (
                 _of_morris(design, points, outcomes) if design.method == "morris" else _of_sobol(design, outcomes)
             )
-    return found._replace(indices=tuple(indices), reason="" if indices else f"fewer than {FEWEST} whole groups")
+    return analysed._replace(indices=tuple(indices), reason="" if indices else f"fewer than {FEWEST} whole groups")
 
 
 def unit_of(outcome: str) -> str:
-    """The SI unit of an outcome, empty for a number."""
+    """Give the SI unit of an outcome; empty for numbers of ticks and for ratios."""
     return next(one.unit for one in OUTCOMES if one.name == outcome.removeprefix(LATERAL))
 
 
@@ -130,45 +138,48 @@ def _same(values: Floats) -> bool:
 
 
 def _of_sobol(design: SalibDesign, values: Floats) -> list[Index]:
-    """Of values in groups, shape (n, group)."""
+    """Compute Sobol's indices from values in groups, shape (n, group)."""
     from SALib.analyze import sobol
 
-    told: Any = sobol.analyze(
+    result: Any = sobol.analyze(
         design.problem, values.ravel(), calc_second_order=design.second_order, num_resamples=RESAMPLES,
         conf_level=design.confidence, seed=design.seed + 1,
     )  # fmt: skip
     # SALib takes a seed of 0 for none
-    found = [
-        _index(name, kind, len(values), told[kind][i], told[f"{kind}_conf"][i])
+    names, n = design.names, len(values)
+    indices = [
+        _index(name, kind, n, result[kind][i], result[f"{kind}_conf"][i])
         for kind in ("S1", "ST")
-        for i, name in enumerate(design.names)
+        for i, name in enumerate(names)
     ]
     if design.second_order:
-        found += [
-            _index(f"{design.names[i]} x {design.names[j]}", "S2", len(values), told["S2"][i, j], told["S2_conf"][i, j])
-            for i, j in combinations(range(len(design.names)), 2)
+        indices += [
+            _index(f"{names[i]} x {names[j]}", "S2", n, result["S2"][i, j], result["S2_conf"][i, j])
+            for i, j in combinations(range(len(names)), 2)
         ]
-    return found
+    return indices
 
 
 def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> list[Index]:
-    """Of trajectories: points, shape (n, group, names), and values, shape (n, group)."""
-    told = _screened(design, points, values, RESAMPLES)
-    draw = np.random.default_rng(design.seed + 1)
+    """Compute Morris's indices from trajectories: points, shape (n, group, parameters), and values, shape (n, group).
+
+    SALib gives an interval of mu_star alone, so those of mu and sigma come from a bootstrap of our own.
+    """
+    result, n = _screened(design, points, values, RESAMPLES), len(values)
+    random = np.random.default_rng(design.seed + 1)
     resampled = []
-    for _ in range(FEWER):  # SALib tells an interval of mu_star alone
-        own = draw.integers(len(values), size=len(values))
-        other = _screened(design, points[own], values[own], 2)
+    for _ in range(FEWER):
+        drawn = random.integers(n, size=n)
+        other = _screened(design, points[drawn], values[drawn], 2)
         resampled.append((other["mu"], other["sigma"]))
     tail = 0.5 * (1.0 - design.confidence)
     low, high = np.quantile(np.array(resampled, dtype=float), (tail, 1.0 - tail), axis=0)
-    found = []
+    indices = []
     for i, name in enumerate(design.names):
-        found.append(_index(name, "mu_star", len(values), told["mu_star"][i], told["mu_star_conf"][i]))
-        for place, kind in enumerate(("mu", "sigma")):
-            ends = float(low[place, i]), float(high[place, i])
-            found.append(Index(name, kind, len(values), float(told[kind][i]), *ends))
-    return found
+        indices.append(_index(name, "mu_star", n, result["mu_star"][i], result["mu_star_conf"][i]))
+        for row, kind in enumerate(("mu", "sigma")):
+            indices.append(Index(name, kind, n, float(result[kind][i]), float(low[row, i]), float(high[row, i])))
+    return indices
 
 
 def _screened(design: SalibDesign, points: Floats, values: Floats, resamples: int) -> Any:
@@ -180,5 +191,5 @@ def _screened(design: SalibDesign, points: Floats, values: Floats, resamples: in
     )  # fmt: skip
 
 
-def _index(parameter: str, kind: str, number: int, value: float, half: float) -> Index:
-    return Index(parameter, kind, number, float(value), float(value - half), float(value + half))
+def _index(parameter: str, kind: str, n: int, value: float, half_width: float) -> Index:
+    return Index(parameter, kind, n, float(value), float(value - half_width), float(value + half_width))

@@ -1,7 +1,7 @@
-"""Where a knee is computed for its indices: the points that SALib draws, in the ranges of a study file.
+"""The design of a sensitivity analysis: points that SALib draws in the ranges of a study file.
 
-The points are drawn in the unit cube and spread over the ranges, evenly or evenly in the logarithm. They are drawn in
-groups, one after another: a larger n begins with the same groups, and so needs only the rest of the cases.
+The points are drawn in the unit cube and scaled to the ranges, linearly or logarithmically. They are drawn in groups,
+one after another: a larger n begins with the same groups, and so needs only the other cases.
 
 Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10.1016/j.cpc.2009.09.018. Morris: Morris
 1991, Technometrics 33:161-174, doi:10.1080/00401706.1991.10484804.
@@ -12,31 +12,35 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from knee_contact_ros.cohort.study import Spaced, axes_of
+from knee_contact_ros.cohort.study import Floats, Spaced, axes_of, in_ranges
 
 FEWEST = 8
-"""Groups that indices are made of"""
+"""The least number of groups from which indices are computed"""
 MOST = 65_536
-"""Groups: SALib's bootstrap holds some 2 kB of each, for each index"""
+"""The largest number of groups: SALib's bootstrap holds some 2 kB of each, for each index"""
 LEVELS = 4
-"""Of a range, that trajectories step on"""
+"""Number of levels of a range between which Morris's trajectories step"""
 
 
 class SalibDesign(BaseModel):
-    """What a study file says under `sensitivity`; a `Design` of the study."""
+    """The entry `sensitivity` of a study file, which is a `Design`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     method: Literal["sobol", "morris"] = "sobol"
+    """Sobol: shares of the variance; Morris: effects over the whole range"""
     n: int = Field(256, ge=FEWEST, le=MOST)
-    """Groups: base samples, or trajectories"""
+    """Number of groups: of base samples, or of trajectories"""
     seed: int = Field(1, ge=0, lt=2**31)
+    """Seed of the random numbers of design and bootstrap"""
     second_order: bool = False
+    """Whether Sobol's indices of pairs of parameters are computed, too"""
     confidence: float = Field(0.95, ge=0.5, le=0.999)
+    """Confidence level of the intervals"""
     ranges: Annotated[dict[str, Any], Field(min_length=2)]
+    """Range of each parameter by name, as `axes_of` reads it"""
 
     @model_validator(mode="after")
     def _fits(self) -> SalibDesign:
@@ -49,26 +53,21 @@ class SalibDesign(BaseModel):
 
     @property
     def names(self) -> list[str]:
-        """Of the parameters."""
+        """Names of the parameters, in the order of the columns of `points`."""
         return list(self.ranges)
 
     @property
-    def axes(self) -> list[Spaced]:
-        """The ranges, in their order.
+    def axes(self) -> dict[str, Spaced]:
+        """Ranges of the parameters by name, see `Design.axes`.
 
         Raises:
-            UsageError: one is none.
+            UsageError: one is no range.
         """
         return axes_of(self.ranges)
 
     @property
-    def ends(self) -> list[tuple[float, float]]:
-        """The least and the largest value of each."""
-        return [(axis.start, axis.stop) for axis in self.axes]
-
-    @property
     def group(self) -> int:
-        """Points that belong together, of which none can be missed."""
+        """Number of points in a group; indices need all of them."""
         size = len(self.ranges)
         if self.method == "morris":
             return size + 1
@@ -76,17 +75,17 @@ class SalibDesign(BaseModel):
 
     @property
     def number(self) -> int:
-        """Of the points."""
+        """Number of points."""
         return self.n * self.group
 
     @property
     def problem(self) -> dict[str, Any]:
-        """What SALib calls so: the unit cube."""
+        """SALib's description of the problem: names of the parameters, and the unit cube as their ranges."""
         size = len(self.ranges)
         return {"num_vars": size, "names": self.names, "bounds": [[0.0, 1.0]] * size}
 
-    def unit(self) -> NDArray[np.float64]:
-        """The points in the unit cube, shape (number, names)."""
+    def unit(self) -> Floats:
+        """Draw the points in the unit cube, shape (number, parameters)."""
         if self.method == "morris":
             from SALib.sample import morris
 
@@ -96,7 +95,6 @@ class SalibDesign(BaseModel):
         drawn = sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed)
         return np.asarray(drawn)
 
-    def points(self) -> NDArray[np.float64]:
-        """The parameters' values, shape (number, names)."""
-        unit = self.unit()
-        return np.column_stack([axis.at(unit[:, i]) for i, axis in enumerate(self.axes)])
+    def points(self) -> Floats:
+        """Draw the parameters' values, shape (number, parameters)."""
+        return in_ranges(self.unit(), self.axes)

@@ -1,4 +1,4 @@
-"""The figures, as PNG: bars with intervals, the course over n, and Morris's plane; combinations side by side."""
+"""Figures of the indices, as PNG: bars, convergence over n, and Morris's plane, with a panel for each combination."""
 
 from __future__ import annotations
 
@@ -7,28 +7,27 @@ import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import islice
 from typing import Any, NamedTuple
 
 from knee_contact_ros.tools.sensitivity.analysis import LEADING, Analysed, Index
 from knee_contact_ros.tools.sensitivity.design import SalibDesign
 from knee_contact_ros.tools.sensitivity.gather import Combination
-from knee_contact_ros.tools.sensitivity.words import WIDEST, Shown, shown
+from knee_contact_ros.tools.sensitivity.words import WIDEST, Display, display_of
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = "osD^vP*"
-"""Of parameters; colours are Okabe and Ito's, which colour-blind readers can tell apart"""
+"""Markers of parameters, beside the colours of Okabe and Ito, which colour-blind readers can tell apart"""
 DARK, LIGHT = "#0072B2", "#A6CEE8"
 PANELS, COLUMNS = 6, 2
-"""Of a figure"""
+"""The largest number of panels of a figure, and of panels side by side"""
 WIDTH, HEIGHT, BAR, EDGES = 3.6, 2.7, 0.34, 1.0
-"""[in] of a panel; of a parameter's bars, and of what is above and below them"""
-LINE, WIDE, LETTERS = 0.2, 24, 0.075
-"""[in] of a legend's line and of a letter of a parameter's name; letters that two columns of a legend have room for"""
+"""Width and height [in] of a panel, height [in] of a parameter's bars, and of the space above and below all bars"""
+LINE, LETTER = 0.2, 0.075
+"""Height [in] of a line of the legend, and width [in] of a letter of a parameter's name"""
 EDGE = 0.03
-"""Of an axis, beyond what is drawn"""
+"""Margin of an axis, relative to the range of what is drawn"""
 WRAP = 40
-"""Letters in a panel's title's line"""
+"""Number of letters in a line of a panel's title"""
 DPI = 200
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
          "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
@@ -36,45 +35,40 @@ STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "
 
 
 class Figure(NamedTuple):
-    """A picture with what belongs to it."""
+    """A figure of the page."""
 
     name: str
-    """Of its file, without the suffix"""
+    """Name of its file, without the suffix"""
     title: str
     caption: str
-    """One or two sentences"""
+    """One sentence or a few"""
     png: bytes
+    """Content of the PNG file"""
 
 
 class Panel(NamedTuple):
-    """What is drawn of an outcome where."""
+    """An outcome of a combination, which is a panel of each figure."""
 
     label: str
-    found: Analysed
+    analysed: Analysed
 
 
 def figures(design: SalibDesign, combinations: Sequence[Combination], place: int) -> list[Figure]:
-    """Those of the outcome at a place; none if it has no indices anywhere."""
+    """Draw the figures of the outcome with the index `place`; none if it has no indices in any combination."""
     panels = [Panel(each.label, each.analysed[place]) for each in combinations if each.analysed[place].indices]
-    found = []
-    parts = list(_parts(panels))
+    parts = [panels[begin : begin + PANELS] for begin in range(0, len(panels), PANELS)]
+    drawn = []
     for number, part in enumerate(parts, 1):
-        behind, which = (f"_{number}", f", part {number}") if len(parts) > 1 else ("", "")
-        found += [
-            each._replace(name=each.name + behind, title=each.title + which) for each in _of_part(design, part)
-        ]  # fmt: skip
-    return found
-
-
-def _parts(panels: Sequence[Panel]) -> Iterator[list[Panel]]:
-    rest = iter(panels)
-    while part := list(islice(rest, PANELS)):
-        yield part
+        suffix, which = (f"_{number}", f", part {number}") if len(parts) > 1 else ("", "")
+        drawn += [
+            figure._replace(name=figure.name + suffix, title=figure.title + which) for figure in _of_part(design, part)
+        ]
+    return drawn
 
 
 def _of_part(design: SalibDesign, panels: Sequence[Panel]) -> Iterator[Figure]:
-    outcome = panels[0].found.outcome
-    own = shown(outcome)
+    outcome = panels[0].analysed.outcome
+    own = display_of(outcome)
     names, percent = _order(design, panels), f"{100 * design.confidence:g} %"
     tall = BAR * len(names) + EDGES
     painted = partial(_bars, own=own, names=names, morris=design.method == "morris")
@@ -97,7 +91,7 @@ def _of_part(design: SalibDesign, panels: Sequence[Panel]) -> Iterator[Figure]:
         plane = partial(_plane, own=own, names=names)
         yield Figure(f"plane_{outcome}", f"Morris's plane of {own.title}", caption, _draw(panels, HEIGHT, plane, names))
     kind = "µ*" if design.method == "morris" else "ST"
-    if any(len({index.n for index in panel.found.indices}) > 1 for panel in panels):
+    if any(len({index.n for index in panel.analysed.indices}) > 1 for panel in panels):
         caption = f"{kind} and its {percent} interval for the beginnings of the design: n/8, n/4, n/2, n."
         if design.method == "sobol":
             caption += f" Grey bar at the right: {WIDEST:g}, as wide as the largest one's interval may be."
@@ -108,10 +102,10 @@ def _of_part(design: SalibDesign, panels: Sequence[Panel]) -> Iterator[Figure]:
 
 
 def _order(design: SalibDesign, panels: Sequence[Panel]) -> list[str]:
-    """Parameters, those first that matter most over all panels."""
+    """Sort the parameters by their indices, relative to the largest one, summed over all panels."""
     kind, weights = LEADING[design.method], dict.fromkeys(design.names, 0.0)
     for panel in panels:
-        own = panel.found.final(kind)
+        own = panel.analysed.final(kind)
         for index in own:
             weights[index.parameter] += index.value / max(abs(own[0].value), 1e-300)
     return sorted(design.names, key=lambda name: -weights[name])
@@ -120,7 +114,7 @@ def _order(design: SalibDesign, panels: Sequence[Panel]) -> list[str]:
 def _draw(
     panels: Sequence[Panel], height: float, paint: Callable[[Any, Panel, bool], None], names: Sequence[str]
 ) -> bytes:
-    """Panels as PNG; `paint` gets axes, the panel, and whether it stands at the left."""
+    """Draw panels as PNG; `paint` is called with axes, the panel, and whether it is at the left."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
@@ -128,7 +122,7 @@ def _draw(
     columns = min(COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
     with mpl.rc_context(STYLE):
-        room = LETTERS * max(map(len, names))
+        room = LETTER * max(map(len, names))
         canvas = Canvas(figsize=(columns * WIDTH + room, rows * height), layout="constrained")
         FigureCanvasAgg(canvas)
         axes = canvas.subplots(rows, columns, squeeze=False).ravel()
@@ -144,25 +138,26 @@ def _draw(
 
 
 def _legend(canvas: Any, axis: Any) -> None:
-    """Below the panels, which are alike."""
+    """Add a legend below the panels, which are alike."""
     handles, labels = axis.get_legend_handles_labels()
     if not labels:
         return
-    columns = max(1, min(len(labels), int(canvas.get_size_inches()[0] / (LETTERS * max(map(len, labels)) + 0.6))))
+    columns = max(1, min(len(labels), int(canvas.get_size_inches()[0] / (LETTER * max(map(len, labels)) + 0.6))))
     canvas.legend(handles, labels, loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
     canvas.set_size_inches(width, height + LINE * -(-len(labels) // columns))
 
 
-def _bars(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str], morris: bool) -> None:
+def _bars(axis: Any, panel: Panel, left: bool, own: Display, names: Sequence[str], morris: bool) -> None:
     places = range(len(names))
     factor = own.factor if morris else 1.0
     drawn = (("mu_star", "µ*", DARK, 0.0, 0.6),) if morris else (
         ("S1", "S1: alone", DARK, -0.2, 0.36), ("ST", "ST: with all interactions", LIGHT, 0.2, 0.36))  # fmt: skip
     lowest, highest = 0.0, 0.0 if morris else 1.0
     for kind, label, colour, shift, thick in drawn:
-        by = {index.parameter: index for index in panel.found.final(kind)}
-        values, ends = [factor * by[name].value for name in names], _ends([by[name] for name in names], factor)
+        by_parameter = panel.analysed.by_parameter(kind)
+        indices = [by_parameter[name] for name in names]
+        values, ends = [factor * index.value for index in indices], _ends(indices, factor)
         up = [place + shift for place in places]
         axis.barh(up, values, thick, color=colour, label=None if morris else label)
         axis.errorbar(values, up, xerr=ends, fmt="none", ecolor="0.15", elinewidth=1.2, capsize=2.5)
@@ -177,22 +172,22 @@ def _bars(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str],
 
 
 def _limits(design: SalibDesign, panels: Sequence[Panel]) -> tuple[float, float] | None:
-    """From below 0 to above all values of shares, in all panels; effects have a scale in each: None."""
+    """Give the limits of the vertical axis that all panels share; None for effects, which have an axis in each."""
     if design.method == "morris":
         return None
-    values = [index.value for panel in panels for index in panel.found.indices if index.kind == "ST"]
+    values = [index.value for panel in panels for index in panel.analysed.indices if index.kind == "ST"]
     return -0.05, 1.05 * max(1.0, *values)
 
 
 def _course(
-    axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str], design: SalibDesign,
+    axis: Any, panel: Panel, left: bool, own: Display, names: Sequence[str], design: SalibDesign,
     limits: tuple[float, float] | None,
 ) -> None:  # fmt: skip
     kind = LEADING[design.method]
     factor = own.factor if design.method == "morris" else 1.0
-    numbers = sorted({index.n for index in panel.found.indices})
+    numbers = sorted({index.n for index in panel.analysed.indices})
     for i, name in enumerate(names):
-        course = panel.found.course(kind, name)
+        course = panel.analysed.course(kind, name)
         aside = 1.0 + 0.05 * (i - 0.5 * (len(names) - 1)) / max(len(names) / 4, 1.0)  # intervals beside each other
         across, up = [aside * index.n for index in course], [factor * index.value for index in course]
         axis.errorbar(
@@ -204,7 +199,7 @@ def _course(
     axis.minorticks_off()
     axis.set_ylim(*(limits or (-EDGE * axis.get_ylim()[1], None)))
     if design.method == "sobol":
-        first = panel.found.final(kind)[0]
+        first = panel.analysed.final(kind)[0]
         axis.plot([1.25 * numbers[-1]] * 2, [first.value - WIDEST / 2, first.value + WIDEST / 2], color="0.5", lw=4,
                   solid_capstyle="butt")  # fmt: skip
     axis.set_xlabel("n, trajectories" if design.method == "morris" else "n, base samples")
@@ -212,10 +207,10 @@ def _course(
         axis.set_ylabel(f"µ* of {own.label}" if design.method == "morris" else f"ST of {own.title}")
 
 
-def _plane(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str]) -> None:
-    by = {kind: {index.parameter: index for index in panel.found.final(kind)} for kind in ("mu_star", "sigma")}
+def _plane(axis: Any, panel: Panel, left: bool, own: Display, names: Sequence[str]) -> None:
+    effects, spreads = panel.analysed.by_parameter("mu_star"), panel.analysed.by_parameter("sigma")
     for i, name in enumerate(names):
-        across, up = by["mu_star"][name], by["sigma"][name]
+        across, up = effects[name], spreads[name]
         axis.errorbar(
             [own.factor * across.value], [own.factor * up.value], xerr=_ends([across], own.factor),
             yerr=_ends([up], own.factor), label=name, **(_look(i) | {"ls": "none"}), elinewidth=1.0, capsize=2.0, ms=6,
@@ -234,18 +229,18 @@ def _plane(axis: Any, panel: Panel, left: bool, own: Shown, names: Sequence[str]
 
 
 def _look(place: int) -> dict[str, Any]:
-    """Of a parameter: its colour, its marker, and its line."""
+    """Give the colour, the marker and the line style of a parameter."""
     number = len(COLOURS)
     return {"color": COLOURS[place % number], "marker": MARKERS[(place + place // number) % number],
             "ls": ("-", "--", ":")[place // number % 3]}  # fmt: skip
 
 
 def _ends(indices: Sequence[Index], factor: float) -> list[list[float]]:
-    """How far intervals reach below and above."""
+    """Give how far the intervals reach below and above the values."""
     return [[factor * max(index.value - index.low, 0.0) for index in indices],
             [factor * max(index.high - index.value, 0.0) for index in indices]]  # fmt: skip
 
 
 def _plain(label: str) -> str:
-    """A label as matplotlib shows it: dollars are formulas to it."""
+    """Escape dollars in a label, which would begin formulas in matplotlib."""
     return label.replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.sensitivity`: indices of one knee through one gait, from arrays or a bag, on all processors."""
+"""`knee_contact_ros.sensitivity`: sensitivity indices of one knee in one gait, given as arrays or a bag."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from knee_contact_ros.parameters.reading import Source
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
 from knee_contact_ros.tools.sensitivity.analysis import Analysed, analyse
-from knee_contact_ros.tools.sensitivity.asked import USUAL, checked_outcomes, first_of
 from knee_contact_ros.tools.sensitivity.design import SalibDesign
-from knee_contact_ros.tools.sensitivity.gather import BOUNDS, bound_of
+from knee_contact_ros.tools.sensitivity.gather import AFTER, BOUNDS, bound_of
+from knee_contact_ros.tools.sensitivity.study_file import USUAL, checked_outcomes, first_fault
 from knee_contact_ros.tools.sensitivity.words import not_converged
 
 if TYPE_CHECKING:
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What `sensitivity` gives."""
+    """Results of `sensitivity`."""
 
     outcomes: dict[str, Analysed]
-    """Indices of each outcome, of n/8, n/4, n/2 and n; or the reason why there are none"""
+    """Analysis of each outcome, by name: indices for n/8, n/4, n/2 and n; or the reason why there are none"""
     remarks: dict[str, list[str]]
-    """Of each outcome: what has not converged, a sentence each"""
+    """What has not converged of each outcome, a sentence each, by the outcome's name"""
     cohort: Cohort
     """The knees that were computed, in the order of the design"""
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row for each index: outcome, parameter, index, n, value, low, high; SI units."""
+        """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
         import pandas as pd
 
-        rows = [(name, *index) for name, found in self.outcomes.items() for index in found.indices]
-        return pd.DataFrame(rows, columns=["outcome", "parameter", "index", "n", "value", "low", "high"])
+        rows = [(name, *index) for name, analysed in self.outcomes.items() for index in analysed.indices]
+        return pd.DataFrame(rows, columns=list(AFTER))
 
 
 def sensitivity(
@@ -59,48 +59,44 @@ def sensitivity(
     namespace: str = "",
     threads: int = 0,
 ) -> Sensitivity:
-    """Compute a knee where SALib asks for it, and which of its parameters matter.
+    """Compute a knee at the points of a design by SALib, and find out which of its parameters matter.
 
     Args:
         gait: A bag or arrays, as for `sweep`.
-        ranges: Parameters by name: two numbers, or a mapping of `from`, `to` and `scale`, linear or log. Two at least.
+        ranges: Ranges of two or more parameters, by name: two numbers, or a mapping of `from`, `to` and `scale`
+            (linear or log).
         params: The knee, as for `load_model`.
         method: Sobol (shares of the variance) or Morris (effects over the whole range).
-        n: Base samples, a power of two, or trajectories; 8 to 65536.
-        seed: Of the design and the bootstrap.
-        second_order: Sobol: of pairs, too; twice the cases.
-        confidence: Of the intervals.
-        outcomes: Names as in the table of a sweep.
-        remap: Other names of the inputs in a bag.
-        namespace: Of the inputs in a bag.
-        threads: That work at once; 0: one for each processor.
+        n: Number of base samples, a power of two, or of trajectories; 8 to 65536.
+        seed: Seed of the random numbers of design and bootstrap.
+        second_order: Whether to compute Sobol's indices of pairs of parameters, too, from twice the cases.
+        confidence: Confidence level of the intervals.
+        outcomes: Outcomes to analyse, named as in the table of a sweep.
+        remap: Other names of the input topics in a bag.
+        namespace: Namespace of the input topics in a bag.
+        threads: Number of threads; 0: one for each processor.
 
     Raises:
-        UsageError: a range, outcome, parameter or gait that is not allowed. Cases that fail are no error:
-            `outcomes[...].spoilt` and `reason` tell what they cost.
+        UsageError: a range, outcome, parameter or gait is not allowed. Cases that fail are no error: see `spoilt` and
+            `reason` of the outcomes.
     """
-    told = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
+    options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
     try:
-        design = SalibDesign.model_validate(told | {"ranges": dict(ranges)})
+        design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
     except ValidationError as error:
-        raise UsageError(first_of(error)) from None
-    wanted = checked_outcomes(list(outcomes))
-    points = design.points()
-    values = {name: points[:, i] for i, name in enumerate(design.names)}
+        raise UsageError(first_fault(error)) from None
+    names = checked_outcomes(list(outcomes))
+    values = dict(zip(design.names, design.points().T, strict=True))
     cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
     analysed = {}
-    for name in wanted:
+    for name in names:
         rows = {one: _column(cohort, one) for one in {name, BOUNDS.get(name, name)}}
         analysed[name] = analyse(design, name, rows[name], bound_of(name, rows))
     return Sensitivity(analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort)
 
 
 def _column(cohort: Cohort, name: str) -> Any:
-    """An outcome of all cases, shape (k,).
-
-    Raises:
-        UsageError: it is of a compartment that is not modelled.
-    """
+    """Give an outcome of all cases, shape (k,); refuse one of a compartment that is not modelled."""
     own = name.removeprefix(LATERAL)
     rows = cohort.outcomes if own == name else cohort.lateral
     if rows is None:

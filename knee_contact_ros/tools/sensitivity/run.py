@@ -1,4 +1,4 @@
-"""The work of `knee-contact sensitivity`: compute what is missing, analyse, draw, write."""
+"""The work of `knee-contact sensitivity`: compute the missing cases, analyse, draw figures, and write the page."""
 
 from __future__ import annotations
 
@@ -14,25 +14,31 @@ from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.system.terminal import progress, say
 
 if TYPE_CHECKING:
-    from knee_contact_ros.tools.sensitivity.asked import Asked
     from knee_contact_ros.tools.sensitivity.gather import Combination
+    from knee_contact_ros.tools.sensitivity.study_file import SensitivityStudy
 
 NEEDED = {"pyarrow": "sweep", "distributed": "sweep", "fsspec": "sweep", "SALib": "sweep", "matplotlib": "sweep",
           "jinja2": "report"}  # fmt: skip
-"""Libraries, and the extra that brings each"""
+"""Libraries that the command needs, with the extra that brings each"""
 CASES = "cases"
-"""Folder of the study's results, in that of the command"""
+"""Name of the folder with the results of all cases, inside the command's output folder"""
 PAGE, TABLE = "sensitivity.html", "indices.csv"
 UNFINISHED = "_unfinished-"
-EARLIER = ("bars_", "convergence_", "plane_")
-"""What the names of an earlier run's pictures begin with"""
+FIGURES = ("bars_", "convergence_", "plane_")
+"""Prefixes of the names of figures, of which those of an earlier run are removed"""
 
 
-def run_sensitivity(study: Path, output: str, workers: int, scheduler: str) -> None:
-    """Compute what is missing of a study's design, and write its indices into a folder, local or as fsspec spells it.
+def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str) -> None:
+    """Compute the missing cases of a study's design, and write its indices, figures and page.
+
+    Args:
+        study_file: Study file (YAML).
+        output: Folder of the results, local or as fsspec spells it.
+        workers: Processes on this machine; 0: one for each processor.
+        scheduler: Address of a Dask scheduler whose workers compute instead; empty for this machine.
 
     Raises:
-        UsageError: study, bags, parameters, folder or scheduler cannot be used, or a library is not there.
+        UsageError: study, bags, parameters, folder or scheduler cannot be used, or a library is not installed.
         IncompleteError: a disk is full, or workers died again and again.
     """
     for library, extra in NEEDED.items():
@@ -40,41 +46,41 @@ def run_sensitivity(study: Path, output: str, workers: int, scheduler: str) -> N
             raise UsageError(not_installed(library, extra))
     from knee_contact_ros.cohort.engine import run_study
     from knee_contact_ros.cohort.shards import Shards
-    from knee_contact_ros.tools.sensitivity.asked import read_asked
     from knee_contact_ros.tools.sensitivity.gather import gather
+    from knee_contact_ros.tools.sensitivity.study_file import read_sensitivity_study
     from knee_contact_ros.tools.sensitivity.words import remarks, what_matters
 
-    asked = read_asked(study)
-    cases = f"{output.rstrip('/') or output}/{CASES}"
+    study = read_sensitivity_study(study_file)
+    folder = f"{output.rstrip('/') or output}/{CASES}"
     with progress("Computing") as advance:
-        done = run_study(asked.study, cases, workers=workers, scheduler=scheduler, advance=advance)
-    say(f"{asked.study.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
+        done = run_study(study.cases, folder, workers=workers, scheduler=scheduler, advance=advance)
+    say(f"{study.cases.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
     with progress("Analysing") as advance:
-        combinations = gather(asked, Shards(cases), advance)
+        combinations = gather(study, Shards(folder), advance)
         advance.describe("Drawing")
-        put(output, written(asked, combinations))
-    for outcome, where, who, _ in what_matters(asked.design, combinations).rows:
-        say(f"{outcome}, {where}: {who}", hang=2)
-    for sentence in remarks(asked.design, combinations):
-        if ": no index: " not in sentence:  # said already
+        write_files(output, make_files(study, combinations))
+    for outcome, where, leading, _ in what_matters(study.design, combinations).rows:
+        say(f"{outcome}, {where}: {leading}", hang=2)
+    for sentence in remarks(study.design, combinations):
+        if ": no index: " not in sentence:  # printed above
             say(f"knee-contact: warning: {sentence}", err=True, hang=2)
     say(f"page: {output.rstrip('/')}/{PAGE}")
 
 
-def written(asked: Asked, combinations: list[Combination]) -> dict[str, bytes]:
-    """The files by name; the page comes last."""
-    from knee_contact_ros.tools.sensitivity.data import as_csv
+def make_files(study: SensitivityStudy, combinations: list[Combination]) -> dict[str, bytes]:
+    """Make figures, table and page: contents of files by name, the page last."""
     from knee_contact_ros.tools.sensitivity.figures import figures
+    from knee_contact_ros.tools.sensitivity.gather import as_csv
     from knee_contact_ros.tools.sensitivity.page import page
 
-    drawn = [figures(asked.design, combinations, place) for place in range(len(asked.outcomes))]
-    files = {f"{each.name}.png": each.png for own in drawn for each in own}
+    drawn = [figures(study.design, combinations, place) for place in range(len(study.outcomes))]
+    files = {f"{figure.name}.png": figure.png for of_outcome in drawn for figure in of_outcome}
     files[TABLE] = as_csv(combinations).encode()
-    return files | {PAGE: page(asked, combinations, drawn).encode()}
+    return files | {PAGE: page(study, combinations, drawn).encode()}
 
 
-def put(output: str, files: Mapping[str, bytes]) -> None:
-    """Put files into a folder, each whole or not at all; pictures of an earlier run that are none of these go.
+def write_files(output: str, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder, each whole or not at all, and remove other figures that an earlier run has written.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -82,21 +88,19 @@ def put(output: str, files: Mapping[str, bytes]) -> None:
     """
     import fsspec
 
-    there, folder = fsspec.core.url_to_fs(output)
+    system, folder = fsspec.core.url_to_fs(output)
     unfinished = f"{folder}/{UNFINISHED}{uuid.uuid4().hex}"
     try:
         for name, content in files.items():
-            there.pipe_file(unfinished, content)
-            there.mv(unfinished, f"{folder}/{name}")
-        for path in there.ls(folder, detail=False):
+            system.pipe_file(unfinished, content)
+            system.mv(unfinished, f"{folder}/{name}")
+        for path in system.ls(folder, detail=False):
             name = Path(path).name
-            if name.startswith(EARLIER) and name.endswith(".png") and name not in files:
-                there.rm_file(path)
-    except OSError as error:
+            if name.startswith(FIGURES) and name.endswith(".png") and name not in files:
+                system.rm_file(path)
+    except BaseException as error:
         with suppress(OSError):
-            there.rm_file(unfinished)
-        raise IncompleteError(f"{error.filename or output}: {error.strerror or error}") from None
-    except BaseException:
-        with suppress(OSError):
-            there.rm_file(unfinished)
+            system.rm_file(unfinished)
+        if isinstance(error, OSError):
+            raise IncompleteError(f"{error.filename or output}: {error.strerror or error}") from None
         raise

@@ -1,9 +1,9 @@
-"""The table of shares that leaves the smallest errors of the medial force [N], smoothed.
+"""Fit the table of medial shares that leaves the smallest errors of the medial force [N], with smoothing.
 
 The force and not the share is fitted, so that a share counts by the square of the load that it divides. Every trial has
-the same weight, however long it is: the strides of one are much alike. Differences between neighbours of the table are
-penalised (P-splines of first order: Eilers & Marx 1996, Statistical Science 11:89-121), so that a place which no trial
-has visited gets what its neighbours have, and shares are bounded: linear least squares with bounds.
+the same weight, however long it is, as its strides are much alike. Differences between neighbours in the table are
+penalised (P-splines of first order: Eilers & Marx 1996, Statistical Science 11:89-121), so that a point without data
+gets the values of its neighbours; and shares are bounded. The method is linear least squares with bounds.
 """
 
 from __future__ import annotations
@@ -20,39 +20,41 @@ from knee_contact_ros.tools.shares.trials import Trial
 
 Floats = NDArray[np.float64]
 SMOOTHING = 1e-3
-"""[BW^2] that a step of 1 between neighbours costs, beside the mean square of the error in the medial force"""
+"""Penalty [BW^2] of a step of 1 between neighbours, relative to the mean square error of the medial force"""
 FLEXION = (-10.0, 0.0, 10.0, 20.0, 40.0, 70.0, 100.0, 130.0)
-"""[deg] of the table, as far as there are data: denser where the knee is in stance"""
+"""Flexion [deg] of the table's rows, as far as there are data: denser where the knee is in stance"""
 LOAD = (0.0, 0.6, 1.2, 1.8, 2.4, 3.0, 3.6, 4.2, 4.8)
-"""[BW], likewise"""
+"""Axial load [body weights] of the table's columns, as far as there are data"""
 
 
 class Errors(NamedTuple):
-    """RMS errors of the medial force [N] in a trial."""
+    """RMS errors of the medial force [N] in a trial, by several rules for the share."""
 
     trial: str
+    """Name of the trial"""
     samples: int
+    """Number of samples"""
     body_weight: float
-    """[N]"""
+    """Body weight [N]"""
     half: float
-    """A share of one half"""
+    """Error with a share of one half"""
     constant: float
-    """The best constant of the other trials; not a number if there are none"""
+    """Error with the best constant share of the other trials; not a number if there are none"""
     left_out: float
-    """The table that is fitted to the others, likewise"""
+    """Error with the table that is fitted to the other trials; not a number if there are none"""
     fitted: float
-    """The table that is fitted to all"""
+    """Error with the table that is fitted to all trials"""
 
 
 def grid(trials: Sequence[Trial]) -> tuple[Floats, Floats]:
-    """Flexion [rad] and load [BW] of the table: the standard places, up to the first on either side beyond the data."""
+    """Give flexion [rad] and load [BW] of the table: the standard points between those nearest to the data's ends."""
     flexion = np.concatenate([trial.flexion for trial in trials])
     load = np.concatenate([trial.load for trial in trials])
     return _within(np.radians(FLEXION), flexion), _within(np.array(LOAD), load)
 
 
 def _within(places: Floats, values: Floats) -> Floats:
-    """Those of growing places that the values reach to, the nearest one rather than the next one; two at least."""
+    """Select from increasing places those between the ones nearest to the least and the largest value; two at least."""
     nearest = np.abs(values[[values.argmin(), values.argmax()], None] - places).argmin(axis=1)
     first = min(int(nearest[0]), len(places) - 2)
     return places[first : max(int(nearest[1]), first + 1) + 1]
@@ -61,7 +63,13 @@ def _within(places: Floats, values: Floats) -> Floats:
 def fit(
     trials: Sequence[Trial], smoothing: float = SMOOTHING, places: tuple[Floats, Floats] | None = None
 ) -> ShareTable:
-    """The table for some trials; `places` are its flexion [rad] and load [BW], standard ones if None."""
+    """Fit the table to some trials.
+
+    Args:
+        trials: The trials.
+        smoothing: Penalty, see `SMOOTHING`.
+        places: Flexion [rad] and load [BW] of the table; None: see `grid`.
+    """
     flexion, load = places or grid(trials)
     rows, wanted = [], []
     for trial in trials:
@@ -72,43 +80,43 @@ def fit(
         wanted.append(weight * trial.medial)
     steps = np.sqrt(smoothing) * _steps(len(flexion), len(load))
     system, right = np.vstack((*rows, steps)), np.concatenate((*wanted, np.zeros(len(steps))))
-    found = lsq_linear(system, right, (0.0, 1.0), method="bvls")
-    return ShareTable(flexion, load, np.clip(found.x, 0.0, 1.0).reshape(len(flexion), len(load)))
+    solution = lsq_linear(system, right, (0.0, 1.0), method="bvls")
+    return ShareTable(flexion, load, np.clip(solution.x, 0.0, 1.0).reshape(len(flexion), len(load)))
 
 
 def _hats(places: Floats, values: Floats) -> Floats:
-    """What every place has in a value between, by linear interpolation, held at the ends; shape (values, places)."""
+    """Give the weights of places in linear interpolation at values, constant at the ends; shape (values, places)."""
     return np.array([np.interp(values, places, unit) for unit in np.eye(len(places))]).T
 
 
 def _steps(rows: int, columns: int) -> Floats:
-    """Differences between neighbours of a table, of all its values."""
+    """Give the matrix that turns the values of a table into the differences between neighbours."""
     down, across = (np.diff(np.eye(number), axis=0) for number in (rows, columns))
     return np.vstack((np.kron(down, np.eye(columns)), np.kron(np.eye(rows), across)))
 
 
 def constant(trials: Sequence[Trial]) -> float:
-    """The share that fits the medial forces of trials of equal weight best."""
+    """Give the constant share that fits the medial forces best, where all trials have the same weight."""
     above = sum(float((trial.medial * trial.load).mean()) for trial in trials)
     return above / sum(float((trial.load**2).mean()) for trial in trials)
 
 
 def error(trial: Trial, table: ShareTable) -> float:
-    """RMS error [N] of the medial force by a table."""
+    """Compute the RMS error [N] of the medial force in a trial with a table."""
     share = MeasuredShare(table, 1.0).share(trial.load, trial.flexion)
     return _rms(trial, share)
 
 
 def errors(trials: Sequence[Trial], smoothing: float, table: ShareTable) -> list[Errors]:
-    """The errors in every trial, by what is fitted to the others, and by the table for all."""
-    found = []
+    """Compute the errors in every trial, with what is fitted to the other trials, and with the `table` for all."""
+    rows = []
     for place, trial in enumerate(trials):
         others = [*trials[:place], *trials[place + 1 :]]
         best = _rms(trial, constant(others)) if others else np.nan
         left_out = error(trial, fit(others, smoothing)) if others else np.nan
         half, fitted = _rms(trial, 0.5), error(trial, table)
-        found.append(Errors(trial.name, len(trial.load), trial.body_weight, half, best, left_out, fitted))
-    return found
+        rows.append(Errors(trial.name, len(trial.load), trial.body_weight, half, best, left_out, fitted))
+    return rows
 
 
 def _rms(trial: Trial, share: Floats | float) -> float:

@@ -1,4 +1,4 @@
-"""The work of `knee-contact fit-share`: read trials, fit, judge by leaving trials out, write."""
+"""The work of `knee-contact fit-share`: read trials, fit a table, judge it by leaving trials out, and write it."""
 
 from __future__ import annotations
 
@@ -14,49 +14,53 @@ from knee_contact_ros.tools.shares.fit import Errors, errors, fit
 from knee_contact_ros.tools.shares.trials import Trial, Wanted, read_trial
 
 DIGITS = 4
-"""Behind the point, of a share in the file: a tenth of a newton"""
+"""Digits of a share in the file after the decimal point: a tenth of a newton"""
 ANGLE_DIGITS = 6
+"""Digits of a flexion angle [rad] in the file after the decimal point"""
 
 
 class FitOptions(NamedTuple):
-    """What the command line says."""
+    """Options of the command."""
 
     trials: Sequence[Sequence[Path]]
+    """Files of each trial"""
     wanted: Wanted
     body_weight: Sequence[float]
-    """[N] of all trials, or of each"""
+    """Body weight [N] of all trials, or of each"""
     smoothing: float
+    """Penalty, see `fit.SMOOTHING`"""
     source: str
+    """Source of the data, for the comments of the file"""
     output: Path
     overwrite: bool = False
 
 
-def run_fit_share(asked: FitOptions) -> list[Errors]:
-    """Fit a table to trials and write it; give the errors.
+def run_fit_share(options: FitOptions) -> list[Errors]:
+    """Fit a table to trials, write it, and return its errors.
 
     Raises:
         UsageError: a trial, an option or the output cannot be used.
     """
-    if not asked.overwrite:
-        refuse_existing(asked.output)
-    weights = list(asked.body_weight)
-    if len(weights) not in (1, len(asked.trials)):
-        raise UsageError(f"--body-weight: {len(weights)} for {len(asked.trials)} trials; give one, or one for each")
-    weights *= len(asked.trials) // len(weights)
-    trials = [read_trial(paths, asked.wanted, weight) for paths, weight in zip(asked.trials, weights, strict=True)]
-    text = csv(fit(trials, asked.smoothing), trials, asked.source, asked.smoothing)
-    table = read_share_table(asked.output.name, text)  # as it is written
-    found = errors(trials, asked.smoothing, table)
+    output, smoothing = options.output, options.smoothing
+    if not options.overwrite:
+        refuse_existing(output)
+    weights = list(options.body_weight)
+    if len(weights) not in (1, len(options.trials)):
+        raise UsageError(f"--body-weight: {len(weights)} for {len(options.trials)} trials; give one, or one for each")
+    weights *= len(options.trials) // len(weights)
+    trials = [read_trial(paths, options.wanted, weight) for paths, weight in zip(options.trials, weights, strict=True)]
+    text = csv(fit(trials, smoothing), trials, options.source, smoothing)
+    rows = errors(trials, smoothing, read_share_table(output.name, text))  # of the table as it is written
     try:
-        partial_name(asked.output).write_text(text, encoding="utf-8")
-        partial_name(asked.output).replace(asked.output)
+        partial_name(output).write_text(text, encoding="utf-8")
+        partial_name(output).replace(output)
     except OSError as problem:
-        raise UsageError(f"cannot write {asked.output}: {problem.strerror}") from None
-    return found
+        raise UsageError(f"cannot write {output}: {problem.strerror}") from None
+    return rows
 
 
 def csv(table: ShareTable, trials: Sequence[Trial], source: str, smoothing: float) -> str:
-    """The file's text."""
+    """Write the table as the text of a CSV file."""
     names = ", ".join(f"{trial.name} ({len(trial.load)} samples, {trial.body_weight:g} N)" for trial in trials)
     rows = [
         f"{angle:.{ANGLE_DIGITS}f},{load:g},{share:.{DIGITS}f}"

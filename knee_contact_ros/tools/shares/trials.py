@@ -1,4 +1,4 @@
-"""Trials of an instrumented knee from CSV files: weighted sums of columns, files of a trial joined by their times."""
+"""Read trials of an instrumented knee from CSV files: weighted sums of columns, and files joined by their times."""
 
 from __future__ import annotations
 
@@ -18,52 +18,62 @@ from knee_contact_ros.system.regular_file import read_regular
 
 Floats = NDArray[np.float64]
 LARGEST_FILE = 2**28
-"""[B]"""
+"""Largest size [B] of a file"""
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([A-Za-z_]\w*)\s*")
-"""Of a sum: sign, factor, column"""
+"""A term of a sum: sign, factor, column"""
 FEWEST = 20
-"""Samples of a trial"""
+"""The least number of samples of a trial"""
 LEAST_FLEXION = -math.radians(10.0)
-"""[rad] on average: no knee is straighter than that for a trial"""
+"""The least mean flexion [rad] of a trial: no knee is straighter on average"""
 LEAST_TOTAL, LARGEST_EXCESS = 50.0, 0.05
-"""[N] that a knee bears at times; share of the total by which a medial force may exceed it or pull: cells have noise"""
+"""The least peak [N] of the axial force; and the part of that peak by which a medial force may be above the axial one
+or below 0, as load cells have noise"""
 
 
 class Trial(NamedTuple):
-    """What was measured at once, shape (n,) each."""
+    """Measurements of a trial, shape (n,) each."""
 
     name: str
+    """Name of the trial's first file without its suffix"""
     flexion: Floats
-    """[rad]"""
+    """Flexion angle [rad]"""
     load: Floats
-    """[BW] axial"""
+    """Axial force [body weights], positive in compression"""
     medial: Floats
-    """[BW] of it"""
+    """Medial force [body weights], positive in compression"""
     body_weight: float
-    """[N]"""
+    """Body weight [N]"""
 
 
 class Wanted(NamedTuple):
-    """Which columns mean what, as sums like `0.98 am + 0.97 pm - al`."""
+    """The columns of a trial's files that are read; forces and flexion may be sums like `0.98 am + 0.97 pm - al`."""
 
     time: str
+    """Time [s], a column of every file"""
     axial: str
-    """[N] compression"""
+    """Axial force [N], positive in compression"""
     medial: str
-    """[N] compression"""
+    """Medial force [N], positive in compression"""
     flexion: str
+    """Flexion angle, in radians or degrees"""
     degrees: bool
     """Whether flexion is in degrees"""
 
 
 def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Trial:
-    """A trial from one file or from several that share a clock; the first one's samples, where all have some.
+    """Read a trial from one file, or from several that share a clock.
 
-    The files' columns are told apart by their names; what other files know is interpolated in time.
+    Columns of all files are identified by their names. The trial has the samples of the first file that are within the
+    time of all files; columns of the others are interpolated in time.
+
+    Args:
+        paths: The files.
+        wanted: The columns.
+        body_weight: Body weight [N].
 
     Raises:
-        UsageError: a file cannot be read, a column is missing or twice, times do not grow or do not meet, or values are
-            none of a knee.
+        UsageError: a file cannot be read, a column is missing or twice, times do not increase or do not overlap, or
+            values cannot be those of a knee.
     """
     files = [_columns(path) for path in paths]
     name = paths[0].stem
@@ -93,7 +103,7 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
 
 
 def _checked(trial: Trial, degrees: bool) -> Trial:
-    """A trial with its forces, still in N, turned into body weights; raises UsageError if no knee has such values."""
+    """Check a trial whose forces are still in N, and turn them into body weights; refuse values that no knee has."""
     reached = np.abs(trial.flexion).max()
     if reached > LARGEST_ANGLE:
         hint = "" if degrees else "; --angle-unit deg, if it is in degrees"
@@ -130,7 +140,7 @@ def _checked(trial: Trial, degrees: bool) -> Trial:
 
 
 def _columns(path: Path) -> dict[str, Floats]:
-    """The columns of a CSV file by their names."""
+    """Read the columns of a CSV file, by name."""
     try:
         text = read_regular(path, LARGEST_FILE).decode("utf-8-sig")
     except OSError as error:
@@ -159,8 +169,8 @@ def _column(file: dict[str, Floats], name: str, path: Path) -> Floats:
 
 
 def _sum(option: str, text: str, known: dict[str, Floats], trial: str) -> Floats:
-    """A weighted sum of columns."""
-    place, found = 0, np.zeros(len(next(iter(known.values()))))
+    """Compute a weighted sum of columns."""
+    place, total = 0, np.zeros(len(next(iter(known.values()))))
     while place < len(text):
         term = TERM.match(text, place)
         if term is None or (place and not term[1]):
@@ -170,8 +180,8 @@ def _sum(option: str, text: str, known: dict[str, Floats], trial: str) -> Floats
             raise UsageError(f"{option}: trial {trial} has no column {column}; it has {', '.join(known)}")
         if not np.isfinite(known[column]).all():
             raise UsageError(f"{option}: column {column} of trial {trial} has values that are no numbers")
-        found += (-1.0 if sign == "-" else 1.0) * float(factor or 1.0) * known[column]
+        total += (-1.0 if sign == "-" else 1.0) * float(factor or 1.0) * known[column]
         place = term.end()
     if not place:
         raise UsageError(f"{option}: it must be a sum of columns")
-    return found
+    return total

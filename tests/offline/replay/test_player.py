@@ -108,7 +108,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> Non
 def test_the_clock_tells_the_time_of_every_message() -> None:
     told: list[int] = []
     player = Player(lambda _: None)
-    player.tell_time(told.append, 0.0)
+    player.drive_clock(told.append, 0.0)
     for _ in player.play(bag(10)):
         pass
     assert told == [message.log_time for message in bag(10)]
@@ -117,7 +117,7 @@ def test_the_clock_tells_the_time_of_every_message() -> None:
 def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
     told: list[int] = []
     player = Player(lambda _: None, Keys([], [], [], [], [Command.PAUSE]), paused=True)
-    player.tell_time(told.append, 100.0)
+    player.drive_clock(told.append, 100.0)
     for _ in player.play(bag(2, 300 * MILLISECOND)):
         pass
     assert told == sorted(told)

@@ -14,9 +14,9 @@ from distributed import LocalCluster
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cohort import engine
-from knee_contact_ros.cohort.work import Told
+from knee_contact_ros.cohort.work import Report
 from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.tools.sensitivity.asked import read_asked
+from knee_contact_ros.tools.sensitivity.study_file import read_sensitivity_study
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 
@@ -118,7 +118,7 @@ def test_a_larger_n_and_a_stopped_run_compute_only_what_is_missing(
     shutil.rmtree(tmp_path / "out")
     finished = engine.computed
 
-    def stopped(*asked: Any) -> Iterator[Told]:
+    def stopped(*asked: Any) -> Iterator[Report]:
         for number, one in enumerate(finished(*asked)):
             if number == 3:
                 raise KeyboardInterrupt
@@ -162,8 +162,8 @@ def test_cases_that_fail_are_told_and_too_many_leave_no_index(
 
 
 def test_the_example_can_be_read() -> None:
-    found = read_asked(share_folder() / "examples" / "sensitivity.yaml")
-    assert found.study.number == 4 * found.design.n * 8
+    found = read_sensitivity_study(share_folder() / "examples" / "sensitivity.yaml")
+    assert found.cases.number == 4 * found.design.n * 8
 
 
 @pytest.mark.parametrize(

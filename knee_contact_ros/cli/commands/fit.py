@@ -1,0 +1,211 @@
+"""Commands that fit: fit-profile, fit-share, calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from knee_contact_ros.cli.options import (
+    DEFAULT_PARAMETERS,
+    FILE,
+    Output,
+    find_parameters,
+    names_in_bag_options,
+    parameter_files_option,
+    parameter_values,
+)
+
+
+@click.command("fit-profile")
+@click.argument("mesh", type=FILE, metavar="MESH")
+@click.option(
+    "--slice",
+    required=True,
+    metavar="MM|auto",
+    help="Place of the slice along z, the medio-lateral axis [mm]; "
+    "auto: through the contact centre of the compartment.",
+)
+@click.option(
+    "--output",
+    type=Output(".csv"),
+    required=True,
+    metavar="OUT.csv",
+    help="Profile to write; OUT.png and OUT.yaml come beside it.",
+)
+@click.option("--bone", type=FILE, metavar="MESH", help="The bone under the cartilage: tells its thickness.")
+@click.option("--side", type=click.Choice(["femur", "tibia"]), default="femur", show_default=True, help="Which bone.")
+@click.option(
+    "--compartment",
+    type=click.Choice(["medial", "lateral"]),
+    default="medial",
+    show_default=True,
+    help="For --slice auto: medial is z < 0, lateral z > 0.",
+)
+@click.option("--unit", type=click.Choice(["m", "mm"]), help="Of the files. [default: m; label maps: mm]")
+@click.option(
+    "--axes",
+    metavar="X,Y,Z",
+    help="The file's axes that point anterior, superior and lateral, as "
+    "--axes=-y,z,x. [default: x,y,z; label maps: y,z,x, a right knee in the scanner's axes]",
+)
+@click.option(
+    "--origin",
+    metavar="X,Y",
+    help="Of the profile [mm of the mesh, after --axes]; mesh: the mesh's own; "
+    "surface: on the tibia at x = 0. [default: mesh; tibia: surface]",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0.001, 2.0),
+    default=0.05,
+    show_default=True,
+    help="RMS [mm] by which smoothing may take the profile off the slice, beyond the mesh's roughness.",
+)
+@click.option(
+    "--slab",
+    type=click.FloatRange(0.0, 10.0),
+    default=2.0,
+    show_default=True,
+    help="How far [mm] on either side of the slice the mesh is looked at, against its noise.",
+)
+@click.option("--label", type=int, metavar="N", help="Of a label map: which is the cartilage.")
+@click.option("--bone-label", type=int, metavar="N", help="Of a label map given as --bone: which is the bone.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
+def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
+    """From a mesh of cartilage to a profile.
+
+    Cuts MESH (STL, PLY, OBJ, VTP; points as text; a NIfTI label map), smooths the articular side of the slice, and
+    writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
+    the extra mesh.
+    """
+    from knee_contact_ros.system.terminal import say
+    from knee_contact_ros.tools.profiles.run import LABEL, FitOptions, run_fit_profile
+
+    options = FitOptions(
+        mesh,
+        femur=side == "femur",
+        medial=compartment == "medial",
+        tolerance=1e-3 * tolerance,
+        slab=1e-3 * slab,
+        **others,
+    )
+    for line in run_fit_profile(options):
+        say(line, hang=LABEL)
+
+
+@click.command("fit-share")
+@click.option(
+    "--trial",
+    "trials",
+    multiple=True,
+    required=True,
+    metavar="FILE.csv[,FILE.csv...]",
+    help="A trial: a CSV file, or several with one clock, of which the first one says the samples. Once per trial.",
+)
+@click.option("--time", default="time_s", show_default=True, metavar="COLUMN", help="Time [s], in every file.")
+@click.option("--axial", required=True, metavar="SUM", help="Axial compression [N], as 'pm + am + pl + al'.")
+@click.option("--medial", required=True, metavar="SUM", help="The medial part of it [N], as '0.98 am + 0.97 pm'.")
+@click.option("--flexion", required=True, metavar="SUM", help="Flexion angle, as --flexion=-knee_angle.")
+@click.option("--angle-unit", type=click.Choice(["deg", "rad"]), default="rad", show_default=True, help="Of --flexion.")
+@click.option(
+    "--body-weight",
+    type=click.FloatRange(10.0, 5000.0),
+    multiple=True,
+    required=True,
+    metavar="N",
+    help="Body weight [N]; once, or once per trial.",
+)
+@click.option(
+    "--smoothing",
+    type=click.FloatRange(1e-8, 1e3),
+    default=1e-3,
+    show_default=True,
+    help="[BW^2] that a step of 1 between neighbours in the table costs, beside the mean square of the error.",
+)
+@click.option("--source", default="", help="Whose data these are: goes into the file.")
+@click.option("--output", type=Output(".csv"), required=True, metavar="OUT.csv", help="Table to write.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.csv if it exists.")
+def fit_share(
+    trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, angle_unit: str, **rest: Any
+) -> None:
+    """From what an instrumented knee measured to the medial share.
+
+    Fits the medial share of the axial load over flexion and load to trials of walking, prints its RMS errors in
+    every trial when fitted to all, and when fitted to the others, and writes it as load.share_file takes it.
+    """
+    from knee_contact_ros.cli.share_table import show_errors
+    from knee_contact_ros.tools.shares.run import FitOptions, run_fit_share
+    from knee_contact_ros.tools.shares.trials import Wanted
+
+    wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
+    files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
+    show_errors(run_fit_share(FitOptions(files, wanted, **rest)), rest["output"])
+
+
+@click.command()
+@click.argument("data", type=FILE, metavar="TABLE.csv|BAG")
+@parameter_files_option("", f"{DEFAULT_PARAMETERS}; with a BAG the load node's defaults")
+@parameter_values
+@click.option(
+    "--free",
+    multiple=True,
+    required=True,
+    metavar="NAME[=LOW:HIGH]",
+    help="Parameter to fit, as contact.stiffness or person.tone, in its range or a narrower one; once for each.",
+)
+@click.option(
+    "--sigma",
+    multiple=True,
+    metavar="COLUMN=SD",
+    help="Standard deviation of a column's noise, in its unit; else that of what is left of it. Once per column.",
+)
+@click.option(
+    "--loss",
+    type=click.Choice(["linear", "soft_l1", "huber"]),
+    default="linear",
+    show_default=True,
+    help="linear: least squares; by the others, outliers count less.",
+)
+@click.option(
+    "--level",
+    type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    default=0.95,
+    show_default=True,
+    help="Probability of the intervals.",
+)
+@click.option("--no-intervals", "without", is_flag=True, help="Fit only: a tenth of the time.")
+@click.option(
+    "--starts",
+    type=click.IntRange(1, 1000),
+    default=4,
+    show_default=True,
+    help="From how many places to search, so that another minimum is seen.",
+)
+@click.option("--output", type=Output(".yaml"), required=True, metavar="OUT.yaml", help="Parameter file to write.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
+@names_in_bag_options
+def calibrate(
+    data: Path, parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...], without: bool, **rest: Any
+) -> None:
+    """Fit parameters to what was measured.
+
+    TABLE.csv has the columns time [s], flexion_angle [rad], load [N] (or axial_load, of which load.share is borne; with
+    drive displacement femoral_height [m]) and one or more measured ones: penetration_depth [m], contact_force [N],
+    gap [m]. Fitted are parameters of the contact.
+
+    BAG has what sensors of a leg tell, as for estimate-load, and beside it the measured /joint_reaction_force. Fitted
+    are the person's constants of the load node: person.moment_arm_scale, person.co_contraction, person.tone.
+
+    Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them as a
+    parameter file for --params, to be given after the others.
+    """
+    from knee_contact_ros.cli.calibration_table import show_calibration
+    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.tools.calibration.in_memory import is_bag
+    from knee_contact_ros.tools.calibration.run import CalibrateOptions, run_calibrate
+
+    files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
+    options = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
+    show_calibration(run_calibrate(options), rest["output"])
