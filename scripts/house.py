@@ -44,7 +44,7 @@ def room(module: str) -> str:
 
 
 def figures() -> dict[str, int]:
-    """By their names."""
+    """Figures of the package by their names."""
     modules, lines, code = lines_in(ROOT / PACKAGE)
     tests, _, test_code = lines_in(ROOT / "tests")
     graph = grimp.build_graph(PACKAGE, cache_dir=None)

@@ -38,15 +38,15 @@ SENSORS = ORIGIN | {
     "1980 (doi:10.1016/0021-9290(80)90019-6), from body mass, heel strikes and toe-offs",
 }
 BODY_WEIGHT = 72.6 * 9.80665
-"""[N] of the trial's subject"""
+"""Body weight [N] of the trial's subject"""
 HEEL_STRIKES, STANCE = (0.618, 1.853), 0.792
-"""[s] of the right foot, and from one to its toe-off"""
+"""Times [s] of the right foot's heel strikes, and from one to its toe-off"""
 SHAPE = 0.3
-"""Of the vertical force: above 1/9 it has two humps; here they have 1.02 body weights, and the valley 0.78"""
+"""Shape of the vertical force: above 1/9 it has two humps; here 1.02 body weights each, and a valley of 0.78"""
 
 
 def vertical_force(time: float) -> float:
-    """What the ground exerts on the right foot [N] at a time [s], by two terms of a Fourier series.
+    """Vertical ground force [N] on the right foot at a time [s], by two terms of a Fourier series.
 
     Alexander & Jayes (1980), Fourier analysis of forces exerted in walking and running,
     doi:10.1016/0021-9290(80)90019-6: A (cos(pi x) - q cos(3 pi x)) from x = -1/2 at heel strike to 1/2 at toe-off.
@@ -62,19 +62,19 @@ def vertical_force(time: float) -> float:
 
 
 def rows_of(table: Path) -> list[dict[str, str]]:
-    """The lines of a table."""
+    """Rows of a table of OpenSim results."""
     with table.open(encoding="utf-8") as lines:
         return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def joint_reaction(row: dict[str, str], stamp: int, side: str) -> WrenchStamped:
-    """What the femur exerts on the tibia."""
+    """WrenchStamped that the femur exerts on the tibia."""
     force, torque = (tuple([float(row[f"{letter}{axis}"]) for axis in "xyz"]) for letter in "FM")
     return WrenchStamped(stamp, f"tibia_{side[0]}", force, torque)
 
 
 def ground_force(row: dict[str, str], stamp: int, _side: str) -> WrenchStamped:
-    """What an insole tells."""
+    """WrenchStamped that an insole would measure."""
     vertical = round(vertical_force(float(row["t"])), 3)
     return WrenchStamped(stamp, "insole", (0.0, vertical, 0.0), (0.0, 0.0, 0.0))
 
@@ -83,7 +83,7 @@ Wrench = Callable[[dict[str, str], int, str], WrenchStamped]
 
 
 def make_bag(table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wrench, origin: dict[str, str]) -> None:
-    """Write a table's angles and a wrench as a rosbag2 folder, replacing the one that is there."""
+    """Write a table's angles and a wrench as a rosbag2 folder, which replaces the one that is there."""
     side = table.stem.rsplit("_", 1)[-1]
     shutil.rmtree(folder, ignore_errors=True)
     # Not compressed: the bytes then do not depend on the version of a compressor.
@@ -100,7 +100,7 @@ def make_bag(table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wren
 
 
 def main() -> int:
-    """Make all bags."""
+    """Make all gait bags."""
     tables, bags = map(Path, sys.argv[1:3])
     for table in sorted(tables.glob("gait2354_*.csv")):
         make_bag(table, bags / table.stem, INPUTS, joint_reaction, ORIGIN)

@@ -57,7 +57,7 @@ def scene_files(folder: Path, seed: int) -> list[str]:
 
 
 def random_messages(scene: Scene, dice: np.random.Generator) -> list[RawMessage]:
-    """Angles at times of their own; one sample in 30 is wrong in its number or its stamp."""
+    """Angles and forces with stamps of their own; one sample in 30 has a wrong number or stamp."""
     stamps = np.rint(1e9 * (1.0 + scene.time)).astype(np.int64).tolist()
     shift = int(dice.choice([0, 0, 1_300_000]))
     messages = []
@@ -74,7 +74,7 @@ def random_messages(scene: Scene, dice: np.random.Generator) -> list[RawMessage]
 
 
 def solved(checkout: Path, every: list[list[str]], folder: Path) -> list[int]:
-    """Have a checkout solve all of these; give its exit codes."""
+    """Solve all bags with a checkout; return its exit codes."""
     folder.mkdir()
     jobs = [[*arguments, "--output", str(folder / f"{number}.mcap")] for number, arguments in enumerate(every)]
     command = [str(checkout.absolute() / ".venv" / "bin" / "python"), "-c", RUN]
@@ -84,7 +84,7 @@ def solved(checkout: Path, every: list[list[str]], folder: Path) -> list[int]:
 
 
 def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
-    """Topic, stamp [ns] and bytes of all that a recording holds."""
+    """Topic, stamp [ns] and bytes of all messages in a recording."""
     if not path.exists():
         return []
     with path.open("rb") as file:
@@ -97,7 +97,7 @@ def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
 @click.option("--first", default=0, show_default=True, help="Scene to begin with.")
 @click.option("--scenes", default=200, show_default=True, help="How many.")
 def main(other: Path, first: int, scenes: int) -> None:
-    """Compute with both, and compare."""
+    """Compute with both checkouts, and compare the messages."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         bags = sorted(str(bag) for bag in (ROOT / "bags").iterdir() if bag.is_dir())

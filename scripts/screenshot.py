@@ -20,7 +20,7 @@ from tests.helpers.viewer import rendered
 
 
 def main() -> int:
-    """Render."""
+    """Render the picture."""
     scene, picture, *seconds = sys.argv[1:]
     with rendered(scene) as screen:
         if seconds:

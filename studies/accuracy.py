@@ -48,11 +48,11 @@ TEXT = (
     "is of all ticks, its median ratio of those with an error above 1e-12 m."
 )
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Time [s], flexion angle [rad], load [N]."""
+"""Time [s], flexion angle [rad] and load [N], shape (n,) each"""
 
 
 class Forwards(NamedTuple):
-    """A mechanism in closed form."""
+    """A mechanism in closed form, which carries the femur forwards by `reach` x sin(angle)."""
 
     reach: float = TRANSLATION
     """Largest translation [m]"""
@@ -67,7 +67,7 @@ class Forwards(NamedTuple):
 
 
 class Knee(NamedTuple):
-    """Surfaces and mechanism in both forms: the model's and the reference's."""
+    """A femur on a tibia in both forms: the model's and the reference's."""
 
     pair: ContactPair
     mechanism: Mechanism
@@ -87,7 +87,7 @@ CONCAVE = Knee(
 
 
 class Study(NamedTuple):
-    """A scene in both forms: the model's law and the reference's."""
+    """A scene in both forms: the model's and the reference's."""
 
     name: str
     series: Series
@@ -99,7 +99,7 @@ class Study(NamedTuple):
 
 
 def studies() -> list[Study]:
-    """All scenes."""
+    """List all scenes of the study."""
     spring = {"stiffness": K1, "exponent": EXPONENT}
     layered = spring | {"layer_depth": LAYER, "stiffness_2": K2, "damping": DAMPING}
     kelvin_voigt = CONTACT_LAWS["kelvin_voigt"](**spring, damping=DAMPING)
@@ -147,13 +147,13 @@ def lift_off() -> Series:
 
 
 def cut(series: Series, first: int, last: int) -> Series:
-    """A part of a series."""
+    """Part of a series between two times [s]."""
     time, angle, load = series
     return time[first:last], angle[first:last], load[first:last]
 
 
 def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:
-    """The model's answer."""
+    """Answers of the model to a scene, one per tick."""
     model = KneeModel(
         pair=study.knee.pair,
         mechanism=study.knee.mechanism,
@@ -167,12 +167,12 @@ def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:
 
 
 def theirs(study: Study) -> NDArray[np.float64]:
-    """The reference's signed depth [m]."""
+    """Signed depth [m] by the reference, shape (n,)."""
     return reference.solve(reference.Scene(*study.series, study.layers, study.mass, study.knee.femur, study.stiff))
 
 
 def row(study: Study, tolerance: float, exact: NDArray[np.float64]) -> list[str]:
-    """One line of the table."""
+    """Row of the table for a scene and a tolerance [m]."""
     series = ours(study, tolerance)
     error = np.abs(series.penetration_depth - series.gap - exact)
     said = series.status & Status.NOT_CONVERGED != 0

@@ -26,21 +26,21 @@ from studies.report import Section, machine, save
 
 BUDGETS = (100, 200, 400, 1000)
 PULLS = (1.02, 1.1, 1.2, 1.4, 1.7, 2.0)
-"""Swing of the load over its mean: above 1 it pulls at times"""
+"""Ratios of the load's swing to its mean; above 1 the load pulls at times"""
 MEANS = (300.0, 1000.0, 2000.0)
-"""[N]"""
+"""Mean loads [N]"""
 FREQUENCIES = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""[Hz]"""
+"""Frequencies [Hz]"""
 LEVELS = ("auto", "dynamic")
 TOLERANCE = 1e-6
 TICKS = 1500
-"""Of 1 ms"""
+"""Number of ticks, each of 1 ms"""
 TURNING = "turning"
 TURNS = 360
-"""Scenes of random knees whose surface turns under them"""
+"""Number of scenes of random knees whose surface turns under them"""
 SEED = 3_000_000
 STEPS = 10
-"""Ticks after which a held angle goes on"""
+"""Number of ticks in which an angle is held every other half"""
 WORKERS = 2
 TEXT = (
     "Loads of mean (1 + pull sin 2πft) N for 1.5 s at 1 kHz on the shipped knees: pulls of 1.02 to 2, means of 300 to "
@@ -62,22 +62,22 @@ TURNING_TEXT = (
 
 
 class Found(NamedTuple):
-    """What one run gives."""
+    """Result of one run."""
 
     family: str
     level: str
     budget: int
     tally: Tally
     most: int
-    """Evaluations of a tick"""
+    """Largest number of evaluations in a tick"""
     over: int
-    """Ticks over budget"""
+    """Number of ticks over budget"""
     worst: float
     """Largest error [m] that is said to be within the tolerance and is not"""
 
 
 def scenes() -> Iterator[Scene]:
-    """The knees and loads: 180 of them, for each budget."""
+    """Scenes of shipped knees under loads that pull: 180, for each budget."""
     time = np.rint(np.arange(TICKS) * 1e6) * 1e-9
     for family, pull, mean, frequency in itertools.product((HEALTHY, ARTHRITIC), PULLS, MEANS, FREQUENCIES):
         law, arguments = shipped(family)
@@ -88,7 +88,7 @@ def scenes() -> Iterator[Scene]:
 
 
 def turning() -> Iterator[Scene]:
-    """Knees over surfaces that turn from tick to tick."""
+    """Scenes of random knees whose surface turns from tick to tick."""
     for seed in range(SEED, SEED + TURNS):
         scene, random, tick = draw(seed), np.random.default_rng((seed, 22)), np.arange(DRAWN)
         wander = scene.angle[0] + 0.06 * random.random() * np.cumsum(random.choice([-1.0, 0.0, 1.0], DRAWN))
@@ -101,7 +101,7 @@ def turning() -> Iterator[Scene]:
 
 
 def measured(scene: Scene) -> list[Found]:
-    """A scene at all budgets."""
+    """Run a scene at all levels and budgets, and judge the answers."""
     truth, found = reference(scene), []
     for level, budget in itertools.product(LEVELS, BUDGETS):
         series = model(scene, level, TOLERANCE, budget)
@@ -116,12 +116,12 @@ def measured(scene: Scene) -> list[Found]:
 
 
 def rows(found: list[Found]) -> list[list[str]]:
-    """The lines of a table."""
+    """Rows of a table: one per level and budget."""
     return [row(level, budget, found) for level, budget in itertools.product(LEVELS, BUDGETS)]
 
 
 def row(level: str, budget: int, found: list[Found]) -> list[str]:
-    """One line of a table."""
+    """Row of a table for a level and a budget."""
     total, chosen = Tally(), [one for one in found if (one.level, one.budget) == (level, budget)]
     for one in chosen:
         total.add(one.tally)

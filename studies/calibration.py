@@ -34,7 +34,7 @@ from studies.report import Section, machine, save
 Floats = NDArray[np.float64]
 LEVEL = 0.95
 DOUBTFUL_PART = 0.25
-"""Of the repetitions, where intervals are not meant to hold"""
+"""Part of the repetitions for cases whose intervals are not meant to hold"""
 HEADER = (
     "case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
     "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
@@ -54,25 +54,25 @@ counts is whether it is told. Warned: how many fits came with the warning that i
 
 
 class Outcome(NamedTuple):
-    """Of all repetitions of a case, shape (repetitions, p) each."""
+    """Results of all repetitions of a case, shape (repetitions, p) each."""
 
     inside: NDArray[np.bool_]
     estimates: Floats
     widths: Floats
-    """Of the intervals, in parts of the true value"""
+    """Widths of the intervals, in parts of the true value"""
     warnings: Counter[str]
     seconds: float
-    """Of a fit"""
+    """Time of a fit [s]"""
 
 
 def case_of(name: str) -> Case:
-    """A case by its name."""
+    """Look up a case by its name."""
     return CASES[name] if name in CASES else DOUBTFUL[name]
 
 
 @functools.cache
 def truth(name: str) -> Solution:
-    """The reference's solution of a case.
+    """Solve a case by the reference.
 
     Raises:
         ValueError: it is not exact enough to be a truth.
@@ -85,7 +85,7 @@ def truth(name: str) -> Solution:
 
 
 def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats]:
-    """A table of measurements with new noise."""
+    """Make a table of measurements of a case with new noise."""
     exact, (time, angle, load) = truth(name), case.series
     table = {"time": time, "flexion_angle": angle}
     if case.share is None:
@@ -110,7 +110,7 @@ def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats
 
 
 def fit(name: str, case: Case, repetition: int) -> Calibration:
-    """A fit to data of their own."""
+    """Fit a case to data of its own in one repetition."""
     random = np.random.default_rng((2026, sum(name.encode()), repetition))
     table = made(name, case, random)
     start = {each: _start(each, value, random) for each, value in case.free.items()}
@@ -129,7 +129,7 @@ def _start(name: str, true: float, random: np.random.Generator) -> float:
 
 
 def repetition(name: str, number: int) -> tuple[list[bool], list[float], list[float], set[str], float]:
-    """Of one fit: whether the intervals hold the truth, estimates, half widths, kinds of warnings, and time [s]."""
+    """Do one fit; return which intervals hold the truth, estimates, half widths, kinds of warnings, and time [s]."""
     case = case_of(name)
     began = clock.perf_counter()
     found = fit(name, case, number)
@@ -143,7 +143,7 @@ def repetition(name: str, number: int) -> tuple[list[bool], list[float], list[fl
 
 
 def outcome(name: str, repetitions: int, pool: Executor) -> Outcome:
-    """All repetitions of a case."""
+    """Collect all repetitions of a case."""
     every = list(pool.map(repetition, [name] * repetitions, range(repetitions)))
     inside, estimates, widths, kinds, took = zip(*every, strict=True)
     warnings = Counter(kind for each in kinds for kind in each)
@@ -178,11 +178,11 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
 
 KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "alike from sample to sample",
          "given": "times the noise given", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
-"""Of warnings, by what they say"""
+"""Kinds of warnings, by a phrase of their text"""
 
 
 def rows(name: str, case: Case, found: Outcome, control: NDArray[np.int64] | None) -> list[list[str]]:
-    """A row for each parameter."""
+    """Rows of the table for a case: one for each parameter."""
     table = []
     number = len(found.inside)
     for place, (parameter, true) in enumerate(case.free.items()):
@@ -228,7 +228,7 @@ def main(repetitions: int, workers: int, only: str, output: Path) -> None:
 
 
 def write(output: Path, repetitions: int, tables: list[list[list[str]]], held: list[float]) -> None:
-    """Write the page, as far as it is."""
+    """Write the page with the tables that there are so far."""
     told = f"{TEXT} In all, {100.0 * np.mean(held):.1f} % of {len(held)} intervals hold it."
     doubtful = tuple("warned" if each == "trade-off told" else each for each in HEADER)
     sections = [Section("", told, HEADER, tables[0])]

@@ -1,4 +1,4 @@
-"""What is calibrated in `studies.calibration`: knees, what they go through, what is measured, and with which noise."""
+"""The cases of `studies.calibration`: knees, their gait, the measured quantities, and their noise."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHORT = {DEPTH: "depth", FORCE: "force", GAP: "gap"}
 
 
 class Case(NamedTuple):
-    """What is calibrated to what."""
+    """A knee, its gait, the measured quantities with their noise, and the fit."""
 
     law: str
     arguments: dict[str, Any]
@@ -32,38 +32,38 @@ class Case(NamedTuple):
     noise: dict[str, float]
     """Standard deviation by column, in its unit"""
     names: tuple[str, ...]
-    """Of the free parameters"""
+    """Names of the free parameters"""
     fitted_law: str = ""
-    """Of the fit, if it is another one"""
+    """Contact law of the fit, if it is another one than the knee's"""
     mass: float = MASS
     share: float | None = None
-    """Of the axial load that the table has then"""
+    """Share of the axial load in the table, if the table holds the axial load"""
     displacement: bool = False
-    """Whether the height is an input; the force must follow from the depth alone then"""
+    """Whether the height is an input, so that the force must follow from the depth alone"""
     told: float = 0.0
-    """Which part of the noise the fit is told; 0: nothing"""
+    """Part of the noise that the fit knows; 0: none"""
     loss: str = "linear"
     outliers: float = 0.0
     """Part of the samples whose noise is twenty times as large"""
     correlation: float = 0.0
-    """Of the noise with that of the next sample"""
+    """Correlation of the noise of neighbouring samples"""
     starts: int = 1
-    """Of the search; where there are several minima, several"""
+    """Number of starts of the search; several where there are several minima"""
     part: float = 1.0
-    """Of the repetitions: where a fit takes long, fewer"""
+    """Part of the repetitions that is done, below 1 where a fit takes long"""
     expects: str = ""
     """The kind of warning that is counted"""
 
     @property
     def free(self) -> dict[str, float]:
-        """The true values by name."""
+        """True values of the free parameters by name."""
         true = {f"contact.{name}": value for name, value in self.arguments.items()}
         true |= {"femur.mass": self.mass, "femur.radius": 0.034, "load.share": self.share}
         return {name: float(true[name]) for name in self.names}
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Of the model, all true."""
+        """Parameters of the true model."""
         contact = {f"contact.{name}": value for name, value in self.arguments.items()}
         law = {"contact.law": self.fitted_law or self.law, "drive": "displacement" if self.displacement else "force"}
         share = {} if self.share is None else {"load.share": self.share}
@@ -71,7 +71,7 @@ class Case(NamedTuple):
 
     @property
     def measured(self) -> str:
-        """In words."""
+        """Measured quantities in words, for the table."""
         units = {DEPTH: (1e6, "µm"), GAP: (1e6, "µm"), FORCE: (1.0, "N")}
         told = [f"{SHORT[name]} ({size * units[name][0]:g} {units[name][1]})" for name, size in self.noise.items()]
         return f"{', '.join(told)}, {len(self.series[0])} samples{', noise told' if self.told else ''}"
@@ -91,7 +91,7 @@ def drop() -> Series:
 
 
 def narrow() -> Series:
-    """Loads between 690 and 710 N."""
+    """A load that varies between 690 and 710 N only."""
     time = np.arange(301, dtype=np.float64) * 5e-3
     return time, np.full(len(time), 0.3), 700.0 + 10.0 * np.sin(math.tau * time)
 
@@ -120,7 +120,7 @@ CASES = {
     "gait, depth, one in twenty far off, soft_l1": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), loss="soft_l1",
                                                         outliers=0.05),
 }  # fmt: skip
-"""What the intervals are meant for"""
+"""Cases that the intervals are meant for"""
 DOUBTFUL = {
     "loads of 690 to 710 N, depth": Case(VOIGT, HEALTHY, narrow(), {DEPTH: 5e-6}, (K, N), expects="apart"),
     "drop test, Kelvin-Voigt, force, which jumps at touch": Case(VOIGT, HEALTHY, drop(), {FORCE: 5.0}, (K, C), starts=4,
@@ -133,4 +133,4 @@ DOUBTFUL = {
     "least squares, one in twenty far off": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), outliers=0.05),
     "the noise told is half of it": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), told=0.5, expects="given"),
 }  # fmt: skip
-"""What they are not meant for"""
+"""Cases that the intervals are not meant for"""

@@ -24,12 +24,12 @@ from knee_contact_ros.system.machine import describe
 
 KNEES = {"circle on plane": ["healthy"], "MRI femur": ["healthy", "mri_femur"]}
 STRIDES = 10
-"""Times that the bundled gait is walked through, each from rest"""
+"""Number of times that the bundled gait is solved, each time from rest"""
 MICROSECONDS = 1e6
 
 
 def messages() -> tuple[list[bytes], list[bytes]]:
-    """Joint states and forces of the bundled gait."""
+    """Joint states and forces of the bundled gait, serialised."""
     time, angles, halves = gait("right")
     stamps = (time * 1e9).astype(int).tolist()
     states = [
@@ -44,7 +44,7 @@ def messages() -> tuple[list[bytes], list[bytes]]:
 
 
 def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
-    """Take the messages as a node does."""
+    """Feed the messages to a pipeline as a node does, one by one."""
     ticks = 0
     for state, force in zip(states, forces, strict=True):
         for pairs in (pipeline.take_joint_state(state), pipeline.take_force(force)):
@@ -55,7 +55,7 @@ def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
 
 
 def offline(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
-    """Take them as `solve` does."""
+    """Feed the messages to a pipeline as `solve` does, in blocks."""
     first = live(pipeline, states[:2], forces[:2])
     taken = take(pipeline, Column.of(states[2:]), Column.of(forces[2:]))
     if taken is None:
@@ -66,7 +66,7 @@ def offline(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int
 def cost(
     way: Callable[[Pipeline, list[bytes], list[bytes]], int], pipelines: list[Callable[[], Pipeline]], rounds: int
 ) -> list[float]:
-    """Median time [s] of a tick of each pipeline, taken in turns."""
+    """Median time [s] of a tick of each pipeline, measured in turns."""
     states, forces = messages()
     times: list[list[float]] = [[] for _ in pipelines]
     for _ in range(rounds):
@@ -82,7 +82,7 @@ def cost(
 
 
 def main() -> None:
-    """Print the table."""
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=15)
     rounds = parser.parse_args().rounds

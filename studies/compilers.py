@@ -94,7 +94,7 @@ cpdef run(
     double[::1] loads, double[::1] depths, double duration, double radius, double k, double c, double mass,
     double tolerance)
 """
-"""What Cython must be told beside the source, in a .pxd file"""
+"""Declarations for Cython beside the source, in a .pxd file"""
 COMMANDS = {
     "cython, as it stands": ["cythonize", "-3", "-i", "hot.py"],
     "cython, with a .pxd": [
@@ -106,7 +106,7 @@ COMMANDS = {
 }  # fmt: skip
 CONSTANTS = (1e-3, 0.034, 7.905694e7, 5000.0, 9.3014, 1e-7)
 ON_ARRAYS = ("numba", "pythran", "cython, with a .pxd")
-"""The others are given lists"""
+"""Compilers whose functions take arrays; the others take lists"""
 TICKS, ROUNDS = 10_001, 30
 
 
@@ -129,7 +129,7 @@ def built(command: Sequence[str], folder: Path, declarations: str) -> Callable[.
 
 
 def measured(name: str, run: Callable[..., None], begin: float, exact: bytes) -> list[str]:
-    """One line of the table; `begin` [s] is when compiling began."""
+    """Row of the table for a compiled function; compiling began at `begin` [s]."""
     loads = 150.0 + 1465.0 * np.sin(math.pi * np.arange(TICKS) * 1e-3) ** 2
     depths = np.zeros(TICKS)
     given: list[Any] = [loads, depths] if name in ON_ARRAYS else [loads.tolist(), depths.tolist()]

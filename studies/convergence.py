@@ -37,15 +37,15 @@ from studies.report import Section, machine, save
 
 RADIUS, MASS, K1, K2, DAMPING, LAYER = 0.034, 9.3014, 7.905694e7, 3.112e9, 5000.0, 5e-4
 LINEAR_K1, LINEAR_K2 = 2e6, 3e7
-"""[N/m] about the slopes of the others at walking loads"""
+"""Linear stiffnesses [N/m], about the slopes of the other laws at walking loads"""
 PERIOD = 0.02
-"""Of a tick [s]"""
+"""Duration of a tick [s]"""
 STEPS = (8, 16, 32, 64, 128, 256)
 """Steps per tick"""
 REFERENCE_ERROR = 3e-14
-"""[m]: 1e-12 of the depths, with room"""
+"""Error [m] of the reference: 1e-12 of the depths, with room"""
 TOLERANCES = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""[m] of the runs with error control"""
+"""Tolerances [m] of the runs with error control"""
 ORDERS = ("scene", "method", *(f"{PERIOD / n * 1e3:g} ms" for n in STEPS), "order")
 EQUAL_STEPS = (
     "Largest error of the depth [m] at the ends of the ticks, over the size of the steps; the order is that of the "
@@ -69,7 +69,7 @@ CONTROLLED = (
 
 
 class Case(NamedTuple):
-    """Loads at the ends of the ticks, and a law in both forms."""
+    """Loads at the ends of the ticks, and a contact law in both forms."""
 
     name: str
     loads: tuple[float, ...]
@@ -78,7 +78,7 @@ class Case(NamedTuple):
 
 
 class Across(NamedTuple):
-    """A whole law as one formula, clamped at zero force."""
+    """A whole contact law as one formula, clamped at zero force."""
 
     law: ContactLaw
 
@@ -96,11 +96,11 @@ class Across(NamedTuple):
 
 
 METHODS = {"implicit": math.inf, "explicit": 0.0}
-"""The methods by the swiftness [1/s] of the contact that makes a step take them"""
+"""Methods by the swiftness [1/s] of the contact above which a step takes the implicit one"""
 
 
 def cases() -> list[Case]:
-    """Smooth contact; lift-off and landing; the layer crossed both ways."""
+    """List the cases: smooth contact, lift-off and landing, and the layer crossed both ways."""
     return [
         one_layer("contact throughout", (300.0, 1200.0, 700.0), K1, 1.5),
         one_layer("lift-off", (600.0, -400.0), K1, 1.5),
@@ -112,13 +112,13 @@ def cases() -> list[Case]:
 
 
 def one_layer(name: str, loads: tuple[float, ...], stiffness: float, exponent: float) -> Case:
-    """A Kelvin-Voigt knee."""
+    """A case with a Kelvin-Voigt knee."""
     law = CONTACT_LAWS["kelvin_voigt"](stiffness=stiffness, exponent=exponent, damping=DAMPING)
     return Case(name, loads, law, laws.kelvin_voigt(stiffness, exponent, DAMPING))
 
 
 def two_layers(name: str, loads: tuple[float, ...], stiffness: float, stiffness_2: float, exponent: float) -> Case:
-    """A knee with cartilage and bone, damped as printed in Eq. 12."""
+    """A case with cartilage and bone, damped as printed in Eq. 12 of the paper."""
     law = CONTACT_LAWS["two_layer_viscoelastic"](
         stiffness=stiffness,
         exponent=exponent,
@@ -131,7 +131,7 @@ def two_layers(name: str, loads: tuple[float, ...], stiffness: float, stiffness_
 
 
 def intervals(case: Case) -> list[Interval]:
-    """The ticks of a case."""
+    """Intervals of the ticks of a case."""
     pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     return [
         Interval(pair, hinge, PERIOD, 0.0, 0.0, load, (following - load) / PERIOD, math.nan)
@@ -140,7 +140,7 @@ def intervals(case: Case) -> list[Interval]:
 
 
 def scene_of(case: Case, tolerance: float) -> Scene:
-    """The knee of a case."""
+    """Scene of a case with a tolerance [m]."""
     modes = ContactModes(case.law, allow_tension=False)
     return Scene(OnPlane(Circle(RADIUS)), Hinge(), modes, MASS, tolerance, 0.0, 0, LEVELS["dynamic"])
 
@@ -188,14 +188,14 @@ def controlled(case: Case, tolerance: float) -> tuple[list[float], float]:
 
 
 def static_start(case: Case) -> RunState:
-    """At rest under the first load."""
+    """State of a case at rest under the first load."""
     depth = static_depth(case.law, case.loads[0], 0.0, 0.0, NO_LIMIT).depth
     state = FemurState(RADIUS - depth, 0.0)
     return begin_with(state, 0.0, 0.0)
 
 
 def stepped_across(case: Case, steps: int, method: str) -> list[float]:
-    """The same method with the law as one function, clamped at zero force."""
+    """Signed depths [m] after each tick by the same method with the law as one function, clamped at zero force."""
     modes, region = (
         ContactModes(ContactLaw((Layer(-1.0, Across(case.law)),)), allow_tension=True),
         ContactMode(0, pressing=True),
@@ -213,7 +213,7 @@ def stepped_across(case: Case, steps: int, method: str) -> list[float]:
 
 
 def exact(case: Case) -> NDArray[np.float64]:
-    """The reference's depths [m] after each tick."""
+    """Signed depths [m] of a case after each tick by the reference."""
     time = PERIOD * np.arange(len(case.loads), dtype=np.float64)
     scene = reference.Scene(
         time, np.zeros_like(time), np.array(case.loads, dtype=np.float64), case.layers, MASS, ByDepth(circle)
@@ -228,7 +228,7 @@ def order(errors: list[float]) -> float:
 
 
 def work_row(case: Case, truth: NDArray[np.float64]) -> list[str]:
-    """Error and cost over the tolerance."""
+    """Row of the table of error and cost over the tolerance."""
     found = []
     for tolerance in TOLERANCES:
         depths, evaluations = controlled(case, tolerance)

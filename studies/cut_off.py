@@ -40,21 +40,21 @@ from knee_contact_ros.tools.latency.driver import CHECK, Driver, joined
 from studies.report import Section, machine, save
 
 RATE = 1000.0
-"""[Hz]"""
+"""Rate of the samples [Hz]"""
 EARLIEST, LATEST, LATEST_BESIDE_BUSY = 0.3, 1.3, 10.0
 """When to kill [s] after the first sample; what starves falls behind by more and more"""
 AFTER = 0.1
-"""How long [s] samples go on"""
+"""Time [s] for which samples continue after a kill"""
 ALLOWED = 100.0
-"""[ms]"""
+"""Loss [ms] that is allowed"""
 SPAN = 1.0
-"""[s] after which a recording goes on in a new file"""
+"""Time [s] after which a recording continues in a new file"""
 RECORDING = "knee.mcap"
 END = 30.0
-"""How long [s] a recorder without its node may take to complete the file"""
+"""Time [s] within which a recorder without its node must complete the file"""
 SEED = 1
 WHERE_IT_BREAKS_OFF = (McapError, struct.error)
-"""What mcap's reader raises there"""
+"""Errors that mcap's reader raises where a file breaks off"""
 HEADER = ("killed", "kills", "median [ms]", "99 % [ms]", "max [ms]", "holes", "files afterwards")
 TEXT = (
     f"The real node at 1 kHz (`healthy.yaml`, `record.flush_period` {Record().flush_period:g} s) in a ROS graph of its "
@@ -69,33 +69,33 @@ TEXT = (
 
 
 NODE, RECORDER, BOTH, BESIDE_BUSY = "node", "recorder", "both", "both, beside busy processes"
-"""What is killed"""
+"""Processes that are killed"""
 
 
 class Loss(NamedTuple):
-    """What a kill has cost."""
+    """Loss by one kill."""
 
     missing: float
-    """[ms] of answers at the end"""
+    """Span [ms] of the answers that are missing at the end"""
     holes: int
     complete: bool
     """Whether all files have their final names"""
 
 
 class Peer(Driver):
-    """Publishes on schedule and notes every answer."""
+    """A driver that publishes on schedule and notes every answer."""
 
     def __init__(self, node: Any, executor: Any) -> None:
         super().__init__(node, executor)
         self.answers: list[tuple[int, float]] = []
-        """Stamp [ns], and when the answer came [s]"""
+        """Stamp [ns] of each answer, and the time [s] at which it came"""
 
     def _on_contact(self, data: bytes) -> None:
         self.answers.append((stamp_in(data), time.perf_counter()))
         super()._on_contact(data)
 
     def walk_until_kill(self, targets: list[psutil.Process], moment: float) -> list[int]:
-        """Publish and kill `moment` [s] later; the stamps [ns] of the answers that were there before."""
+        """Publish, and kill the targets `moment` [s] later; return the stamps [ns] of the answers received before."""
         self.answers = []
         killed: list[float] = []
 
@@ -111,7 +111,7 @@ class Peer(Driver):
         return [stamp for stamp, came in self.answers if came < killed[0]]
 
     def begin_recording(self, path: Path) -> None:
-        """Have the node begin another recording; returns when it is open: what is put before waits in the node."""
+        """Have the node begin another recording, and wait until it is open; until then messages wait in the node."""
         name = Parameter("record.path", value=str(path)).to_parameter_msg()
         self._call(SetParameters, "knee_contact/set_parameters", SetParameters.Request(parameters=[name]))
         while not self._call(Trigger, "knee_contact/start_recording", Trigger.Request()).success:
@@ -120,7 +120,7 @@ class Peer(Driver):
             self._spin(CHECK)
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """A service's answer."""
+        """Call a service, and return its response."""
         client = self._node.create_client(kind, name)
         while not client.service_is_ready():
             self._spin(CHECK)
@@ -133,7 +133,7 @@ class Peer(Driver):
 
 @contextmanager
 def recording_node(folder: Path) -> Iterator[Child]:
-    """The node, recording, in a process of its own; it may be killed."""
+    """Run the recording node in a process of its own, which may be killed."""
     arguments = ["-m", "knee_contact_ros.cli.main", "node", "--ros-args", "--params-file", str(PARAMETERS)]
     arguments += ["-p", f'record.path:="{folder / RECORDING}"', "-p", f"record.max_duration:={SPAN}"]
     folder.mkdir()
@@ -145,7 +145,7 @@ def recording_node(folder: Path) -> Iterator[Child]:
 
 @contextmanager
 def walking(folder: Path) -> Iterator[tuple[Peer, psutil.Process]]:
-    """A peer and a node that answers it, in a graph where nobody remembers an earlier node."""
+    """Run a peer and a node that answers it, in a ROS graph that knows no earlier node."""
     with private_graph() as environment:
         os.environ.update(environment)
         with joined(Peer) as peer, recording_node(folder) as child:
@@ -157,7 +157,7 @@ def walking(folder: Path) -> Iterator[tuple[Peer, psutil.Process]]:
 
 @contextmanager
 def busy(number: int) -> Iterator[None]:
-    """That many processes that do nothing, without a pause."""
+    """Run a number of processes that keep a processor busy."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
     try:
         yield
@@ -168,7 +168,7 @@ def busy(number: int) -> Iterator[None]:
 
 
 def node_loss(what: str, folder: Path, moment: float, beside: int = 0) -> Loss:
-    """Start a node, kill it, with its recorder or alone, beside so many busy processes, and look at the files."""
+    """Start a node, kill it, its recorder or both, beside a number of busy processes, and measure the loss."""
     with walking(folder) as (peer, node):
         recorder = recorder_of(node)
         with busy(beside):
@@ -178,7 +178,7 @@ def node_loss(what: str, folder: Path, moment: float, beside: int = 0) -> Loss:
 
 
 def recorder_losses(folder: Path, moments: list[float]) -> Iterator[Loss]:
-    """Start a node, and kill one recorder after the other."""
+    """Start a node, kill one recorder after the other, and measure the losses."""
     with walking(folder) as (peer, node):
         for number, moment in enumerate(moments):
             recorder = recorder_of(node)
@@ -207,7 +207,7 @@ def readable_stamps(path: Path) -> set[int]:
 
 
 def loss(received: list[int], folder: Path) -> Loss:
-    """What is missing in a folder of the answers that were received (stamps [ns])."""
+    """Loss of a folder against the answers that were received (stamps [ns])."""
     files = [path for path in folder.iterdir() if ".mcap" in path.suffixes]
     recorded = set().union(*map(readable_stamps, files))
     tail = len(list(itertools.takewhile(lambda stamp: stamp not in recorded, reversed(received))))
@@ -216,7 +216,7 @@ def loss(received: list[int], folder: Path) -> Loss:
 
 
 def measure(kills: int, beside: int, work: Path, seen: Callable[[str], None]) -> dict[str, list[Loss]]:
-    """Kill each that many times, and once more beside so many busy processes."""
+    """Kill each target `kills` times, and once more beside a number of busy processes."""
     dice = random.Random(SEED)  # noqa: S311  (not for secrets)
     losses: dict[str, list[Loss]] = {NODE: [], RECORDER: [], BOTH: [], BESIDE_BUSY: []}
 
@@ -235,7 +235,7 @@ def measure(kills: int, beside: int, work: Path, seen: Callable[[str], None]) ->
 
 
 def row(what: str, losses: list[Loss]) -> list[str]:
-    """Of the table."""
+    """Row of the table for a kind of kill."""
     median, high, largest = np.percentile([each.missing for each in losses], [50, 99, 100])
     complete = sum(each.complete for each in losses)
     afterwards = "complete" if complete == len(losses) else f"the last one `.partial`, {complete} complete"

@@ -44,13 +44,13 @@ from tests.ros.conftest import call
 from tests.ros.faults import FAULTS, Fault
 
 RATE = 1000.0
-"""[Hz]"""
+"""Rate of the samples [Hz]"""
 BETWEEN = 10_000
-"""Good samples from one fault to the next"""
+"""Number of good samples from one fault to the next"""
 PATIENCE = 60.0
-"""How long [s] to wait for what must come"""
+"""Time [s] to wait for what must come"""
 SETTLED = 0.1
-"""The part of the run after which memory must not grow"""
+"""Part of the run after which memory must not grow"""
 LEFT_OUT = ("time jumps back", "best-effort publisher joins", "stop of no recording")
 """A bag is read in the order of its stamps, so time that jumps back is not computed again as it came; and who listens
 as best effort may miss samples, which is then nobody's fault. A recording is being written, and not to be stopped."""
@@ -68,7 +68,7 @@ process."""
 
 
 class Peered(Driver):
-    """A driver that faults can use as they use the tests' peer."""
+    """A driver with the methods that faults use of the tests' peer."""
 
     def __init__(self, node: Any, executor: Any) -> None:
         super().__init__(node, executor)
@@ -79,7 +79,7 @@ class Peered(Driver):
         )
         self._angle, self._force = self.angle, self.force
         self.contacts: list[bytes] = []
-        """Answers since the fault"""
+        """Serialised answers since the fault"""
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
         self.stalled: list[subprocess.Popen[str]] = []
@@ -89,21 +89,21 @@ class Peered(Driver):
 
     @property
     def stamp(self) -> int:
-        """Of the next good sample [ns]."""
+        """Stamp of the next good sample [ns]."""
         return self._stamp
 
     def pass_time(self, duration: int) -> None:
-        """Have the stamps go on later [ns]."""
+        """Move the stamps of further samples on by a duration [ns]."""
         self._stamp += duration
 
     def spin(self, seconds: float) -> None:
-        """Handle what comes for a while."""
+        """Handle events for a time [s]."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._spin(0.02)
 
     def wait_until(self, done: Callable[[], Any]) -> None:
-        """Handle what comes until something has happened."""
+        """Handle events until a condition holds."""
         deadline = time.monotonic() + PATIENCE
         while not done():
             if time.monotonic() > deadline:
@@ -130,21 +130,21 @@ class Peered(Driver):
 
 
 class Stretch(NamedTuple):
-    """From one fault to the next."""
+    """The good samples from one fault to the next, and their answers."""
 
     fault: str
     first: int
-    """Stamp [ns] of its first good sample"""
+    """Stamp [ns] of the first good sample"""
     samples: int
     lost: int
     slowest: float
-    """Latency [s]"""
+    """Largest latency [s]"""
     memory: int
-    """[B] of the node afterwards"""
+    """Memory of the node afterwards [B]"""
 
 
 def stood_still(which: str) -> Fault:
-    """The process of an output gets no time for two seconds."""
+    """Fault: the process of an output is stopped for two seconds."""
 
     def inject(peer: Any, _stamp: int) -> None:
         number = int(peer.diagnostics[f"knee_contact: {which}"]["process"])
@@ -155,7 +155,7 @@ def stood_still(which: str) -> Fault:
 
 
 def soak(peer: Peered, stretches: int, dice: random.Random) -> list[Stretch]:
-    """Good samples, a fault, good samples, and so on."""
+    """Publish good samples and faults in turn, and collect the stretches."""
     faults = [fault for fault in FAULTS if fault.name not in LEFT_OUT]
     faults += [stood_still("recorder"), stood_still("viewer")]
     node, found, fault = psutil.Process(peer.node_process), [], Fault("none yet", lambda _peer, _stamp: None)
@@ -192,14 +192,14 @@ def angle_between(peer: Peered) -> float:
 
 
 class Again(NamedTuple):
-    """What a recording says, and what comes of it."""
+    """Contents of a recording, and how its answers compare with those computed again."""
 
     answers: int
     computed: int
     compared: int
     different: int
     flags: list[Counter[str]]
-    """Bits in the status of the answers of each stretch"""
+    """Bits in the status of the answers of each stretch, counted"""
 
 
 def again(recording: Path, firsts: Sequence[int]) -> Again:
@@ -233,7 +233,7 @@ def status_of(message: RawMessage) -> int:
 
 
 def alike(live: RawMessage, offline: RawMessage) -> bool:
-    """Whether two answers have the same bytes; what the node has refused is not in its recording."""
+    """Whether two answers have the same bytes, apart from INPUT_REJECTED: refused input is not in a recording."""
     if live == offline:
         return True
     one, other = (deserialize(message.data, KNEE_CONTACT) for message in (live, offline))
@@ -242,7 +242,7 @@ def alike(live: RawMessage, offline: RawMessage) -> bool:
 
 
 def rows(stretches: Sequence[Stretch], flags: Sequence[Counter[str]]) -> list[list[str]]:
-    """By fault."""
+    """Rows of the table: one per fault."""
     table = []
     for fault in sorted({stretch.fault for stretch in stretches}):
         of = [number for number, stretch in enumerate(stretches) if stretch.fault == fault]
@@ -255,7 +255,7 @@ def rows(stretches: Sequence[Stretch], flags: Sequence[Counter[str]]) -> list[li
 
 
 def figures(stretches: Sequence[Stretch], found: Again, refused: str) -> list[list[str]]:
-    """Of all."""
+    """Rows of the table of figures of the whole run."""
     settled = stretches[round(SETTLED * len(stretches)) :]
     memory = [stretch.memory / MB for stretch in settled]
     return [

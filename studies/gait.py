@@ -7,6 +7,6 @@ from knee_contact_ros.offline.bundled_gait import gait
 __all__ = ["BODY_WEIGHT", "HEEL_STRIKE", "gait"]
 
 BODY_WEIGHT = 75.16 * 9.80665
-"""[N] that the paper divides by"""
+"""Body weight [N] that the paper divides by"""
 HEEL_STRIKE = {"right": (0.618, 1.853), "left": (1.247, 2.460)}
-"""[s] in the bags, from the vertical ground reaction"""
+"""Times of heel strike [s] in the bags, from the vertical ground reaction"""

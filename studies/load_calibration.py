@@ -37,10 +37,10 @@ TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.t
 BODY = {"person.mass": 70.0, "person.height": 1.75}
 WEIGHT, STRIDE, STEP, LEVEL = 70.0 * 9.80665, 1.1, 0.01, 0.95
 NOISE = 60.0
-"""[N]"""
+"""Standard deviation of the noise [N]"""
 WAYS = ("as if independent", "fewer samples", "sandwich")
 REPETITIONS = 600
-"""Along straight lines, where they cost nothing"""
+"""Number of repetitions along straight lines, where they cost nothing"""
 TEXT = """\
 Made walking (strides of 1.1 s at 100 Hz, level `ground_force`), its joint reaction by the estimator itself with known
 constants, and normal noise of 60 N that is alike from sample to sample: chains (each value a part of the one before and
@@ -55,15 +55,15 @@ CONSTANTS = tuple(name.removeprefix("person.") for name in TRUE)
 
 
 class Noise(NamedTuple):
-    """How values are alike."""
+    """A noise whose values correlate from sample to sample."""
 
     words: str
     filter: tuple[float, ...]
-    """Coefficients of a recursion on earlier values, 1 first"""
+    """Coefficients of a recursion on earlier values, the first of which is 1"""
 
 
 def swinging(frequency: float, memory: float) -> tuple[float, ...]:
-    """A recursion that resounds at a frequency [Hz]."""
+    """Coefficients of a recursion that resonates at a frequency [Hz]."""
     return (1.0, -2.0 * memory * math.cos(math.tau * frequency * STEP), memory * memory)
 
 
@@ -76,14 +76,14 @@ COUNTS = (220, 400, 1700)
 
 
 def drawn(noise: Noise, count: int, random: np.random.Generator) -> Floats:
-    """Noise [N], shape (count,), of a standard deviation of `NOISE`."""
+    """Draw noise [N], shape (count,), with a standard deviation of `NOISE`."""
     response = lfilter([1.0], noise.filter, np.eye(1, 20_000)[0])
     chain: Floats = lfilter([1.0], noise.filter, random.standard_normal(count + 3000))[3000:]
     return NOISE * chain / math.sqrt(float((response**2).sum()))
 
 
 def walking(count: int) -> tuple[Sensed, ...]:
-    """Flexion, and a vertical force of two humps."""
+    """Flexion [rad] and a vertical force [N] of two humps, shape (count,) each."""
     samples = []
     for place in range(count):
         phase = (place * STEP / STRIDE) % 1.0
@@ -100,7 +100,7 @@ def walking(count: int) -> tuple[Sensed, ...]:
 
 @cache
 def true_problem(count: int) -> LoadProblem:
-    """Held against the true joint reaction, and at the true constants."""
+    """Problem of the fit against the true joint reaction, at the true constants."""
     parameters = LOAD_READING.load({**BODY, **TRUE})
     empty = Referenced("made", "", walking(count), {AXIAL_FORCE: np.zeros(count)}, {}, ())
     problem = load_problem_of(parameters, empty, unknowns_of(list(TRUE), fittable_in(parameters)))
@@ -108,7 +108,7 @@ def true_problem(count: int) -> LoadProblem:
 
 
 def held_against(problem: LoadProblem, reference: Floats) -> LoadProblem:
-    """The same, with another reference [N]."""
+    """The same problem with another reference [N]."""
     measured = problem.measured._replace(answers={AXIAL_FORCE: reference})
     return load_problem_of(problem.parameters, measured, problem.unknowns)
 
@@ -124,7 +124,7 @@ def held_by_a_fit(count: int, place: int, number: int) -> list[bool]:
 
 
 def held_along_lines(count: int, place: int) -> Floats:
-    """Parts of the intervals that hold the truth, shape (ways, constants)."""
+    """Parts of the intervals that hold the truth, shape (methods, constants)."""
     problem, random = true_problem(count), np.random.default_rng((2026, count, place))
     slopes = problem.jacobian(problem.start, {AXIAL_FORCE: 1.0})
     weights = slopes @ np.linalg.inv(slopes.T @ slopes)
@@ -136,12 +136,12 @@ def held_along_lines(count: int, place: int) -> Floats:
 
 
 def independent(left: Floats, weights: Floats) -> Floats:
-    """Half widths, shape (p,), where all samples count."""
+    """Half widths, shape (p,), if all samples count as independent."""
     return _half(left, weights, len(left))
 
 
 def fewer(left: Floats, weights: Floats) -> Floats:
-    """The same where they count as fewer."""
+    """Half widths, shape (p,), if the samples count as fewer than they are."""
     return _half(left, weights, len(left) / samples_per_value(left))
 
 
@@ -152,7 +152,7 @@ def _half(left: Floats, weights: Floats, number: float) -> Floats:
 
 
 def sandwich(left: Floats, weights: Floats) -> Floats:
-    """By the correlation of each estimate's scores."""
+    """Half widths, shape (p,), by the correlation of each estimate's scores."""
     variances = []
     for score in (weights * left[:, None]).T:
         known = correlations(score)
@@ -163,7 +163,7 @@ def sandwich(left: Floats, weights: Floats) -> Floats:
 
 
 def percent(held: Floats) -> list[str]:
-    """For a table."""
+    """Format parts as percentages for a table."""
     return [f"{100.0 * part:.0f} %" for part in held]
 
 

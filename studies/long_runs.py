@@ -30,11 +30,11 @@ from studies.report import Section, machine, save
 Floats = NDArray[np.float64]
 Random = np.random.Generator
 Drive = Callable[[Random, Floats], tuple[Floats, Floats]]
-"""From times [s] to flexion angles [rad] and loads [N]"""
+"""From times [s] to flexion angles [rad] and loads [N], shape (n,) each"""
 HOUR = 3600.0
 TOLERANCE = 1e-6
 CHUNK = 50_000
-"""Ticks that are compared at a time"""
+"""Number of ticks that are compared at a time"""
 WORKERS = 2
 TEXT = (
     f"A tolerance of {TOLERANCE:.0e} m, without a break from the static start on, in comparison with "
@@ -51,26 +51,26 @@ HEADER = (
 
 
 class LongRun(NamedTuple):
-    """A knee and what drives it."""
+    """A knee, and the angles and loads that drive it."""
 
     name: str
     law: str
     arguments: dict[str, Any]
     hours: float
     rate: float
-    """Ticks per second"""
+    """Number of ticks per second"""
     drive: Drive
 
 
 class Found(NamedTuple):
-    """What a run gives."""
+    """Result of a run."""
 
     tally: Tally
     not_finite: int
     first_wrong: float
-    """Time [s] of the first tick that is said right and wrong; not a number if there is none"""
+    """Time [s] of the first tick that is wrong and said to be right; nan if there is none"""
     largest: float
-    """Largest error [m] of the known ticks that are said right"""
+    """Largest error [m] of the known ticks that are said to be right"""
 
 
 def walking(_random: Random, time: Floats) -> tuple[Floats, Floats]:
@@ -82,7 +82,7 @@ def walking(_random: Random, time: Floats) -> tuple[Floats, Floats]:
 
 
 def lifting_off(random: Random, time: Floats) -> tuple[Floats, Floats]:
-    """The same less 150 N: the knee comes apart in swing."""
+    """The recorded gait less 150 N, so that the knee lifts off in swing."""
     angle, load = walking(random, time)
     return angle, load - 150.0
 
@@ -98,7 +98,7 @@ def running(random: Random, time: Floats) -> tuple[Floats, Floats]:
 
 
 def held_in_swing(random: Random, time: Floats) -> tuple[Floats, Floats]:
-    """The same with muscles that press between the strides, by 5 to 80 N: lift-offs of a tenth of a millimetre."""
+    """The recorded gait less 150 N, with muscles that press between the strides by 5 to 80 N: lift-offs of 0.1 mm."""
     angle, load = running(random, time)
     stride = np.floor(time / 0.7).astype(int)
     return angle, np.maximum(load, random.choice([5.0, 10.0, 20.0, 40.0, 80.0], int(stride[-1]) + 1)[stride])
@@ -113,17 +113,17 @@ def wandering(random: Random, time: Floats) -> tuple[Floats, Floats]:
 
 
 def shaken(_random: Random, time: Floats) -> tuple[Floats, Floats]:
-    """Four swings a second that pull at their end: the scene of a known failure, 20 s of which sufficed."""
+    """Four swings a second that pull at their end: the scene of a known failure, of which 20 s were enough."""
     return np.zeros(len(time)), 300.0 + 350.0 * np.cos(8.0 * math.pi * time)
 
 
 def thrown(_random: Random, time: Floats) -> tuple[Floats, Floats]:
-    """Let go once in ten seconds for 20 ms, and pressed by 200 N: it bounces until it rests."""
+    """A knee that is released for 20 ms every ten seconds, and pressed by 200 N: it bounces until it rests."""
     return np.full(len(time), 0.3), np.where(np.mod(time, 10.0) < 0.02, -100.0, 200.0)
 
 
 def long_runs() -> Iterator[LongRun]:
-    """All runs."""
+    """List all runs."""
     soft = KNEE | {"damping": 20.0}
     impact = {"stiffness": KNEE["stiffness"], "exponent": 1.5, "restitution": 0.97, "least_impact_speed": 0.1}
     for family in (HEALTHY, ARTHRITIC):
@@ -145,7 +145,7 @@ def long_runs() -> Iterator[LongRun]:
 
 
 def scene_of(run: LongRun, part: float, seed: int) -> Scene:
-    """A run as a scene; `part` of its duration."""
+    """Scene of a part of a run's duration."""
     count = max(int(run.hours * HOUR * run.rate * part), 2000)
     time = np.rint(np.arange(count) * (1e9 / run.rate)) * 1e-9
     angle, load = run.drive(np.random.default_rng((seed, 17)), time)
@@ -172,7 +172,7 @@ def measured(run: LongRun, part: float, seed: int, level: str) -> Found:
 
 
 def _not_finite(judged: Judged) -> int:
-    """Estimates that are not."""
+    """Number of estimates that are not finite."""
     verdicts = [judged.depth] if judged.force is None else [judged.depth, judged.force]
     return sum(int(np.sum(~np.isfinite(verdict.estimate))) for verdict in verdicts)
 
@@ -183,7 +183,7 @@ def _largest(judged: Judged) -> float:
 
 
 def row(run: LongRun, found: Found) -> list[str]:
-    """One line of the table."""
+    """Row of the table for a run."""
     tally, depth, force = found.tally, found.tally.depth, found.tally.force
 
     def ratios(histogram: NDArray[np.int64]) -> str:
@@ -202,7 +202,7 @@ def row(run: LongRun, found: Found) -> list[str]:
 
 
 def total_row(found: list[tuple[LongRun, Found]]) -> list[str]:
-    """The last line: hours, ticks and what went wrong in all."""
+    """Last row of the table: hours and ticks of all runs, and what was wrong in them."""
     hours = sum(one.tally.ticks / run.rate / HOUR for run, one in found)
     ticks = sum(one.tally.ticks for _, one in found)
     wrong = sum(one.tally.depth.wrong for _, one in found)

@@ -46,9 +46,9 @@ load:
 body_weight: 654.3
 """
 LOST, NO_NUMBER, LATE = 0.01, 0.005, 0.005
-"""Parts of the angles that do not come, are not a number, or come with a stamp of before the last one"""
+"""Parts of the angles that are lost, not a number, or stamped before the last one"""
 BACK = 12_000_000
-"""[ns] that a late one's stamp lies back: more than a step at 120 Hz"""
+"""Time [ns] by which a late angle's stamp lies back: more than a step at 120 Hz"""
 SEED = 21
 DEADLINE = 0.05
 TEXT = """
@@ -71,16 +71,16 @@ HEADER = (
 
 
 class Run(NamedTuple):
-    """What came of a replay."""
+    """Result of a replay."""
 
     ticks: int
     flagged: dict[str, int]
     refused: dict[str, int]
     missed: str
     same: int
-    """Answers that are those of `solve`, bit by bit but for the status"""
+    """Number of answers that equal those of `solve`, bit by bit but for the status"""
     again: int
-    """Likewise of the recording computed again"""
+    """Number of answers that equal those of the recording computed again"""
     shown: str
 
 
@@ -93,7 +93,7 @@ class Run(NamedTuple):
 )
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder for recordings, Rerun files and reports.")
 def main(trials: Path, noise: float, jitter: float, output: Path, keep: Path | None) -> None:
-    """Replay and write the page; nothing without the trials."""
+    """Replay and write the page; without the trials, say so and do nothing."""
     if not (trials / f"{TRIAL}_tibia_cells.csv").exists():
         click.echo(f"{trials} has no {TRIAL}_tibia_cells.csv: nothing to replay")
         return
@@ -121,7 +121,7 @@ def main(trials: Path, noise: float, jitter: float, output: Path, keep: Path | N
 
 
 def command(*arguments: str | Path) -> None:
-    """One of ours.
+    """Run a command of `knee-contact`.
 
     Raises:
         UsageError: it did not end well.
@@ -132,7 +132,7 @@ def command(*arguments: str | Path) -> None:
 
 
 def prepared(trials: Path, folder: Path) -> tuple[Path, Path]:
-    """The bag, and the parameters that make its angle right."""
+    """Import the trials as a bag, with the parameters that align its angle."""
     map_file = folder / "map.yaml"
     map_file.write_text(MAP, encoding="utf-8")
     files = [trials / f"{TRIAL}_{part}.csv" for part in ("motion", "tibia_cells")]
@@ -142,13 +142,13 @@ def prepared(trials: Path, folder: Path) -> tuple[Path, Path]:
 
 
 def stamps(bag: Path) -> list[int]:
-    """Those of the forces [ns]."""
+    """Stamps of the forces in a bag [ns]."""
     with BagReader(bag, INPUT_TYPES) as reader:
         return [message.log_time for message in reader.raw_messages(("/joint_reaction_force",))]
 
 
 def disturbed(bag: Path, path: Path, noise: float, jitter: float) -> Path:
-    """A bag whose angles have noise [deg], jitter [ms] and faults; they come when they came."""
+    """Write a bag whose angles have noise [deg], jitter [ms] and faults, each at its time in the old bag."""
     random = np.random.default_rng(SEED)
     with BagReader(bag, INPUT_TYPES) as reader, BagWriter(path, overwrite=True) as written:
         for topic, name in INPUT_TYPES.items():
@@ -161,7 +161,7 @@ def disturbed(bag: Path, path: Path, noise: float, jitter: float) -> Path:
 
 
 def spoilt(message: RawMessage, random: np.random.Generator, noise: float, jitter: float) -> bytes:
-    """An angle as a worse sensor would have sent it; empty: it did not."""
+    """An angle as a worse sensor would have sent it; none if it is lost."""
     decoded = JOINT_STATE.decode(message.data)
     assert decoded is not None  # noqa: S101  (ours)
     state, kind = decoded[0], random.random()
@@ -177,7 +177,7 @@ def spoilt(message: RawMessage, random: np.random.Generator, noise: float, jitte
 
 
 def replayed(bag: Path, overlay: Path, folder: Path) -> Run:
-    """Play a bag into the node, and look at what it leaves."""
+    """Play a bag into the node, and measure what it recorded."""
     folder.mkdir(exist_ok=True)
     recording = folder / "live.mcap"
     for old in (recording, folder / "live.rrd", folder / "metadata.yaml"):
@@ -211,12 +211,12 @@ def replayed(bag: Path, overlay: Path, folder: Path) -> Run:
 
 
 def answers(recording: Path) -> Rows:
-    """All answers in a recording."""
+    """All answers in a recording, a row each."""
     return np.concatenate(list(answer_blocks(recording)))
 
 
 def same(live: Rows, other: Rows) -> int:
-    """How many answers have the same bits, by their stamps; their status aside."""
+    """Number of answers with the same bits, matched by their stamps; the status does not count."""
     names = [name for name in live.dtype.names or () if name not in ("status", "latency")]
     theirs = {int(stamp): number for number, stamp in enumerate(other["stamp"])}
     return sum(
@@ -227,13 +227,13 @@ def same(live: Rows, other: Rows) -> int:
 
 
 def flags(live: Rows) -> dict[str, int]:
-    """Ticks by status bit."""
+    """Number of ticks by status bit."""
     counted = {str(bit.name): int(np.count_nonzero(live["status"] & int(bit))) for bit in Status if int(bit)}
     return {name: number for name, number in counted.items() if number}
 
 
 def refusals(recording: Path) -> dict[str, int]:
-    """Refused samples by reason, as the recording says."""
+    """Number of refused samples by reason, as the recording states it."""
     counted: Counter[str] = Counter()
     for record in metadata_records(recording):
         if record.name == REFUSED_SAMPLES:
@@ -242,7 +242,7 @@ def refusals(recording: Path) -> dict[str, int]:
 
 
 def row(name: str, run: Run) -> tuple[str, ...]:
-    """Of the table."""
+    """Row of the table for a replay."""
     return (
         name, str(run.ticks), listed(run.flagged), listed(run.refused), run.missed, f"{run.same} of {run.ticks}",
         f"{run.again} of {run.ticks}", run.shown,
@@ -250,7 +250,7 @@ def row(name: str, run: Run) -> tuple[str, ...]:
 
 
 def listed(counted: dict[str, int]) -> str:
-    """Numbers with their names."""
+    """Format counts with their names."""
     return ", ".join(f"{number} {name}" for name, number in counted.items()) or "none"
 
 

@@ -24,18 +24,18 @@ MM, STEP = 1e3, 2.5
 
 
 class Group(NamedTuple):
-    """Muscles whose arms are taken together, weighted by their maximum isometric forces."""
+    """Muscles whose moment arms are averaged, weighted by their maximum isometric forces."""
 
     name: str
     muscles: tuple[str, ...]
     coordinate: str
     sign: float
-    """Of the coordinate to the angle that the polynomial takes"""
+    """Sign of the coordinate relative to the angle that the polynomial takes"""
     span: tuple[float, float]
-    """[deg] of that angle"""
+    """Range [deg] of that angle"""
     shipped: tuple[float, ...]
     positive: float
-    """Sign of the model's moment arm for what the group does"""
+    """Sign of the model's moment arm for the action of the group"""
 
 
 FLEXION, DORSIFLEXION = (-10.0, 110.0), (-30.0, 25.0)
@@ -48,7 +48,7 @@ GROUPS = (
 
 
 class Arms:
-    """A model's moment arms, at one pose after the other."""
+    """Moment arms of an OpenSim model, pose by pose."""
 
     def __init__(self, path: Path) -> None:
         """Of an OpenSim model.
@@ -71,17 +71,17 @@ class Arms:
         self._coordinates: dict[str, Any] = {name: coordinates.get(name) for name in (KNEE, ANKLE)}
 
     def strength(self, muscle: str) -> float:
-        """Maximum isometric force [N]."""
+        """Maximum isometric force of a muscle [N]."""
         return float(self._muscles[muscle].getMaxIsometricForce())
 
     def at(self, muscle: str, coordinate: str, value: float) -> float:
-        """Moment arm [m] about a coordinate that has a value [rad], all others at their defaults."""
+        """Moment arm [m] of a muscle about a coordinate with a value [rad], all others at their defaults."""
         self._coordinates[coordinate].setValue(self._state, value)
         self._model.realizePosition(self._state)
         return float(self._muscles[muscle].computeMomentArm(self._state, self._coordinates[coordinate]))
 
     def of(self, group: Group, angles: Floats) -> Floats:
-        """Of a group [m], positive, at angles [rad], shape (n,)."""
+        """Moment arms of a group [m], positive, at angles [rad], shape (n,)."""
         weights = np.array([self.strength(name) for name in group.muscles])
         rows = [
             [group.positive * self.at(name, group.coordinate, group.sign * angle) for name in group.muscles]
@@ -93,13 +93,13 @@ class Arms:
 
 
 def share(arms: Arms) -> float:
-    """The gastrocnemius' part of what all plantarflexors can do at a right angle of the foot."""
+    """Part of the gastrocnemius in the moment of all plantarflexors at a right angle of the foot."""
     able = [arms.strength(name) * abs(arms.at(name, ANKLE, 0.0)) for name in PLANTARFLEXORS]
     return able[0] / sum(able)
 
 
 def row(group: Group, arms: Arms) -> list[str]:
-    """A group's polynomial, beside the one that is shipped, and how far either is off the model."""
+    """Row of the table: a group's polynomial beside the shipped one, and how far both are off the model."""
     degrees = np.arange(group.span[0], group.span[1] + 0.5 * STEP, STEP)
     angles = np.radians(degrees)
     truth = arms.of(group, angles)
@@ -114,7 +114,7 @@ def row(group: Group, arms: Arms) -> list[str]:
 @click.command()
 @click.argument("model", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def main(model: Path) -> None:
-    """Fit and print."""
+    """Fit the polynomials, and print them."""
     if find_spec("opensim") is None:
         click.echo("OpenSim is not installed (pip install -e '.[opensim]'): nothing is fitted")
         return

@@ -35,7 +35,7 @@ from knee_contact_ros.tools.latency.usage import read
 from studies.report import Section, machine, save
 
 PERIOD = 1_000_000
-"""[ns] from one sample of a topic to the next"""
+"""Time [ns] from one sample of a topic to the next"""
 RATES = (1.0, 10.0)
 MS = 1e3
 QUANTILES = (50.0, 99.0, 99.9, 100.0)
@@ -52,7 +52,7 @@ for kind, topic in ((JointState, "joint_states"), (WrenchStamped, "joint_reactio
     node.create_subscription(kind, topic, print, QoSProfile(depth=1000))
 sys.stdin.read()
 """
-"""A subscriber of both topics; the middleware takes the messages, and nobody takes them from there"""
+"""Program of a subscriber of both topics, whose middleware receives the messages and which never takes them"""
 TEXT = """
 A bag of two topics with 1000 samples a second each, in pairs of one time, is played into a subscriber in another
 process (reliable, over the loopback interface). Every message is noted when it is handed to the middleware, by the
@@ -61,28 +61,28 @@ beginning; *drift* is that of the last message. Neither is the schedule's own ac
 10 000 messages.
 """
 LOOK_EVERY = 10_000
-"""Messages from one look at the memory to the next"""
+"""Number of messages between two looks at the memory"""
 
 
 class Run(NamedTuple):
-    """One replay."""
+    """Result of one replay."""
 
     rate: float
     seconds: float
-    """It took"""
+    """Duration of the replay [s]"""
     late: tuple[float, ...]
-    """[s] quantiles of the lateness"""
+    """Quantiles of the lateness [s]"""
     share: float
-    """Of messages later than 1 ms"""
+    """Share of messages that come more than 1 ms late"""
     messages: int
     drift: float
-    """[s] of the last message"""
+    """Lateness of the last message [s]"""
     busy: float
     """Processor time of the process per second"""
     grown: float
-    """[MB]"""
+    """Growth of the memory [MB]"""
     said: str
-    """The command's own last line"""
+    """Last line that the command prints"""
 
 
 @click.command()
@@ -102,7 +102,7 @@ def main(seconds: float, output: Path) -> None:
 
 
 def write(path: Path, samples: int, advance: Callable[[int, int], None]) -> None:
-    """A bag of a slow sine."""
+    """Write a bag of a slow sine."""
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
@@ -117,7 +117,7 @@ def write(path: Path, samples: int, advance: Callable[[int, int], None]) -> None
 
 
 def measured(path: Path, rate: float, seconds: float) -> Run:
-    """Play so many seconds, as the command does."""
+    """Replay a number of seconds as the command does, and measure it."""
     lateness = Lateness()
     with ExitStack() as opened:
         opened.enter_context(sink())
@@ -170,7 +170,7 @@ def measured(path: Path, rate: float, seconds: float) -> Run:
 
 @contextmanager
 def sink() -> Iterator[None]:
-    """The subscriber, in a process of its own."""
+    """Run the subscriber in a process of its own."""
     process = subprocess.Popen([sys.executable, "-c", SINK], stdin=subprocess.PIPE)
     try:
         yield
@@ -179,7 +179,7 @@ def sink() -> Iterator[None]:
 
 
 def section(runs: list[Run]) -> Section:
-    """The table, and what the command says of itself."""
+    """Section with the table of all replays, and the command's own last lines."""
     header = (
         "rate", "lasted [s]", "messages", *(f"late, {'max' if q == 100.0 else f'p{q:g}'} [ms]" for q in QUANTILES),
         "later than 1 ms [%]", "drift at the end [ms]", "memory grown by [MB]", "processor time [%]",

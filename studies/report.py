@@ -1,4 +1,4 @@
-"""Write a study's result: Markdown for people, with the machine and the command that makes it again."""
+"""Write a study's page: Markdown, with the machine, and the command that makes it again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tabulate import tabulate
 
 
 class Section(NamedTuple):
-    """A table with its heading and what to know about it."""
+    """A table with its heading and an explanatory text."""
 
     heading: str
     text: str
@@ -21,13 +21,13 @@ class Section(NamedTuple):
 
 
 def machine() -> str:
-    """What the figures were measured on."""
+    """Machine, Python and libraries that the figures were measured with."""
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
     return f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}, {libraries}"
 
 
 def save(path: Path, title: str, command: str, sections: Sequence[Section], measured_on: str) -> None:
-    """Write the page."""
+    """Write a study's page of sections to a file."""
     parts = [f"# {title}", f"Made by `{command}` on {measured_on}."]
     for section in sections:
         if section.heading:

@@ -39,7 +39,7 @@ COMMAND = ("-m", "knee_contact_ros.cli.main")
 
 
 def sensor_samples(rate: float, first: int, factor: float = 1.0) -> Iterator[Sample]:
-    """Joints and a ground force that swing as in walking; `factor` makes a joint reaction of its force."""
+    """Joints and a ground force that vary as in walking; `factor` makes a joint reaction of the force."""
     stamp, step, number = first, round(SECOND / rate), 0
     while True:
         phase = 2.0 * math.pi * number / rate
@@ -52,14 +52,14 @@ def sensor_samples(rate: float, first: int, factor: float = 1.0) -> Iterator[Sam
 
 
 class Way(NamedTuple):
-    """From sensors to contact."""
+    """A way from sensors to contact: the processes of its nodes."""
 
     candidate: Candidate
     feed: Feed
 
 
 def start(commands: tuple[tuple[str, ...], ...], work: Path, patience: float) -> AbstractContextManager[Child]:
-    """Nodes, each command in a process; the first one is given."""
+    """Start nodes, each command in a process of its own; yield the first one."""
     files = [CONFIG / "load" / "inverse_dynamics.yaml", CONFIG / "healthy.yaml"]
     rest = ["--ros-args", *(word for file in files for word in ("--params-file", str(file)))]
     rest += ["-p", f"knee_contact:record.path:={work / 'contact.mcap'}"]
@@ -94,7 +94,7 @@ WAYS = (
 
 
 def measured(one: Way, work: Path, rate: float, duration: float) -> list[int]:
-    """Latencies [ns] of a run; its first second does not count."""
+    """Latencies [ns] of a run, without its first second."""
     with joined(partial(Driver, feed=one.feed)) as driver, running(one.candidate, driver, work):
         driver.run(rate, round(rate))
         return driver.run(rate, round(duration * rate)).latencies
@@ -105,7 +105,7 @@ def measured(one: Way, work: Path, rate: float, duration: float) -> list[int]:
 @click.option("--rounds", default=3)
 @click.option("--duration", default=10.0, help="[s] of a run")
 def main(rate: float, rounds: int, duration: float) -> None:
-    """Measure, and print a table."""
+    """Measure and print the table."""
     found: dict[str, list[int]] = {one.candidate.name: [] for one in WAYS}
     with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
         os.environ.update(environment)

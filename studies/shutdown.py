@@ -22,9 +22,9 @@ from studies.report import Section, machine, save
 from tests.ros.conftest import NodeProcess, Peer
 
 STEP = 1_000_000
-"""[ns] between two samples"""
+"""Time [ns] between two samples"""
 BEFORE, AFTER = 1.5, 2.5
-"""[s] of stream before an output is stopped, and after it"""
+"""Time [s] of the stream before an output is stopped, and after it"""
 OUTPUTS = ("recorder", "viewer")
 TEXT = """\
 The real node, recording to MCAP and drawing to a Rerun file, fed at 1 kHz for four seconds. After 1.5 s the process of
@@ -34,7 +34,7 @@ HEADER = ("busy processes", "stopped", "times", "median [s]", "longest [s]", "ex
 
 
 def walk(peer: Peer, seconds: float) -> None:
-    """Publish on schedule, from where the stamps are."""
+    """Publish samples on schedule for a time [s]."""
     begin = time.monotonic()
     for number in range(round(seconds * 1e9 / STEP)):
         peer.send(time.monotonic_ns(), 0.2, 900.0)
@@ -42,7 +42,7 @@ def walk(peer: Peer, seconds: float) -> None:
 
 
 def end(stopped: str, folder: Path) -> tuple[float, int]:
-    """How long [s] a node takes to end, and its exit code."""
+    """Time [s] that a node takes to end, and its exit code."""
     peer, node = Peer(), NodeProcess(
         "-p", f"record.path:={folder}/knee.mcap", "-p", "rerun.mode:=file", "-p", f"rerun.path:={folder}/knee.rrd",
     )  # fmt: skip

@@ -27,7 +27,7 @@ from studies.stability_checks import FINE_BUDGET, FINER, ROUNDING, TRUSTED, Outc
 from studies.stability_scenes import BUDGET, HALF_AXES, Scene, law_of, run
 
 PATIENCE = 20
-"""Seconds after which the independent reference is given up"""
+"""Time [s] after which the independent reference is given up"""
 REFERENCE_SCENES = 40
 HEADER = (
     "family", "scenes", "ticks", "failed", "ticks flagged NOT_CONVERGED", "of them settled", "ticks compared",
@@ -56,17 +56,17 @@ SciPy (`tools/work_precision/reference.py`); given up after {PATIENCE} s each, o
 
 
 class Against(NamedTuple):
-    """What came of a scene against the independent reference."""
+    """Comparison of a scene with the independent reference."""
 
     ticks: int
     flagged: int
     compared: int
     error: float | None
-    """Largest where not flagged, in tolerances; None: given up"""
+    """Largest error of unflagged ticks, in tolerances; None if the reference was given up"""
 
 
 def families(scenes: int, seed: int) -> dict[str, Iterable[Scene]]:
-    """All scenes by the row of the table."""
+    """All scenes, by the family that is their row of the table."""
     made = stability_families
     return {
         "stiffness x damping x mass x exponent x tick": made.grid(),
@@ -81,7 +81,7 @@ def families(scenes: int, seed: int) -> dict[str, Iterable[Scene]]:
 
 
 def row(family: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """One line of the table."""
+    """Row of the table for a family."""
     counts = np.array([(one.ticks, one.flagged, one.settled, one.compared) for one in outcomes]).sum(axis=0)
     ticks, flagged, settled, compared = counts.tolist()
     failed = sum(bool(outcome.failures) for outcome in outcomes)
@@ -91,7 +91,7 @@ def row(family: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def layers_of(scene: Scene) -> laws.Layers:
-    """The scene's law as the reference has it."""
+    """The law of a scene in the form that the reference takes."""
     constants = scene.arguments
     if scene.law == "elastic_foundation":
         return laws.kelvin_voigt(law_of(scene).static_force(1.0), 2.0, 0.0)
@@ -140,7 +140,7 @@ def _give_up(_signal: int, _frame: FrameType | None) -> None:
 
 
 def reference_row(found: Sequence[Against]) -> list[str]:
-    """The line of the second table."""
+    """The one row of the table of comparisons with the reference."""
     solved = [one for one in found if one.error is not None]
     errors = [one.error for one in found if one.error is not None]
     failed = sum(error > 1.0 for error in errors)

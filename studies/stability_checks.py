@@ -1,4 +1,4 @@
-"""What must hold in any scene: finite, no pull, misses said, errors within the tolerance, no energy made."""
+"""Checks that hold in any scene: finite, no pull, misses flagged, errors within the tolerance, no energy made."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from knee_contact_ros.core.types import Fidelity, Status
 from studies.stability_scenes import Scene, law_of, run
 
 FINER = 300.0
-"""The tolerance asked for over that of the run it is measured against"""
+"""Ratio of the tolerance to that of the finer run that it is judged by"""
 FINE_BUDGET = 25_000
 """Contact law evaluations that a tick of the finer run may cost"""
 TRUSTED = 0.1
@@ -24,22 +24,22 @@ FIELDS = ("contact_force", "penetration_depth", "gap", "penetration_rate", "femo
 
 
 class Outcome(NamedTuple):
-    """What came of one scene."""
+    """Result of all checks on one scene."""
 
     ticks: int
     flagged: int
     settled: int
     compared: int
-    """Ticks not flagged whose error is known"""
+    """Number of unflagged ticks whose error is known"""
     error: float
-    """Largest of it, in tolerances"""
+    """Largest error of these ticks, in tolerances"""
     energy: float
-    """Largest gain of energy in a tick, in what is allowed; < 0 if energy was lost in every tick"""
+    """Largest gain of energy in a tick, relative to what is allowed; < 0 if energy was lost in every tick"""
     failures: tuple[str, ...]
 
 
 def judge(scene: Scene, level: str = "dynamic", quick: bool = False) -> Outcome:
-    """Run a scene at a level and check all of it, against the dynamic level."""
+    """Run a scene at a level, and check it against the dynamic level."""
     try:
         series = run(scene, level=level, quick=quick)
         finer = run(scene, scene.tolerance / FINER, FINE_BUDGET, quick=quick)
@@ -62,7 +62,7 @@ def judge(scene: Scene, level: str = "dynamic", quick: bool = False) -> Outcome:
 
 
 def promises(series: np.recarray[Any, Any], tolerance: float, level: str = "dynamic") -> list[str]:
-    """Broken promises of a series of answers that can be seen without knowing the exact ones."""
+    """Broken promises of a series of answers that are visible without the exact solution."""
     said = series.status & Status.NOT_CONVERGED != 0
     missed = series.error_estimate > tolerance
     if level == "dynamic":  # it answers quasi-statically only where it has given up
@@ -83,14 +83,14 @@ def signed_depth(series: np.recarray[Any, Any]) -> NDArray[np.float64]:
 
 
 def trusted(finer: np.recarray[Any, Any], tolerance: float) -> NDArray[np.bool_]:
-    """Ticks at which the finer run may stand for the exact solution: up to where it ran out of budget."""
+    """Ticks at which the finer run may stand for the exact solution: those before it ran out of budget."""
     dynamic = np.logical_and.accumulate(finer.fidelity == Fidelity.DYNAMIC)
     return np.asarray(dynamic & (finer.error_estimate <= TRUSTED * tolerance))
 
 
 _nodes, _weights = np.polynomial.legendre.leggauss(24)
 NODES, WEIGHTS = (0.5 * (_nodes + 1.0)).tolist(), (0.5 * _weights).tolist()
-"""Of Gauss's rule between 0 and 1"""
+"""Nodes and weights of Gauss's rule between 0 and 1"""
 
 
 class Energy:

@@ -28,14 +28,14 @@ from studies.ellipse import Ellipse
 RADIUS = 0.034
 HALF_AXES = (0.034, 0.028)
 BUDGET = 5_000
-"""Contact law evaluations a tick may cost"""
+"""Evaluations of the contact law that a tick may cost"""
 CONFIG = Path(__file__).parent.parent / "config"
 DEFAULTS = Parameters().contact
 MRI, PLATEAU = CONFIG / "femur_medial.csv", CONFIG / "tibia_medial.csv"
 
 
 class Scene(NamedTuple):
-    """A knee and what it goes through, in numbers and names alone, so that a failure can be printed and repeated."""
+    """A knee, its angles and loads, in numbers and names only, so that a failure can be printed and repeated."""
 
     law: str
     arguments: dict[str, float]
@@ -46,20 +46,20 @@ class Scene(NamedTuple):
     load: tuple[float, ...]
     femur: str = "circle"
     thrown: float = 0.0
-    """Speed [m/s] at which the femur starts towards the plateau, see `start_gap`; 0: the static start"""
+    """Speed [m/s] at which the femur starts towards the plateau (see `start_gap`); 0: the static start"""
     tibia: str = "plane"
-    """On a curved one the femur is carried along by the parallel mechanism"""
+    """Name of the tibial surface; on a curved one the parallel mechanism carries the femur along"""
 
     @property
     def start_gap(self) -> float:
-        """Gap [m] of a thrown start: the impact falls into the first tick."""
+        """Gap [m] at a thrown start, such that the impact falls into the first tick."""
         return 1e-6 + 0.3 * self.thrown * (self.time[1] - self.time[0])
 
 
 def arguments_of(
     law: str, stiffness: float, exponent: float, damping: float, layer: float = 1e-4, ratio: float = 40.0
 ) -> dict[str, float]:
-    """A law's arguments from the numbers that are varied.
+    """Arguments of a law from the numbers that are varied.
 
     Damping [N s/m] turns into a restitution where a law asks for one: from 1 at 0 to 0.02 at 1e7. The elastic
     foundation (exponent 2) gets the modulus that gives `stiffness`.
@@ -94,7 +94,7 @@ def _points(path: Path) -> NDArray[np.float64]:
 
 @lru_cache
 def femur(name: str) -> FemoralGeometry:
-    """The femoral surfaces by name; all but the circle are profiles of measured or made-up points."""
+    """Femoral surface by its name; all but the circles and ellipses are profiles of measured or made-up points."""
     around = np.linspace(-math.pi - 0.9, 0.9, 160)
     noise = np.random.default_rng(1).normal(0.0, 2e-4, (2, 160))
     a, b = HALF_AXES
@@ -119,7 +119,7 @@ DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
 
 @lru_cache
 def pair(femoral: str, tibial: str) -> ContactPair:
-    """A femur over a plane, a concave circle or the measured plateau."""
+    """Contact pair of a femur on a plane, a concave circle or the measured plateau."""
     surface = femur(femoral)
     if tibial == "plane" or not isinstance(surface, (Circle, Profile)):
         return OnPlane(surface)
@@ -128,12 +128,12 @@ def pair(femoral: str, tibial: str) -> ContactPair:
 
 @lru_cache
 def parallel_mechanism() -> Table:
-    """The one with the published geometry."""
+    """Table of the parallel mechanism with the published geometry."""
     return ParallelMechanism().table
 
 
 def law_of(scene: Scene) -> ContactLaw:
-    """The scene's contact law."""
+    """Contact law of a scene."""
     return CONTACT_LAWS[scene.law](**scene.arguments)
 
 
@@ -145,7 +145,7 @@ def knee(
     level: str = "dynamic",
     quick: bool = False,
 ) -> KneeModel:
-    """The scene's model; `quick`: compiled, which is quicker where many runs share a kind of scene."""
+    """Model of a scene; `quick` compiles it, which is quicker where many runs share a kind of scene."""
     model = KneeModel(
         pair=pair(scene.femur, scene.tibia),
         mechanism=Hinge() if scene.tibia == "plane" else parallel_mechanism(),
@@ -170,7 +170,7 @@ def run(
     level: str = "dynamic",
     quick: bool = False,
 ) -> np.recarray[Any, Any]:
-    """The model's answers, one per tick."""
+    """Answers of the model to a scene, one per tick."""
     model = knee(scene, tolerance or scene.tolerance, budget, level=level, quick=quick)
     if not scene.thrown:
         return model.run(scene.time, scene.angle, scene.load)

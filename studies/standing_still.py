@@ -32,9 +32,9 @@ from studies.fault_soak import PATIENCE, Peered
 from studies.report import Section, machine, save
 
 LOOK = 5.0
-"""How often [s] to look at the memory"""
+"""Time [s] between two looks at the memory"""
 FULL = 75_000
-"""Samples after which every queue is full that will be: `record.queue` takes 30 000"""
+"""Number of samples after which every queue is full that will be: `record.queue` takes 30 000"""
 JOINTS = (*(f"joint_{number}" for number in range(11)), "knee")
 MB = 1e6
 TEXT = """\
@@ -46,17 +46,17 @@ HEADER = ("stands still", "answers", "heard", "with full queues [MB]", "growth s
 
 
 class Case(NamedTuple):
-    """What stands still."""
+    """What is stopped in a run, and where the diagnostics show it."""
 
     name: str
     angles: bool = True
     forces: bool = True
     stop: str = ""
-    """The output whose process is stopped"""
+    """Name of the output whose process is stopped"""
     listener: bool = False
     """Whether a subscriber is stopped"""
     entry: str = ""
-    """Of /diagnostics, that says so"""
+    """Entry of /diagnostics that reports it"""
 
 
 CASES = (
@@ -70,7 +70,7 @@ CASES = (
 
 
 def feed(peer: Peered, case: Case, seconds: float, rate: float, look: Callable[[], None]) -> None:
-    """Publish what does not stand still, on schedule."""
+    """Publish the samples that do not stand still, on schedule."""
     begin, due = time.perf_counter(), LOOK
     for number in range(round(seconds * rate)):
         stamp = peer.stamp + round(number * SECOND / rate)
@@ -90,7 +90,7 @@ def feed(peer: Peered, case: Case, seconds: float, rate: float, look: Callable[[
 
 @contextmanager
 def stopped_listener(wanted: bool) -> Iterator[None]:
-    """A reliable subscriber that reads no more."""
+    """Run a reliable subscriber that is stopped, if it is wanted."""
     if not wanted:
         yield
         return
@@ -107,14 +107,14 @@ def stopped_listener(wanted: bool) -> Iterator[None]:
 
 
 def row(case: Case, seconds: float, rate: float) -> list[str]:
-    """Run a case in a graph of its own."""
+    """Run a case in a ROS graph of its own, and return its row of the table."""
     with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
         os.environ.update(environment)
         return run(case, seconds, rate, Path(folder))
 
 
 def run(case: Case, seconds: float, rate: float, work: Path) -> list[str]:
-    """Run a case."""
+    """Run a case, and return its row of the table."""
     memory: list[tuple[float, float]] = []
     heard, answers, said, code = 0, "", "", 0
     with suppress(UsageError), joined(Peered) as peer, node_process([PARAMETERS], work, PATIENCE) as child:

@@ -34,7 +34,7 @@ constant through the gait."""
 
 
 def ratios(sampled: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
-    """Median and range over the ticks."""
+    """Median and range of a ratio over the ticks, for the table."""
     known = linear > 0.0
     low, middle, high = np.percentile(sampled[known] / linear[known], (5.0, 50.0, 95.0))
     return f"{middle:.2f} ({low:.2f} … {high:.2f})"
@@ -44,7 +44,7 @@ def ratios(sampled: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
 @click.option("--samples", default=4000, show_default=True)
 @click.option("--output", default="docs/studies/uncertainty.md", show_default=True, type=click.Path(path_type=Path))
 def main(samples: int, output: Path) -> None:
-    """Write the table."""
+    """Measure and write the table."""
     rows: list[list[str]] = []
     bag = share_folder() / "bags" / "gait2354_right"
     for name, files in KNEES.items():

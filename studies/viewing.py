@@ -1,4 +1,4 @@
-"""What viewing costs: time on the way of a tick, processor time beside it, and the size of a Rerun file.
+"""The costs of viewing: time within a tick, processor time beside it, and the size of a Rerun file.
 
 python -m studies.viewing [--output FILE] [--seconds S] [--rounds N]
 """
@@ -42,11 +42,11 @@ from knee_contact_ros.view.window import address, connect_command
 from studies.report import Section, machine, save
 
 RATE = 1000
-"""[Hz]"""
+"""Rate of the ticks [Hz]"""
 LIMIT = 30.0
-"""[us] that viewing may add to a tick"""
+"""Time [µs] that viewing may add to a tick"""
 WARM_UP = 1000
-"""Ticks before the ones that count"""
+"""Number of ticks before the ones that count"""
 OFF = "off"
 HEADER = (
     "viewing",
@@ -60,7 +60,7 @@ HEADER = (
     "viewer's CPU [us a tick]",
 )
 MINUTES = 10
-"""Length of the files that sizes are taken from"""
+"""Length [min] of the files that sizes are taken from"""
 SIZES = ("knee", "bytes a tick", "MB an hour", "memory grows by [MB an hour]")
 SIZE_TEXT = """
 Files of {minutes} minutes. Rerun keeps a list of all pieces of a file in memory, for the file's end: so the process
@@ -76,23 +76,23 @@ where there is one, that of Rerun's viewer, which draws in software here.
 
 
 class Run(NamedTuple):
-    """Of one mode."""
+    """Costs of one mode of viewing."""
 
     times: NDArray[np.float64]
-    """[s] of each tick"""
+    """Time of each tick [s]"""
     dropped: int
     cpu: float
-    """[s] of the processes beside it, a tick"""
+    """Processor time per tick [s] of the processes beside it"""
 
 
 def pipeline_of(files: list[str]) -> tuple[Pipeline, float]:
-    """A compiled pipeline, and the body weight [N]."""
+    """Compiled pipeline of parameter files, and the body weight [N]."""
     parameters = load_parameters([share_folder() / "config" / name for name in files])
     return Pipeline(parameters, compiled=True), parameters.body_weight
 
 
 def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
-    """Take ticks at 1 kHz, with viewing or without."""
+    """Compute ticks at 1 kHz in a mode of viewing, and measure their cost."""
     pipeline, _ = pipeline_of(["healthy.yaml"])
     parameters = load_parameters([share_folder() / "config" / "healthy.yaml", dict(mode)])
     complaints: list[str] = []
@@ -116,7 +116,7 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
 
 
 def taken_beside(before: Snapshot, after: Snapshot) -> float:
-    """CPU time [s] of this process's children between two snapshots."""
+    """Processor time [s] of this process's children between two snapshots."""
     begun = {usage.process: usage.cpu for usage in before.family[1:]}
     return sum(usage.cpu - begun.get(usage.process, 0.0) for usage in after.family[1:])
 
@@ -143,7 +143,7 @@ def paced(pipeline: Pipeline, outputs: Outputs, ticks: int, first: int) -> NDArr
 
 @contextmanager
 def viewer(port: int) -> Iterator[None]:
-    """Rerun's viewer without a screen, looking."""
+    """Run Rerun's viewer without a screen, connected to a port."""
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen([*connect_command([address(port)]), "--headless"], stdout=log, stderr=log)
         time.sleep(3.0)
@@ -155,16 +155,16 @@ def viewer(port: int) -> Iterator[None]:
 
 
 class Size(NamedTuple):
-    """Of a Rerun file."""
+    """Size and cost of a Rerun file."""
 
     tick: float
-    """[B]"""
+    """Size of a tick [B]"""
     growth: float
-    """[B] of memory that a tick leaves behind in the process that writes it"""
+    """Memory [B] that a tick leaves behind in the process that writes it"""
 
 
 def size_of(files: list[str], minutes: int, folder: Path) -> Size:
-    """Of a Rerun file at 1 kHz, as the node writes it."""
+    """Write a Rerun file at 1 kHz as the node does, and measure its size."""
     ticks, first = minutes * 60 * RATE, 60 * RATE
     pipeline, weight = pipeline_of(files)
     drawing: KneeOutlines = drawing_of(pipeline.model, "knee", weight)
@@ -187,7 +187,7 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
 
 
 def modes(folder: Path, number: int) -> dict[str, tuple[dict[str, Any], bool]]:
-    """Parameters of each mode, and whether a viewer looks."""
+    """Parameters of each mode, and whether a viewer is connected."""
     return {
         OFF: ({}, False),
         "file": ({"rerun.mode": "file", "rerun.path": str(folder / f"{number}.rrd")}, False),
@@ -201,7 +201,7 @@ def modes(folder: Path, number: int) -> dict[str, tuple[dict[str, Any], bool]]:
 @click.option("--seconds", type=float, default=20.0, show_default=True)
 @click.option("--rounds", type=int, default=3, show_default=True)
 def main(output: Path, seconds: float, rounds: int) -> None:
-    """Measure, and write the page."""
+    """Measure and write the page."""
     found: dict[str, list[Run]] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,4 +1,4 @@
-"""What a person waits for: help, a first compilation, loading what is kept, a short bag; and a tick of recorded gait.
+"""Times that a person waits for: help, first compilation, loading what is kept, a short bag, and a tick of gait.
 
 python -m studies.waiting [--base TREE] [--turns N] [--output FILE]: in turns with another tree of this project.
 """
@@ -67,14 +67,14 @@ print(best)
 
 
 class Tree(NamedTuple):
-    """A state of the project."""
+    """A working tree of the project, and its cache."""
 
     path: Path
     kept: Path
-    """Where what it compiles is kept"""
+    """Folder for what it compiles"""
 
     def python(self, *arguments: str, kept: Path | None = None) -> tuple[float, str]:
-        """How long [s] Python took with these arguments, and what it printed."""
+        """Run Python with some arguments; return the time [s] that it took, and what it printed."""
         python = self.path / ".venv" / "bin" / "python"
         environment = os.environ | {"PYTHONPATH": str(self.path), "XDG_CACHE_HOME": str(kept or self.kept)}
         begun = time.perf_counter()
@@ -86,20 +86,20 @@ class Tree(NamedTuple):
 
 
 def first_use(tree: Tree, kind: str) -> float:
-    """Processor time [s] of compiling."""
+    """Processor time [s] of compiling a kind of knee."""
     with tempfile.TemporaryDirectory() as nothing:
         cold = float(tree.python("-c", COMPILE, kind, kept=Path(nothing))[1])
     return cold - float(tree.python("-c", COMPILE, kind)[1])
 
 
 def short_bag(tree: Tree) -> float:
-    """Wall time [s] of `solve`."""
+    """Wall time [s] of `solve` on a short bag."""
     with tempfile.TemporaryDirectory() as folder:
         return tree.python(*COMMAND, "solve", str(BAG), "--output", f"{folder}/out.mcap")[0]
 
 
 def measures() -> dict[str, Callable[[Tree], float]]:
-    """What is measured [s], by its name."""
+    """Measurements [s] by their names."""
     return {
         "knee-contact --help": lambda tree: tree.python(*COMMAND, "--help")[0],
         "knee-contact solve, a bag of 2 s": short_bag,
@@ -121,7 +121,7 @@ def measures() -> dict[str, Callable[[Tree], float]]:
 @click.option("--only", default="", help="Measure what has this in its name.")
 @click.option("--output", type=click.Path(path_type=Path), default=HERE / "docs" / "studies" / "waiting.md")
 def main(base: Path | None, turns: int, only: str, output: Path) -> None:
-    """Measure, and write a page."""
+    """Measure and write the page."""
     with tempfile.TemporaryDirectory() as folder:
         trees = [Tree(path, Path(folder) / str(number)) for number, path in enumerate(filter(None, (base, HERE)))]
         for tree in trees:

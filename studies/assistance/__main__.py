@@ -21,22 +21,22 @@ from studies.report import machine
 
 PAGE = Path(__file__).with_name("page.txt")
 TORQUES = [float(torque) for torque in range(41)]
-"""[N m]"""
+"""Assisting torques [N m]"""
 SHOWN, TABLE = 20, (0, 5, 10, 20, 30, 40)
-"""Places of the torques of the stance in the picture, and of the table's rows"""
+"""Places of the torques whose stance is drawn, and of those in the table's rows"""
 MORE = 2.0
-"""Times the co-contraction: what might be"""
+"""Factor of the co-contraction that assistance may cause"""
 
 
 def cells(walk: Walk) -> str:
-    """A walk's peaks, for the table."""
+    """Cells of the table with a walk's peaks."""
     force = "{1:.0f} ({0:.0f} … {2:.0f})".format(*walk.peaks.force)
     depth = "{1:.2f} ({0:.2f} … {2:.2f})".format(*(MM * depth for depth in walk.peaks.depth))
     return f"{force} | {depth}"
 
 
 def with_more_co_contraction() -> tuple[float, float]:
-    """More `person.co_contraction`, and the peak contact force [N] with it and without assistance."""
+    """A larger `person.co_contraction`, and the peak contact force [N] with it and without assistance."""
     more = MORE * person().person.co_contraction
     parameters = LOAD_READING.load([LOAD_FILE, {"person.co_contraction": more}])
     found = walk(sensors(), constant_in_stance(0.0), load_model("healthy"), parameters)
@@ -44,7 +44,7 @@ def with_more_co_contraction() -> tuple[float, float]:
 
 
 def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
-    """The whole page."""
+    """Text of the whole page."""
     constant, law = (found[name] for name in LAWS)
     forces = np.array([walk.peaks.force for walk in constant])
     middle, best = forces[:, 1], int(forces[:, 1].argmin())
@@ -75,7 +75,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     "--output", type=click.Path(path_type=Path), default="docs", show_default=True, help="Gets the page, and images/."
 )
 def main(output: Path) -> None:
-    """Walk, draw and write."""
+    """Compute the walks, draw the picture and write the page."""
     found = dict(walks(TORQUES))
     draw(TORQUES, found, SHOWN, output / "images" / "assistance.png")
     (output / "assistance.md").write_text(text(TORQUES, found), encoding="utf-8")

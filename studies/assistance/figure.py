@@ -11,18 +11,18 @@ import numpy as np
 from studies.assistance.walks import Floats, Peaks, Walk
 
 COLOURS = ("#0072B2", "#D55E00", "#555555")
-"""Okabe and Ito's, of the laws in their order, and of a knee without assistance"""
+"""Okabe and Ito's colours of the laws in their order, and of a knee without assistance"""
 LINES: tuple[Any, ...] = ("-", (0, (5, 2)))
 SIZE, DPI = (7.5, 5.6), 150
 SHOWN = (0.55, 1.45)
-"""[s] the first stance"""
+"""Times [s] of the first stance"""
 MM = 1e3
 HEADROOM = 1.12
-"""Above the largest value, for the key"""
+"""Ratio of the axis' upper end to the largest value, which leaves room for the key"""
 
 
 def draw(torques: Sequence[float], found: Mapping[str, Sequence[Walk]], shown: int, path: Path) -> None:
-    """Write it; `shown` is the place of the torque whose stance is drawn below."""
+    """Draw the picture; `shown` is the place of the torque whose stance is drawn below."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -24,60 +24,60 @@ from knee_contact_ros.system.resources import share_folder
 
 Floats = NDArray[np.float64]
 SHARE = 0.5
-"""Of the joint reaction, as `healthy.yaml` has it: the medial compartment's"""
+"""Share of the joint reaction that the medial compartment bears, as in `healthy.yaml`"""
 SECOND = 1e-9
-"""[s] of a nanosecond"""
+"""Length of a nanosecond [s]"""
 NO_TORQUE = (UNKNOWN, UNKNOWN, UNKNOWN)
 
 
 class Sample(NamedTuple):
-    """What encoder and insole tell at a stamp."""
+    """Measured values of encoder and insole at a stamp."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     flexion: float
-    """[rad]"""
+    """Flexion angle [rad]"""
     vertical: float
-    """[N] ground force"""
+    """Vertical ground force [N]"""
 
 
 class Peaks(NamedTuple):
-    """The largest values of a gait; with the load a standard deviation below and above beside the estimated one."""
+    """Largest values of a gait, with the load a standard deviation below the estimate, at it, and above it."""
 
     force: tuple[float, float, float]
-    """[N] of contact: below, as estimated, above"""
+    """Contact forces [N]: below, as estimated, above"""
     depth: tuple[float, float, float]
-    """[m] of penetration, likewise"""
+    """Penetration depths [m]: below, as estimated, above"""
 
 
 class Walk(NamedTuple):
-    """A gait with assistance; arrays have shape (n,)."""
+    """Series of a gait with assistance; arrays have shape (n,)."""
 
     time: Floats
-    """[s]"""
+    """Times [s]"""
     torque: Floats
-    """[N m] that extends the knee"""
+    """Torque [N m] that extends the knee"""
     axial: Floats
-    """[N] estimated joint reaction"""
+    """Estimated axial joint reaction [N]"""
     force: Floats
-    """[N] of contact"""
+    """Contact force [N]"""
     peaks: Peaks
 
 
 class Law(Protocol):
-    """Who decides on the torque."""
+    """A law that decides on the assisting torque."""
 
     def __call__(self, sample: Sample, contact_force: float, /) -> float:
         """The torque [N m] at a sample, after the contact force [N] of the one before."""
 
 
 def constant_in_stance(torque: float) -> Law:
-    """One torque [N m] while the foot is on the ground, none in swing."""
+    """Build the law of a constant torque [N m] while the foot is on the ground, and none in swing."""
     return lambda sample, _contact: torque if sample.vertical > 0.0 else 0.0
 
 
 def companion(torque: float) -> Law:
-    """The example's law with a nominal torque [N m], which gives way above the demo's limit; it knows no stance."""
+    """Build the example's law with a nominal torque [N m], which yields above the demo's limit and knows no stance."""
     if torque == 0.0:
         return lambda _sample, _contact: 0.0
     law = AssistLaw(Settings(nominal_torque=torque, force_limit=FORCE_LIMIT))
@@ -108,7 +108,7 @@ def sensors(bag: Path | None = None) -> list[Sample]:
 
 
 def person() -> LoadParameters:
-    """The parameters for the shipped bag."""
+    """Parameters of the person in the shipped bag."""
     return LOAD_READING.load(LOAD_FILE)
 
 
@@ -140,7 +140,7 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
 
 
 def walks(torques: Sequence[float], compiled: bool | None = None) -> Iterator[tuple[str, list[Walk]]]:
-    """The walks under each of `LAWS`, by its name, one for each torque [N m]."""
+    """Walks under each of `LAWS`, by its name, one for each torque [N m]."""
     samples, parameters = sensors(), person()
     model = knee_contact_ros.load_model("healthy", compiled=compiled)
     for name, law in LAWS.items():

@@ -52,7 +52,7 @@ class Problem(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What both compute, each of shape (n,)."""
+    """Results that both kernels compute, shape (n,) each."""
 
     depth: Floats
     error_estimate: Floats
@@ -60,17 +60,17 @@ class Found(NamedTuple):
 
 
 def gait(time: Floats) -> Floats:
-    """A step each second [N]: 150 N to 1615 N."""
+    """Load [N] of one step each second, between 150 N and 1615 N."""
     return 150.0 + 1465.0 * np.sin(math.pi * time) ** 2
 
 
 def lift_off(time: Floats) -> Floats:
-    """As in `accuracy.py` [N]: let go of four times a second."""
+    """Load [N] that lifts the femur off four times a second, as in `accuracy.py`."""
     return 300.0 + 350.0 * np.cos(math.tau * time / 0.25)
 
 
 def problems() -> list[Problem]:
-    """All of them."""
+    """List the problems."""
     kelvin_voigt = CONTACT_LAWS["kelvin_voigt"](**SPRING, damping=DAMPING)
     layered = {"layer_depth": LAYER, "stiffness_2": K2, "damping": DAMPING, "damp_first_layer": False}
     return [
@@ -85,20 +85,20 @@ def problems() -> list[Problem]:
 
 
 def model_of(problem: Problem, tolerance: float) -> KneeModel:
-    """The compiled model."""
+    """Compiled model of a problem."""
     modes = ContactModes(problem.law, allow_tension=False)
     level = LEVELS["dynamic"]
     return compiled(KneeModel(CIRCLE.pair, CIRCLE.mechanism, modes, problem.mass, tolerance, 0, level=level))
 
 
 def series(problem: Problem, count: int) -> tuple[Floats, Floats]:
-    """Durations [s] and loads [N] of the ticks."""
+    """Durations [s] and loads [N] of the ticks, as many as `count`."""
     time = np.arange(count, dtype=np.float64) * TICK
     return np.asarray(np.diff(np.rint(time * 1e9), prepend=0.0) * 1e-9), problem.load(time)
 
 
 def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], None], Callable[[], Found]]:
-    """Our run, and what it has found."""
+    """Prepare our run of a problem, with its results."""
     model = model_of(problem, tolerance)
     scene, run = model.scene, model.kernel.run
     durations, loads = series(problem, count)
@@ -115,7 +115,7 @@ def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], N
 
 
 def in_c(function: Any, problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], None], Found]:
-    """The same in C."""
+    """Prepare the run of a problem in C, with its results."""
     durations, loads = series(problem, count)
     layers = np.array([
         [layer.begin, getattr(layer.formula, "base_force", 0.0), *(getattr(layer.formula, name) for name in (
@@ -136,7 +136,7 @@ def in_c(function: Any, problem: Problem, tolerance: float, count: int) -> tuple
 
 
 def library(compiler: str, path: Path) -> Any:
-    """Compile `dynamic.c`."""
+    """Compile `dynamic.c` to a library with a compiler."""
     subprocess.run(
         [*shlex.split(compiler), *FLAGS, str(Path(__file__).with_name("dynamic.c")), "-o", str(path)], check=True
     )
@@ -151,7 +151,7 @@ def seconds(call: Callable[[], None]) -> float:
 
 
 def row(functions: Sequence[Any], problem: Problem, tolerance: float) -> list[str]:
-    """One line of the table."""
+    """Row of the table for a problem and a tolerance [m]."""
     run, found = ours(problem, tolerance, TICKS)
     in_turns = [run]
     for function in functions:
@@ -170,12 +170,12 @@ def row(functions: Sequence[Any], problem: Problem, tolerance: float) -> list[st
 
 
 def resident() -> int:
-    """This process's resident memory [bytes]."""
+    """Resident memory of this process [B]."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize()
 
 
 def length_row(problem: Problem, count: int) -> list[str]:
-    """Time per tick of a run of some length: at once, and streamed tick by tick."""
+    """Row of the table for a run of `count` ticks: time per tick at once, and streamed tick by tick."""
     tick = model_of(problem, TOLERANCES[0]).stream().tick_ns
     loads = series(problem, count)[1].tolist()
     tick(0, 0.0, loads[0])
@@ -192,7 +192,7 @@ def length_row(problem: Problem, count: int) -> list[str]:
 
 
 def version(compiler: str) -> str:
-    """A C compiler's name and version."""
+    """Name and version of a C compiler."""
     command = [*shlex.split(compiler), "--version"]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[0]
 

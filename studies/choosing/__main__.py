@@ -1,4 +1,4 @@
-"""The command.
+"""The command of the study of levels, tolerances and geometries.
 
 python -m studies.choosing [--turns N] [--page FILE] [--data FILE] [--picture FILE] [--latency FILE]
 """

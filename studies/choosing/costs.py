@@ -1,4 +1,4 @@
-"""What a tick costs: all combinations in turns, in one process on one processor."""
+"""Time per tick of all combinations, measured in turns, in one process on one processor."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from knee_contact_ros.tools.work_precision.timing import Times, runs_for, summed
 
 Key = TypeVar("Key", bound=Hashable)
 SEED = 16
-"""Of the order within the turns"""
+"""Seed of the order within the turns"""
 
 
 def costs(
     runs: Mapping[Key, Callable[[], object]], turns: int, advance: Callable[[int], None] = lambda _turn: None
 ) -> dict[Key, Times]:
-    """Seconds of processor time of every run: in a turn, all runs in random order, the fastest of a few of each counts.
+    """Processor time [s] of every run: in a turn, all runs in random order, of each the fastest of a few.
 
     `advance` is told the number of every turn that is over.
     """
@@ -35,7 +35,7 @@ def costs(
 
 
 def fastest(run: Callable[[], object]) -> float:
-    """Seconds of the fastest of some runs, one after another."""
+    """Time [s] of the fastest of some runs, one after another."""
     gc.collect()
     gc.disable()
     try:
@@ -48,7 +48,7 @@ def fastest(run: Callable[[], object]) -> float:
 
 
 def timed(run: Callable[[], object]) -> float:
-    """Seconds of one run."""
+    """Time [s] of one run."""
     with stopwatch() as watch:
         run()
     return watch.seconds

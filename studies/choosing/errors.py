@@ -1,4 +1,4 @@
-"""What the reference says, what the model says, and how far they lie apart."""
+"""Answers of the reference and of the model, and the differences between them."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from studies.choosing.geometries import BASE, Geometry
 from studies.choosing.scenes import Floats, Scene
 
 COARSER = 100.0
-"""Times the reference's tolerance is that of a second solution, which tells the error of the first"""
+"""Ratio of the tolerance of a second reference solution, which shows the error of the first"""
 
 
 class Answer(NamedTuple):
-    """What a user reads of every tick, shape (n,) each."""
+    """Outputs that a user reads at every tick, shape (n,) each."""
 
     depth: Floats
-    """Signed: penetration > 0, gap < 0 [m]"""
+    """Signed depth [m]: penetration > 0, gap < 0"""
     force: Floats
-    """[N]"""
+    """Contact force [N]"""
     x: Floats
-    """Of the contact point on the plateau [m]"""
+    """Position of the contact point along the plateau [m]"""
 
 
 class Apart(NamedTuple):
-    """How far two answers lie apart, at the worst tick."""
+    """Differences of two answers at the worst tick."""
 
     depth: float
-    """[m]"""
+    """Difference of the depth [m]"""
     force: float
-    """[N]"""
+    """Difference of the force [N]"""
     x: float
-    """[m]"""
+    """Difference of the contact point [m]"""
 
 
 def apart(one: Answer, other: Answer) -> Apart:
@@ -47,7 +47,7 @@ def apart(one: Answer, other: Answer) -> Apart:
 
 
 def exact(geometry: Geometry, scene: Scene, coarser: float = 1.0) -> Answer:
-    """The reference's answer: Eq. 13 with the surfaces of a geometry, by code that is not the model's."""
+    """Solve a scene with a geometry by the reference: Eq. 13 of the paper, by code that is not the model's."""
     layers, mass = law_and_mass(BASE)
     asked = reference.Scene(scene.time, scene.angle, scene.load, layers, mass, geometry.femur,
                             relative_tolerance=coarser * geometry.relative_tolerance)  # fmt: skip
@@ -57,24 +57,24 @@ def exact(geometry: Geometry, scene: Scene, coarser: float = 1.0) -> Answer:
 
 
 def law_and_mass(path: Path) -> tuple[Layers, float]:
-    """The reference's law with the numbers of a parameter file, and the mass [kg]."""
+    """Contact law of the reference, with the numbers of a parameter file, and the mass [kg]."""
     parameters = load_parameters(path)
     contact = parameters.contact
     return kelvin_voigt(contact.stiffness, contact.exponent, contact.damping), parameters.femur.mass
 
 
 def model_of(geometry: Geometry, level: str, tolerance: float, compiled: bool = True) -> KneeModel:
-    """The model with the surfaces of a geometry."""
+    """Model with the surfaces of a geometry."""
     parameters = load_parameters(list(geometry.files))
     fidelity = parameters.fidelity.model_copy(update={"level": level, "tolerance": tolerance})
     return load_model(parameters.model_copy(update={"fidelity": fidelity}), compiled=compiled)
 
 
 def run(model: KneeModel, scene: Scene) -> np.recarray[Any, Any]:
-    """The model's records."""
+    """Run the model on a scene, and return its records."""
     return model.run(scene.time, scene.angle, scene.load)
 
 
 def answer_of(series: np.recarray[Any, Any]) -> Answer:
-    """What a user reads of them."""
+    """Outputs that a user reads of the records."""
     return Answer(series.penetration_depth - series.gap, series.contact_force, series.contact_point["x"])

@@ -11,28 +11,28 @@ from studies.choosing.surfaces import OnPlane, OnPlateau, femur_through, plateau
 
 CONFIG = Path(__file__).parents[2] / "config"
 BASE = CONFIG / "healthy.yaml"
-"""Law, constants and mass of all"""
+"""Parameter file with the law, the constants and the mass of all geometries"""
 CIRCLE, MRI_FEMUR, MRI_KNEE = "circle", "MRI femur", "MRI knee"
 ContactX = Callable[[float, float], float]
-"""Flexion angle [rad] and the reference's depth or height [m] to x of the contact point on the tibia [m]"""
+"""From flexion angle [rad] and the reference's depth or height [m] to x of the contact point on the tibia [m]"""
 
 
 class Geometry(NamedTuple):
-    """Surfaces that touch."""
+    """A femur and a tibia that touch."""
 
     name: str
     about: str
     files: Sequence[Path]
     """Parameter files"""
     femur: femora.Femur
-    """For the reference"""
+    """Femur of the reference"""
     contact_x: ContactX
     relative_tolerance: float
-    """Of the reference: the curvature of a spline has a kink at every point, which costs steps"""
+    """Relative tolerance of the reference: a spline's curvature has a kink at every point, which costs steps"""
 
 
 def geometries() -> list[Geometry]:
-    """All of them, the finest last."""
+    """List the geometries, the most detailed last."""
     femur = femur_through(read_points(CONFIG / "femur_medial.csv"))
     on_plane, on_plateau = OnPlane(femur), OnPlateau(femur, plateau_through(read_points(CONFIG / "tibia_medial.csv")))
     return [
@@ -45,5 +45,5 @@ def geometries() -> list[Geometry]:
 
 
 def under_the_centre(_angle: float, _depth: float) -> float:
-    """A circle about a fixed axis touches below the axis."""
+    """Contact point of a circle about a fixed axis: below the axis, x = 0 [m]."""
     return 0.0

@@ -1,4 +1,4 @@
-"""What uncertain inputs do to the answer: the same scene with one input changed, on the measured knee."""
+"""The effect of uncertain inputs on the answer: the same scene with one input changed, on the measured knee."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from studies.choosing.scenes import Floats, Scene
 
 Files = tuple[Path, Path]
 FINE = {"fidelity": {"level": "dynamic", "tolerance": 1e-9}}
-"""So that nothing but the input differs"""
+"""Fidelity so fine that nothing but the input differs"""
 KNEE: Files = (BASE, CONFIG / "mri_knee.yaml")
 LAYERED: Files = (CONFIG / "osteoarthritis.yaml", CONFIG / "mri_knee.yaml")
 
 
 class Change(NamedTuple):
-    """An input that is not well known."""
+    """A change of an input that is not well known."""
 
     name: str
     why: str
     parameters: dict[str, dict[str, float]]
-    """Values that change, by section"""
+    """Values that change, by section of the parameters"""
     load: float = 1.0
     """Factor of the load"""
     angle: float = 0.0
-    """Added to the flexion angle [rad]"""
+    """Angle [rad] that is added to the flexion angle"""
     files: Files = KNEE
 
 
 class Effect(NamedTuple):
-    """What a change does to a scene."""
+    """Effect of a change on a scene."""
 
     change: Change
     scene: str
@@ -52,7 +52,7 @@ class Effect(NamedTuple):
 
 
 def changes() -> list[Change]:
-    """All of them."""
+    """List the changes."""
     share, stiffness, layer = 0.7 / 0.5, 7.905694e7, 5e-4
     return [
         Change("medial share 0.5 → 0.7", "in vivo 0.6 to 0.8 of the whole load", {}, load=share),
@@ -69,13 +69,13 @@ def changes() -> list[Change]:
 
 
 def effects(scene: Scene) -> list[Effect]:
-    """What every change does to a scene."""
+    """Effects of all changes on a scene."""
     bases = {files: answer(load_parameters(list(files)), scene.angle, scene) for files in (KNEE, LAYERED)}
     return [effect(change, scene, bases[change.files]) for change in changes()]
 
 
 def effect(change: Change, scene: Scene, base: Answer) -> Effect:
-    """What one change does."""
+    """Effect of one change on a scene."""
     changed = changed_parameters(change)
     found = answer(changed, scene.angle + change.angle, scene._replace(load=change.load * scene.load))
     depth, force = base.depth.max(), base.force.max()
@@ -85,7 +85,7 @@ def effect(change: Change, scene: Scene, base: Answer) -> Effect:
 
 
 def changed_parameters(change: Change) -> Parameters:
-    """A file's parameters with the change's values."""
+    """Parameters of the file with the values of a change."""
     parameters = load_parameters(list(change.files))
     sections: dict[str, Any] = {
         name: getattr(parameters, name).model_copy(update=values) for name, values in change.parameters.items()
@@ -94,7 +94,7 @@ def changed_parameters(change: Change) -> Parameters:
 
 
 def answer(parameters: Parameters, angle: Floats, scene: Scene) -> Answer:
-    """What a user reads."""
+    """Outputs that a user reads, with parameters, a change of the angle [rad] and a scene."""
     fidelity = parameters.fidelity.model_copy(update=FINE["fidelity"])
     model = load_model(parameters.model_copy(update={"fidelity": fidelity}), compiled=True)
     return answer_of(model.run(scene.time, np.asarray(angle), scene.load))

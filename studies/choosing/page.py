@@ -17,32 +17,32 @@ from studies.choosing.inputs import Effect
 from studies.choosing.study import Left, Row, Study
 
 BEGIN, END = "<!-- made by python -m studies.choosing: begin -->", "<!-- made by python -m studies.choosing: end -->"
-"""What stands around the measured part of the page"""
+"""Lines around the measured part of the page"""
 DEFAULT_LEVEL, DEFAULT_TOLERANCE = "auto", 1e-6
 NODE, ALL_ROUNDS = "this node", "all"
-"""Whose latency, and over which rounds"""
+"""Rows of `latency.csv` that are shown: of the node, over all rounds"""
 
 
 class Latency(NamedTuple):
-    """From a published force to its answer, as `knee-contact latency` measured it."""
+    """Latency from a published force to its answer, as `knee-contact latency` measured it."""
 
     rate: float
-    """[Hz]"""
+    """Rate of the samples [Hz]"""
     median: float
-    """[µs]"""
+    """Median latency [µs]"""
     p99: float
-    """[µs]"""
+    """99th percentile of the latency [µs]"""
 
 
 def read_latency(path: Path) -> Latency:
-    """That of the node, from latency.csv."""
+    """Read the node's latency from `latency.csv`."""
     with path.open(encoding="utf-8", newline="") as file:
         row = next(row for row in csv.DictReader(file) if (row["candidate"], row["round"]) == (NODE, ALL_ROUNDS))
     return Latency(float(row["rate"]), 1e3 * float(row["median_ms"]), 1e3 * float(row["p99_ms"]))
 
 
 def with_block(page: str, block: str) -> str:
-    """A page with its measured part exchanged.
+    """Replace the measured part of a page.
 
     Raises:
         ValueError: the page has no such part.
@@ -55,7 +55,7 @@ def with_block(page: str, block: str) -> str:
 
 
 def block(study: Study, latency: Latency, picture: str, command: str, machine: str) -> str:
-    """The measured part: picture, tables, scenes."""
+    """Text of the measured part: picture, tables and scenes."""
     parts = [
         f"Made by `{command}` on {machine}.",
         f"![Error of depth, force and contact point over the cost of a tick, beside geometry and inputs]({picture})",
@@ -68,7 +68,7 @@ def block(study: Study, latency: Latency, picture: str, command: str, machine: s
 
 
 def level_words(study: Study, latency: Latency) -> str:
-    """What the table of levels says."""
+    """Conclusions from the table of levels."""
     wrong, ticks = sum(row.wrong for row in study.rows), sum(row.ticks for row in study.rows)
     spread = np.percentile([row.spread_percent for row in study.rows], 50)
     return (
@@ -94,7 +94,7 @@ SCENE_WORDS = (
 
 
 def level_table(study: Study, latency: Latency) -> str:
-    """A line per geometry, level and tolerance."""
+    """Table of levels: a row per geometry, level and tolerance."""
     gait = study.scenes[0].name
     base = next(row.microseconds for row in study.rows
                 if row[:4] == (CIRCLE, DEFAULT_LEVEL, DEFAULT_TOLERANCE, gait))  # fmt: skip
@@ -113,7 +113,7 @@ def level_table(study: Study, latency: Latency) -> str:
 
 
 def merged(by_tolerance: Sequence[Sequence[Row]]) -> list[list[Sequence[Row]]]:
-    """Neighbours whose errors are the same to the digits that are printed, and whose ticks say the same."""
+    """Merge neighbouring tolerances whose rows would be printed with the same digits."""
     groups: list[list[Sequence[Row]]] = []
     for rows in by_tolerance:
         if groups and all(printed(a) == printed(b) for a, b in zip(groups[-1][-1], rows, strict=True)):
@@ -124,24 +124,24 @@ def merged(by_tolerance: Sequence[Sequence[Row]]) -> list[list[Sequence[Row]]]:
 
 
 def printed(row: Row) -> tuple[str, str]:
-    """What of a row the tolerance may change."""
+    """Cells of a row that the tolerance may change."""
     return words.differences(row.error), said_missed(row)
 
 
 def cell(row: Row, cost: float) -> str:
-    """Errors, cost [µs], and the ticks that say they missed."""
+    """Cell with errors, cost [µs], and the share of ticks that are flagged."""
     return ", ".join(filter(None, (words.differences(row.error), words.microseconds(cost), said_missed(row))))
 
 
 def said_missed(row: Row) -> str:
-    """The share of the ticks that say so; empty if none does."""
+    """Share of the ticks that are flagged, in words; empty if none is."""
     if row.flagged == 0.0:
         return ""
     return f"{100.0 * row.flagged:.0f} % flagged" if row.flagged >= 0.01 else "< 1 % flagged"
 
 
 def geometry_words(study: Study) -> str:
-    """What the table of geometries says."""
+    """Conclusions from the table of geometries."""
     own = max(each.own.depth for each in study.left)
     return (
         f"Each solved exactly, against the {MRI_KNEE}: what a simpler surface leaves out, whatever the level. Largest "
@@ -151,7 +151,7 @@ def geometry_words(study: Study) -> str:
 
 
 def geometry_table(left: Sequence[Left]) -> str:
-    """A line per geometry, a column per scene."""
+    """Table of geometries: a row per geometry, a column per scene."""
     scenes = list(dict.fromkeys(each.scene for each in left))
     lines = [[geometry, *(words.differences(each.error) for each in group)]
              for geometry, group in groupby(left, key=lambda each: each.geometry) if geometry != MRI_KNEE]  # fmt: skip
@@ -159,7 +159,7 @@ def geometry_table(left: Sequence[Left]) -> str:
 
 
 def input_table(effects: Sequence[Effect]) -> str:
-    """A line per change."""
+    """Table of inputs: a row per change."""
     lines = [
         [each.change.name, each.change.why, f"{signed(each.peak_depth, 1e-6)} µm ({each.peak_depth_percent:+.0f} %)",
          f"{signed(each.peak_force, 1.0)} N ({each.peak_force_percent:+.0f} %)", words.length(each.worst.x)]
@@ -169,17 +169,17 @@ def input_table(effects: Sequence[Effect]) -> str:
 
 
 def signed(value: float, unit: float) -> str:
-    """Two digits with their sign."""
+    """Format a value with its sign and two digits."""
     return ("+" if value >= 0.0 else "−") + words.two_digits(abs(value) / unit)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """In Markdown."""
+    """Format a table in Markdown."""
     return tabulate(rows, header, tablefmt="pipe", disable_numparse=True)
 
 
 def write_csv(study: Study, path: Path) -> None:
-    """All numbers behind the page: what was compared with what, and how far they lie apart."""
+    """Write all numbers behind the page to a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("what", "geometry", "level", "tolerance_m", "scene", "depth_m", "force_n", "contact_x_m",
@@ -195,5 +195,5 @@ def write_csv(study: Study, path: Path) -> None:
 
 
 def plain(values: Sequence[float]) -> list[str]:
-    """Six digits."""
+    """Format numbers with six digits."""
     return [f"{value:.6g}" for value in values]

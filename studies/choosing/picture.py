@@ -12,15 +12,15 @@ from studies.choosing.inputs import Effect
 from studies.choosing.study import Row, Study
 
 COLOURS = {"quasi_static": "#D55E00", "first_order": "#E69F00", "dynamic": "#0072B2", "auto": "#000000"}
-"""Of levels: Okabe and Ito's, told apart by colour-blind readers"""
+"""Colours of the levels: Okabe and Ito's, which colour-blind readers tell apart"""
 MARKERS = {CIRCLE: "o", MRI_FEMUR: "s", MRI_KNEE: "^"}
 LINES = {CIRCLE: ("#009E73", (0, (4, 4))), MRI_FEMUR: ("#CC79A7", (4, (4, 4)))}
-"""Of what geometries leave out: where both are the same, one's dashes lie in the other's gaps"""
+"""Lines of simpler geometries: where two are the same, the dashes of one lie in the gaps of the other"""
 OUTPUTS = (("error of the depth", (1e-11, 1e-1), "m"), ("error of the force", (1e-5, 1e5), "N"),
            ("error of the contact\npoint on the plateau", (1e-12, 1e-1), "m"))  # fmt: skip
-"""What is drawn, its axis and unit; what is smaller is drawn at the axis' lower end, which then says 0"""
+"""Outputs with the range of their axis and their unit; smaller values are drawn at the lower end, labelled 0"""
 BAND, BAND_SHARE = "#CFCFCF", 0.1
-"""The band of the inputs holds those that do at least this part of what the most effective one does"""
+"""Colour of the band of the inputs, and the least part of the largest effect that counts for it"""
 DEFAULT_TOLERANCE = 1e-6
 DPI = 150
 
@@ -48,7 +48,7 @@ def draw(study: Study, path: Path) -> None:
 
 
 def levels(axis: Any, rows: Sequence[Row], output: int, ends: tuple[float, float]) -> None:
-    """A line per geometry and level through its tolerances; the default one is larger."""
+    """Draw a line per geometry and level through its tolerances; the default one has a larger marker."""
     for (geometry, level), group in groupby(rows, key=lambda row: row[:2]):
         chosen = list(group)
         costs = [row.microseconds for row in chosen]
@@ -60,7 +60,7 @@ def levels(axis: Any, rows: Sequence[Row], output: int, ends: tuple[float, float
 
 
 def references(axis: Any, study: Study, scene: str, output: int) -> None:
-    """What simpler geometries leave out, and what uncertain inputs do."""
+    """Draw the errors of simpler geometries, and the band of uncertain inputs."""
     low, high = band([each for each in study.effects if each.scene == scene], output)
     axis.axhspan(low, high, color=BAND, zorder=0, linewidth=0)
     for left in study.left:
@@ -70,13 +70,13 @@ def references(axis: Any, study: Study, scene: str, output: int) -> None:
 
 
 def band(effects: Sequence[Effect], output: int) -> tuple[float, float]:
-    """From the least to the largest effect of the inputs that matter for an output."""
+    """Least and largest effect on an output of the inputs that matter for it."""
     sizes = [each.worst[output] for each in effects]
     return min(size for size in sizes if size >= BAND_SHARE * max(sizes)), max(sizes)
 
 
 def dress(axis: Any, ends: tuple[float, float], unit: str, *, zero: bool) -> None:
-    """Axes and grid; ticks with their unit, and one at the lower end if something is 0."""
+    """Set axes and grid; ticks have units, and there is one at the lower end if something is 0."""
     from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
     axis.set_xscale("log")
@@ -97,7 +97,7 @@ def dress(axis: Any, ends: tuple[float, float], unit: str, *, zero: bool) -> Non
 
 
 def key(figure: Any) -> None:
-    """The legend below: a column a kind."""
+    """Draw the legend below the panels: a column for each kind."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -1,4 +1,4 @@
-"""The scenes: what the knee goes through. All are of the knee of config/healthy.yaml."""
+"""Angles and loads of the study, all of the knee of config/healthy.yaml."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from studies.gait import gait
 
 Floats = NDArray[np.float64]
 SEED = 16
-"""Of the running strides"""
+"""Seed of the running strides"""
 STRIDE, STRIDES = 0.7, 2
-"""Duration of a running stride [s], and how many there are"""
+"""Duration of a running stride [s], and number of strides"""
 
 
 class Scene(NamedTuple):
@@ -30,7 +30,7 @@ class Scene(NamedTuple):
 
 
 def scenes() -> list[Scene]:
-    """All of them."""
+    """List the scenes."""
     fall = milliseconds(401)
     return [
         Scene("gait", "the bag `gait2354_right`: recorded, 1.93 s at 200 Hz, flexion −1° to 70°, load 0.11 to 1.61 kN",
@@ -46,12 +46,12 @@ def scenes() -> list[Scene]:
 
 
 def milliseconds(number: int) -> Floats:
-    """Ticks at 1 kHz [s]."""
+    """Times [s] of a number of ticks at 1 kHz."""
     return np.arange(number, dtype=np.float64) * 1e-3
 
 
 def running(time: Floats) -> tuple[Floats, Floats, Floats]:
-    """Strides with an impact peak, an active peak and a deep swing, each a little other than the one before."""
+    """Running strides with an impact peak, an active peak and a deep swing, each slightly different from the others."""
     random = np.random.default_rng(SEED)
     angle, load = np.full_like(time, 0.2), np.full_like(time, 60.0)
     for stride in range(STRIDES):

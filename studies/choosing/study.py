@@ -1,4 +1,4 @@
-"""All of it: references, errors, costs and effects of the inputs."""
+"""The whole study: references, errors, costs, and effects of the inputs."""
 
 from __future__ import annotations
 
@@ -27,39 +27,39 @@ Key = tuple[str, str, float, str]
 
 
 class Row(NamedTuple):
-    """One geometry at one level and tolerance on one scene."""
+    """Error and cost of one geometry at one level and tolerance on one scene."""
 
     geometry: str
     level: str
     tolerance: float
-    """[m]"""
+    """Tolerance [m]"""
     scene: str
     error: Apart
-    """Against the same geometry solved exactly"""
+    """Error against the same geometry solved exactly"""
     flagged: float
-    """Share of the ticks that say NOT_CONVERGED"""
+    """Share of the ticks flagged NOT_CONVERGED"""
     wrong: int
-    """Ticks that do not say so, and whose depth is off by more than the tolerance"""
+    """Number of unflagged ticks whose depth is off by more than the tolerance"""
     ticks: int
     microseconds: float = math.nan
-    """Per tick: the median of all turns"""
+    """Time per tick: the median of all turns"""
     spread_percent: float = math.nan
-    """From the fastest to the slowest turn, as a part of the median"""
+    """Time between the fastest and the slowest turn, as a part of the median"""
 
 
 class Left(NamedTuple):
-    """What a geometry leaves out of a scene, and how well that is known."""
+    """Error of a simpler geometry on a scene, and how well that is known."""
 
     geometry: str
     scene: str
     error: Apart
-    """Of the exact solution, against that of the measured knee"""
+    """Difference of the exact solution from that of the measured knee"""
     own: Apart
-    """The reference's own error, at the most"""
+    """Upper bound of the reference's own error"""
 
 
 class Study(NamedTuple):
-    """What the page is about."""
+    """All that the page shows."""
 
     scenes: list[Scene]
     geometries: list[Geometry]
@@ -70,7 +70,7 @@ class Study(NamedTuple):
 
 
 def measure(turns: int, say: Say) -> Study:
-    """Everything; `say` is told what is done."""
+    """Measure all parts of the study; `say` prints the progress."""
     pin()
     all_scenes, all_geometries = scenes(), geometries()
     answers: dict[tuple[str, str], Answer] = {}
@@ -98,7 +98,7 @@ def level_rows(
     turns: int,
     say: Say,
 ) -> list[Row]:
-    """Errors and costs of every geometry, level, tolerance and scene."""
+    """Measure errors and costs of every geometry, level, tolerance and scene."""
     runs: dict[Key, Callable[[], object]] = {}
     rows = []
     for geometry in all_geometries:
@@ -115,7 +115,7 @@ def level_rows(
 
 
 def error_row(geometry: Geometry, level: str, tolerance: float, scene: Scene, model: KneeModel, right: Answer) -> Row:
-    """Errors of a model on a scene; its cost is not known yet."""
+    """Row with the errors of a model on a scene; its cost is not known yet."""
     series = run(model, scene)
     found, said = answer_of(series), series.status & Status.NOT_CONVERGED != 0
     wrong = ~said & (np.abs(found.depth - right.depth) > tolerance)
@@ -124,10 +124,10 @@ def error_row(geometry: Geometry, level: str, tolerance: float, scene: Scene, mo
 
 
 def key_of(row: Row) -> Key:
-    """What names a row."""
+    """Key of a row in the costs."""
     return row.geometry, row.level, row.tolerance, row.scene
 
 
 def with_cost(row: Row, times: Times) -> Row:
-    """The row with its cost."""
+    """Copy of a row with its cost."""
     return row._replace(microseconds=1e6 * times.median / row.ticks, spread_percent=times.spread_percent)

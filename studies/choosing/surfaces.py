@@ -23,33 +23,33 @@ Jet = tuple[float, float, float]
 F = TypeVar("F")
 
 PER_SEGMENT = 8
-"""Points of the dense row between two measured ones"""
+"""Points of the dense row between two measured points"""
 NEWTON_STEPS = 30
 SMALL_STEP = 1e-12
-"""[m] behind which Newton's method has arrived, as it squares its errors"""
+"""Step [m] at which Newton's method has converged, as it squares its errors"""
 FIRST_ORDER, SECOND_ORDER = 2e-5, 5.0
-"""What the dense row's distances may be wrong by: [m], and [1/m] times their square (curvature times squared slope)"""
+"""Errors of the dense row's distances: [m], and [1/m] times their square (curvature times squared slope)"""
 
 RECENT = 8
-"""Poses that are kept: a solver asks for the same one several times"""
+"""Number of poses that are kept, as a solver needs the same one several times"""
 
 
 def compiled(function: F) -> F:
-    """The same, quicker."""
+    """Compile a function with Numba."""
     return cast("F", njit(cache=True)(function))
 
 
 class Spline(NamedTuple):
-    """One coordinate over a parameter."""
+    """Cubic spline of one coordinate over a parameter."""
 
     knots: Floats
-    """Shape (n,)"""
+    """Knots, shape (n,)"""
     coefficients: Floats
-    """Shape (4, n - 1), the cubic term first"""
+    """Coefficients, shape (4, n - 1), the cubic term first"""
 
 
 class Femur(NamedTuple):
-    """A condyle over its chord length, and a dense row of its points."""
+    """A condyle over its chord length, with a dense row of its points."""
 
     x: Spline
     y: Spline
@@ -60,33 +60,33 @@ class Femur(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """The common normal of a pose."""
+    """Common normal of femur and tibia at a pose."""
 
     depth: float
-    """[m]"""
+    """Depth along the normal [m]"""
     x: float
-    """Of the femur's deepest point, relative to the reference point [m]"""
+    """x of the femur's deepest point, relative to the reference point [m]"""
     y: float
     slope: float
-    """Of the tibia there"""
+    """Slope of the tibia at its point"""
     foot: float
     """x of the tibia's point [m]"""
 
 
 def read_points(path: Path) -> Floats:
-    """The columns of a profile's CSV file [m], shape (2, n)."""
+    """Read the columns of a profile's CSV file [m], shape (2, n)."""
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
     return np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
 
 
 def spline_through(knots: Floats, values: Floats) -> Spline:
-    """C2, with SciPy's ends: the outer two cubics are one."""
+    """Build the C2 spline through knots, with SciPy's ends: the outer two cubics are one."""
     found = CubicSpline(knots, values)
     return Spline(found.x, np.ascontiguousarray(found.c))
 
 
 def femur_through(points: Floats) -> Femur:
-    """A condyle through points of shape (2, n) [m]."""
+    """Build a condyle through points of shape (2, n) [m]."""
     chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))])
     row = np.interp(np.arange(PER_SEGMENT * (len(chords) - 1) + 1) / PER_SEGMENT, np.arange(len(chords)), chords)
     x, y = spline_through(chords, points[0]), spline_through(chords, points[1])
@@ -94,13 +94,13 @@ def femur_through(points: Floats) -> Femur:
 
 
 def plateau_through(points: Floats) -> Spline:
-    """A tibial surface y(x) through points of shape (2, n) [m]."""
+    """Build a tibial surface y(x) through points of shape (2, n) [m]."""
     return spline_through(points[0], points[1])
 
 
 @compiled
 def at(spline: Spline, place: float) -> Jet:
-    """Value and derivatives at a place; beyond the ends the outer cubics go on."""
+    """Value and derivatives of a spline at a place; the outer cubics extend beyond the ends."""
     i = min(max(int(np.searchsorted(spline.knots, place, side="right")) - 1, 0), len(spline.knots) - 2)
     c3, c2, c1, c0 = spline.coefficients[:, i]
     u = place - spline.knots[i]
@@ -109,7 +109,7 @@ def at(spline: Spline, place: float) -> Jet:
 
 @compiled
 def plateau_at(plateau: Spline, x: float) -> Jet:
-    """Height [m], slope and second derivative [1/m]; straight on beyond the ends."""
+    """Height [m], slope and second derivative [1/m] of a plateau, which is straight beyond the ends."""
     edge = min(max(x, plateau.knots[0]), plateau.knots[-1])
     height, slope, bend = at(plateau, edge)
     return (height, slope, bend) if x == edge else (height + slope * (x - edge), slope, 0.0)
@@ -117,7 +117,7 @@ def plateau_at(plateau: Spline, x: float) -> Jet:
 
 @compiled
 def turned(femur: Femur, place: float, sine: float, cosine: float) -> tuple[Jet, Jet]:
-    """A place of the femur in the directions of the tibia, relative to the reference point."""
+    """Position of a place of the femur along the axes of the tibia, relative to the reference point [m]."""
     x0, x1, x2 = at(femur.x, place)
     y0, y1, y2 = at(femur.y, place)
     return (
@@ -128,7 +128,7 @@ def turned(femur: Femur, place: float, sine: float, cosine: float) -> tuple[Jet,
 
 @compiled
 def lowest(femur: Femur, angle: float) -> tuple[float, float]:
-    """The lowest point relative to the reference point [m]."""
+    """Lowest point of the femur relative to the reference point [m]."""
     sine, cosine = math.sin(angle), math.cos(angle)
     place = femur.row[np.argmin(sine * femur.row_x + cosine * femur.row_y)]
     for _ in range(NEWTON_STEPS):
@@ -142,7 +142,7 @@ def lowest(femur: Femur, angle: float) -> tuple[float, float]:
 
 @compiled
 def deepest(femur: Femur, plateau: Spline, angle: float, height: float) -> Normal:
-    """The common normal at the femur's deepest point, with the reference point at a height [m] above x = 0."""
+    """Common normal at the femur's deepest point, with the reference point at a height [m] above x = 0."""
     sine, cosine = math.sin(angle), math.cos(angle)
     distances = np.empty_like(femur.row)
     for i in range(len(distances)):
@@ -162,7 +162,7 @@ def deepest(femur: Femur, plateau: Spline, angle: float, height: float) -> Norma
 
 @compiled
 def common_normal(femur: Femur, plateau: Spline, sine: float, cosine: float, height: float, place: float) -> Normal:
-    """From a place of the femur, by Newton's method on n × n' = 0 and d × n = 0 (Eqs. 4 and 5 of the paper)."""
+    """Find the common normal from a place of the femur, by Newton's method (Eqs. 4 and 5 of the paper)."""
     foot = turned(femur, place, sine, cosine)[0][0]
     for _ in range(NEWTON_STEPS):
         (x, x1, x2), (y, y1, y2) = turned(femur, place, sine, cosine)
@@ -193,7 +193,7 @@ class OnPlane:
         return -y - height, -x * turn, 1.0
 
     def contact_x(self, angle: float, height: float) -> float:
-        """Of the contact point on the tibia [m]."""
+        """Position x of the contact point on the tibia [m]."""
         return float(self._lowest(angle)[0])
 
 
@@ -210,5 +210,5 @@ class OnPlateau:
         return found.depth, -turn * lean * (found.slope * found.y + found.x), lean
 
     def contact_x(self, angle: float, height: float) -> float:
-        """Of the contact point on the tibia [m]."""
+        """Position x of the contact point on the tibia [m]."""
         return float(self._deepest(angle, height).foot)

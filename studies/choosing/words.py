@@ -1,4 +1,4 @@
-"""Numbers with their units, two digits each."""
+"""Numbers with units, two digits each."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from studies.choosing.errors import Apart
 
 PREFIXES = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 ROUNDING = 1e-15
-"""[m] below which a difference is none"""
+"""Length [m] below which a difference is rounding"""
 
 
 def length(metres: float) -> str:
-    """A length, as 19 nm; 0 where it is rounding."""
+    """Format a length [m] as 19 nm; 0 where it is rounding."""
     if abs(metres) < ROUNDING:
         return "0"
     size, unit = next((each for each in PREFIXES if abs(metres) >= 0.9995 * each[0]), PREFIXES[-1])
@@ -18,26 +18,26 @@ def length(metres: float) -> str:
 
 
 def force(newtons: float) -> str:
-    """A force, as 0.05 N; 0 below what the reference can tell."""
+    """Format a force [N] as 0.05 N; 0 below what the reference resolves."""
     return "0" if abs(newtons) < 1e-6 else f"{two_digits(newtons)} N"
 
 
 def microseconds(value: float) -> str:
-    """A time, as 0.31 µs."""
+    """Format a time [µs] as 0.31 µs."""
     return f"{two_digits(value)} µs"
 
 
 def differences(found: Apart) -> str:
-    """Depth, force and contact point."""
+    """Format differences of depth, force and contact point."""
     return f"{length(found.depth)}, {force(found.force)}, {length(found.x)}"
 
 
 def two_digits(value: float) -> str:
-    """Two digits and no power of ten where numbers are small enough."""
+    """Format two digits, without a power of ten where numbers are small enough."""
     rounded = float(f"{value:.2g}")
     return f"{rounded:.0f}" if abs(rounded) >= 10.0 else f"{rounded:.2g}"
 
 
 def power(value: float) -> str:
-    """1e-6."""
+    """Format a power of ten as 1e-6."""
     return f"{value:.0e}".replace("e-0", "e-")

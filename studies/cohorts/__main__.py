@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 
 import click
@@ -19,7 +18,7 @@ from studies.cohorts.page import TITLE, measured_on, sections
 from studies.cohorts.peers import OURS, PEERS, Peer
 from studies.cohorts.problem import Cohort, Floats, cohort, truth
 from studies.cohorts.search import Setting
-from studies.cohorts.worker import WorkerError, Workers
+from studies.cohorts.worker import Workers, search_setting
 from studies.report import save
 
 SEARCH_CASES = 256
@@ -28,32 +27,27 @@ BEST = 2
 
 
 def searched(peers: Sequence[Peer], workers: Workers, knees: Cohort, depths: Floats) -> list[Finalist]:
-    """Every method of every tool with its setting; one process per tool, one after the other."""
-    found = []
+    """Search the setting of every method of every tool, in one process per tool, one after the other."""
+    searched_methods = []
     for peer in peers:
         for method in peer.methods():
             try:
-                setting = workers.of(peer.driver)[0].call("search", method.key, knees, depths)
-            except WorkerError as error:
-                click.echo(f"{method.key}: {error}", err=True)
+                setting = workers.of(peer.driver)[0].submit(search_setting, method.key, knees, depths).result()
+            except Exception as error:  # whatever a tool raises; its cause is the traceback in the process
+                click.echo(f"{method.key}: {error.__cause__ or error}", err=True)
                 setting = Setting(method.key, math.nan, math.inf, math.nan, math.nan)
             click.echo(f"{method.key}: {setting.value:.2g}, {setting.error:.1e} m, {setting.per_tick * 1e6:.3g} us")
-            found.append(Finalist(peer, method, setting))
-    return found
+            searched_methods.append(Finalist(peer, method, setting))
+    return searched_methods
 
 
-def finalists(found: Sequence[Finalist]) -> list[Finalist]:
-    """The quickest of every tool, with and without error control."""
-
-    def kind(one: Finalist) -> tuple[str, str]:
-        return one.method.tool, one.method.control
-
-    able = [one for one in found if not math.isnan(one.setting.per_tick)]
-    best = []
-    order = list(dict.fromkeys(map(kind, able)))
-    for _, group in groupby(sorted(able, key=lambda one: order.index(kind(one))), kind):
-        best += sorted(group, key=lambda one: one.setting.per_tick)[:BEST]
-    return best
+def finalists(searched_methods: Sequence[Finalist]) -> list[Finalist]:
+    """Choose the quickest methods of every tool, with and without error control."""
+    kinds: dict[tuple[str, str], list[Finalist]] = {}
+    for one in searched_methods:
+        if not math.isnan(one.setting.per_tick):
+            kinds.setdefault((one.method.tool, one.method.control), []).append(one)
+    return [one for kind in kinds.values() for one in sorted(kind, key=lambda one: one.setting.per_tick)[:BEST]]
 
 
 @click.command()
@@ -67,16 +61,16 @@ def main(cases: tuple[int, ...], names: tuple[str, ...], rounds: int, output: Pa
     peers = [OURS, *(peer for peer in PEERS if peer.installed and (not names or peer.name in names))]
     knees = cohort(max(cases))
     depths = truth(knees)
-    given = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
-    command = " ".join(["python -m studies.cohorts", *given])
+    options = [*(f"--cases {count}" for count in cases), *(f"--peer '{name}'" for name in names), f"--rounds {rounds}"]
+    command = " ".join(["python -m studies.cohorts", *options])
     measured: list[list[Timed]] = []
     workers = Workers()
     try:
-        found = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
+        searched_methods = searched(peers, workers, knees.first(SEARCH_CASES), depths[:SEARCH_CASES])
         for count in sorted(cases):
-            measured.append(timed(finalists(found), workers, knees.first(count), depths[:count], rounds))
+            measured.append(timed(finalists(searched_methods), workers, knees.first(count), depths[:count], rounds))
             click.echo(f"{count} knees timed", err=True)
-            settings = [one.setting for one in found]
+            settings = [one.setting for one in searched_methods]
             save(output, TITLE, command, sections(measured, settings, knees.ticks, rounds), machine)
     finally:
         workers.close()

@@ -1,4 +1,4 @@
-"""A way to run a cohort, as the study sees it."""
+"""A way to run a cohort, in the form in which the study takes that of every tool."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 from studies.cohorts.problem import Cohort, Floats
 
 Run = Callable[[], Floats]
-"""Runs the cohort it was prepared for: depth [m], shape (cases, ticks)"""
+"""Runs the cohort that it was prepared for, and returns the depths [m], shape (cases, ticks)"""
 TOLERANCE, STEPS = "tolerance", "steps per tick"
 """What a method's setting is: of the error control, or a number of equal steps without error control"""
 TOLERANCES = tuple(10.0 ** (-quarters / 4.0) for quarters in range(8, 45))
@@ -18,24 +18,24 @@ COUNTS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 class Method(NamedTuple):
-    """A tool, one of its solvers and how it is led along the series."""
+    """A tool, one of its solvers, and how it runs along the series."""
 
     tool: str
     name: str
     control: str
     """`TOLERANCE` or `STEPS`"""
     prepare: Callable[[Cohort, float, int], Run]
-    """From cohort, setting and number of threads; what it does is set-up and not timed"""
+    """Prepares a run from cohort, setting and number of threads; its time counts as set-up"""
     settings: tuple[float, ...]
     """From coarse to fine"""
     threads: bool = False
     """Whether it uses several cores itself; else every core gets a process and a share of the cohort"""
     most: int = sys.maxsize
-    """Cases that it is given: fewer than asked for where every case takes the same time and that is long"""
+    """Largest number of cases that it runs: small where every case takes equally long"""
     few: int = 16
-    """Cases that a setting is first tried on"""
+    """Number of cases that a setting is first tried on"""
 
     @property
     def key(self) -> str:
-        """What it is found by."""
+        """Name of the method in all tools: that of the tool and its own."""
         return f"{self.tool}: {self.name}"

@@ -17,25 +17,25 @@ TOOL = "knee-contact"
 TOLERANCES = tuple(10.0 ** (-quarters / 4.0) for quarters in range(24, 41))
 """[m]"""
 PROMISED = 1e-8
-"""[m]: what a user asks for who knows no reference"""
+"""Tolerance [m] of a user who knows no reference"""
 TOGETHER = 40
 """Knees whose answers are held at once, as `cohort/computing.py` does with this many ticks"""
 
 
 def methods() -> list[Method]:
-    """Both levels with the loosest tolerance that holds, and with the one that promises it."""
-    asked = [
+    """List both levels with the loosest tolerance that holds, and one with the tolerance that promises the limit."""
+    searched = [
         Method(TOOL, f"batch, {level}", TOLERANCE, partial(prepared, level=level), TOLERANCES, threads=True)
         for level in ("auto", "dynamic")
     ]
     promised = Method(
         f"{TOOL}, as promised", "batch, auto", TOLERANCE, partial(prepared, level="auto"), (PROMISED,), threads=True
     )
-    return [*asked, promised]
+    return [*searched, promised]
 
 
 def prepared(knees: Cohort, tolerance: float, threads: int, *, level: str) -> Run:
-    """Build a scene for every knee; the run takes them through in blocks."""
+    """Build a scene for every knee, and prepare a run that solves them in blocks."""
     parameters = load_parameters(["healthy", {"fidelity.level": level, "fidelity.tolerance": tolerance}])
     stamps = np.rint(knees.time * 1e9).astype(np.int64)
     steps, none = np.diff(stamps, prepend=stamps[:1]) * 1e-9, np.full(knees.ticks, np.nan)

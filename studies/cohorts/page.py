@@ -47,19 +47,21 @@ HEADER = (
 
 
 def measured_on() -> str:
-    """Machine, versions, and what else the machine did."""
+    """Machine, versions of the tools, and what else the machine did."""
     names = ("numpy", "scipy", "numba", "CyRK", "numbalsoda", "diffrax", "jax")
     return f"{describe(names)}, {business()}"
 
 
-def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], ticks: int, rounds: int) -> list[Section]:
-    """All of the page."""
+def sections(
+    measured: Sequence[Sequence[Timed]], settings: Sequence[Setting], ticks: int, rounds: int
+) -> list[Section]:
+    """All sections of the page."""
     few = min(one.cases for one in measured[-1])
     tables = [_table(each, ticks) for each in measured]
     first = []
     for tool in dict.fromkeys(one.finalist.method.tool for one in measured[-1]):
         set_up = max(one.set_up for one in measured[-1] if one.finalist.method.tool == tool)
-        compiling = max(one.first for one in found if one.key.startswith(f"{tool}: "))
+        compiling = max(one.first for one in settings if one.key.startswith(f"{tool}: "))
         first.append((tool, f"{set_up:.2f}", f"{compiling:.2f}"))
     return [
         Section("", TEXT.strip().format(rounds=rounds, few=few), (), ()),
@@ -87,7 +89,7 @@ def sections(measured: Sequence[Sequence[Timed]], found: Sequence[Setting], tick
             [
                 (one.key, _setting(one.value), f"{one.error:.1e}",
                  "given up" if math.isnan(one.per_tick) else f"{one.per_tick * 1e6:.3g}")
-                for one in found
+                for one in settings
             ],
         ),
     ]  # fmt: skip
@@ -100,7 +102,7 @@ def _setting(value: float) -> str:
 
 
 def _table(measured: Sequence[Timed], ticks: int) -> Section:
-    """Of one size of the cohort."""
+    """The table of one size of the cohort, under its verdict."""
     ours = _quickest([one for one in measured if one.finalist.method.tool == OUR_TOOL])
     peers = [one for one in measured if one.finalist.peer != OURS and one.error <= LIMIT]
     rows = []
@@ -118,7 +120,7 @@ def _table(measured: Sequence[Timed], ticks: int) -> Section:
 
 
 def _times(one: Timed, cores: int) -> Floats:
-    """That count: the processor's on one core, the clock's on several."""
+    """Times [s] that count: the processor's on one core, the clock's on several."""
     return one.processor if cores == 1 else one.times[cores]
 
 
@@ -136,12 +138,12 @@ def _verdict(cores: int, peers: Sequence[Timed], ours: Timed) -> str:
     ratio = _ratio(_times(best, cores), _times(ours, cores))
     met = "met" if ratio >= TARGET else "not met"
     where = f"On {cores} core{'s' if cores > 1 else ''}"
-    said = (
+    sentence = (
         f"{where} the quickest peer ({best.finalist.method.key}) takes {ratio:.2g}x our time: {TARGET:.0f}x is {met}."
     )
     controlled = [one for one in peers if one.finalist.method.control != STEPS]
     if not controlled:
-        return said
+        return sentence
     best = _quickest(controlled, cores)
     ratio = _ratio(_times(best, cores), _times(ours, cores))
-    return f"{said} The quickest with error control ({best.finalist.method.key}): {ratio:.2g}x."
+    return f"{sentence} The quickest with error control ({best.finalist.method.key}): {ratio:.2g}x."

@@ -1,4 +1,4 @@
-"""The cohort in plain numbers, as every tool is given it, and what the reference says to it."""
+"""The cohort in plain numbers, as every tool takes it, and its reference solution."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Cohort(NamedTuple):
 
     @property
     def cases(self) -> int:
-        """How many knees."""
+        """Number of knees."""
         return len(self.mass)
 
     @property
     def ticks(self) -> int:
-        """How many samples."""
+        """Number of samples."""
         return len(self.time)
 
     @property
@@ -61,19 +61,23 @@ class Cohort(NamedTuple):
         return depth
 
     def first(self, cases: int) -> Cohort:
-        """The first knees of it."""
+        """The first knees of the cohort, as many as `cases`."""
         return self._replace(**{name: getattr(self, name)[:cases] for name in ("stiffness", "damping", "mass")})
 
 
 def cohort(cases: int, side: str = "right") -> Cohort:
-    """Knees like the healthy one. The first ones of a large cohort are those of a small one."""
+    """Draw knees like the healthy one under the gait of a side; a small cohort is the beginning of a large one."""
     drawn = np.random.default_rng(SEED).uniform(1.0 - SPREAD, 1.0 + SPREAD, (cases, 3))
     stiffness, damping, mass = (drawn * (KNEE["stiffness"], KNEE["damping"], FEMUR)).T.copy()
     return Cohort(*gait(side), stiffness, damping, mass)
 
 
 def truth(knees: Cohort) -> Floats:
-    """Depth [m] by the independent reference, signed, shape (cases, ticks). Its own bound is below 1e-12 m."""
+    """Signed depth [m] by the independent reference, shape (cases, ticks), known to 1e-12 m.
+
+    Raises:
+        ArithmeticError: the reference is less sure of a depth.
+    """
     depths = np.empty((knees.cases, knees.ticks))
     for i in range(knees.cases):
         arguments = {"stiffness": float(knees.stiffness[i]), "exponent": 1.5, "damping": float(knees.damping[i])}

@@ -11,28 +11,28 @@ from studies.cohorts.method import Method
 from studies.cohorts.problem import Cohort, Floats
 
 LIMIT = 1e-8
-"""[m] that no depth may be off by more than"""
+"""Largest error [m] of a depth that is allowed"""
 MOST_TIME = 4.0
 """Processor time [s] of a run with a setting that does not hold, beyond which the method is given up"""
 TRIES = 2
 
 
 class Setting(NamedTuple):
-    """What was found for a method."""
+    """The loosest setting of a method that holds, and what it costs."""
 
     key: str
     value: float
-    """Not a number if there is none"""
+    """Tolerance or steps per tick; nan if there is none"""
     error: float
-    """[m], the largest of those knees"""
+    """Largest error [m] of the knees"""
     per_tick: float
-    """Processor time [s] per knee and tick on one core; not a number if there is none"""
+    """Processor time [s] per knee and tick on one core; nan if there is none"""
     first: float
-    """Processor time [s] of the very first set-up and run with a few knees, for which is compiled"""
+    """Processor time [s] of the very first set-up and run with a few knees, in which some tools compile"""
 
 
 def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
-    """From coarse to fine with a few knees, and from there on with all of them."""
+    """Search from coarse to fine with a few knees, and from there on with all knees."""
     settings, least, seconds = list(method.settings), np.inf, np.nan
     few, all_ = min(method.few, knees.cases), min(knees.cases, method.most)
     begin = time.process_time()
@@ -51,7 +51,7 @@ def search(method: Method, knees: Cohort, truth: Floats) -> Setting:
 
 
 def _tried(method: Method, knees: Cohort, setting: float, truth: Floats) -> tuple[float, float]:
-    """Error [m], infinite where it failed, and the shortest processor time [s] of some runs."""
+    """Largest error [m], infinite if the run failed, and the shortest processor time [s] of some runs."""
     run = method.prepare(knees, setting, 1)
     error = np.nan_to_num(np.abs(run() - truth).max(), nan=np.inf)
     times = []

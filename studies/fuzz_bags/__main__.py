@@ -37,7 +37,7 @@ READ = (
 
 
 def outcomes(verdicts: Sequence[Verdict], group: str) -> list[list[str]]:
-    """Rows of a table: cases by outcome."""
+    """Rows of the table of cases by outcome."""
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for verdict in verdicts:
         counts[getattr(verdict, group)][verdict.outcome] += 1
@@ -47,7 +47,7 @@ def outcomes(verdicts: Sequence[Verdict], group: str) -> list[list[str]]:
 
 
 def reading(verdicts: Sequence[Verdict]) -> list[list[str]]:
-    """Rows of a table: what was read of damaged bags."""
+    """Rows of the table of messages that were read of damaged bags."""
     rows = []
     for kind in sorted({verdict.kind for verdict in verdicts}):
         said = [verdict for verdict in verdicts if verdict.kind == kind and verdict.outcome == SAID]
@@ -63,7 +63,7 @@ def reading(verdicts: Sequence[Verdict]) -> list[list[str]]:
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/fuzz_bags.md"), show_default=True)
 def main(cases: int, seed: int, workers: int, output: Path) -> None:
-    """Damage bags by the thousand and see what becomes of them."""
+    """Damage bags by the thousand, use them, and write the outcomes."""
     verdicts = []
     with progress("Damaging bags") as advance:
         for verdict in run(range(seed, seed + cases), workers):

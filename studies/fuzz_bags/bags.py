@@ -19,17 +19,17 @@ from knee_contact_ros.messages.ros_types import typestore
 
 TICKS = 100
 PERIOD = 5_000_000
-"""[ns]"""
+"""Time between two ticks [ns]"""
 CHUNK = 4096
-"""[B] Small, so that there are several"""
+"""Size of a chunk [B], small so that there are several"""
 FILES = 3
-"""Of the split recording"""
+"""Number of files of the split recording"""
 Message = tuple[str, int, bytes]
 """Topic, time [ns] and bytes"""
 
 
 def messages() -> Iterator[Message]:
-    """An angle and a load per tick."""
+    """Serialised angle and load of every tick."""
     for tick in range(TICKS):
         stamp = (tick + 1) * PERIOD
         state = JointState(stamp, "tibia_r", ("knee",), (0.1 + 0.01 * tick,), (), ())
@@ -39,7 +39,7 @@ def messages() -> Iterator[Message]:
 
 
 def mcap(path: Path, compression: CompressionType, *, checksums: bool = True, chunks: bool = True) -> None:
-    """An MCAP file of several chunks, or of none."""
+    """Write an MCAP file with several chunks, or without chunks."""
     with path.open("wb") as file:
         writer = Writer(
             file,
@@ -63,7 +63,7 @@ def mcap(path: Path, compression: CompressionType, *, checksums: bool = True, ch
 
 
 def sqlite(path: Path) -> None:
-    """A rosbag2 folder with a sqlite3 file."""
+    """Write a rosbag2 folder with a sqlite3 file."""
     with FolderWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connections = {
             topic: writer.add_connection(topic, type_name, typestore=typestore())
@@ -74,7 +74,7 @@ def sqlite(path: Path) -> None:
 
 
 def split(path: Path) -> None:
-    """A rosbag2 folder with several MCAP files."""
+    """Write a rosbag2 folder with several MCAP files."""
     path.mkdir()
     names = [f"{path.name}_{number}.mcap" for number in range(FILES)]
     every, ends = list(messages()), [number * 2 * TICKS // FILES for number in range(FILES + 1)]
@@ -104,12 +104,12 @@ MAKERS: Mapping[str, Callable[[Path], None]] = {
     "folder, MCAP in three files": split,
 }
 UNPROTECTED = ("MCAP, uncompressed, no checksums", "folder, sqlite3")
-"""No checksum covers the messages of these"""
+"""Kinds of bags whose messages no checksum covers"""
 IN_A_FOLDER = ("folder, sqlite3", "folder, MCAP in three files")
 
 
 def make(folder: Path) -> dict[str, Path]:
-    """Make all of them in a folder; where they are, by kind."""
+    """Write all bags into a folder; return their paths by kind."""
     paths = {}
     for number, (kind, maker) in enumerate(MAKERS.items()):
         path = folder / (f"bag{number}" if kind in IN_A_FOLDER else f"bag{number}.mcap")
@@ -119,7 +119,7 @@ def make(folder: Path) -> dict[str, Path]:
 
 
 def copy(path: Path, folder: Path) -> Path:
-    """A copy of a bag in a new folder."""
+    """Copy a bag into a new folder, and return its path."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     if path.is_dir():

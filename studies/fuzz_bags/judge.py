@@ -1,4 +1,4 @@
-"""One damaged bag through `solve` and `recover`, and what to think of what came out."""
+"""Use one damaged bag with `solve` and `recover`, and judge the result."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ BAD = (SILENT, BAD_RECOVERY, TRACEBACK, HANG)
 
 
 class Verdict(NamedTuple):
-    """What became of a case."""
+    """Outcome of a case."""
 
     seed: int
     kind: str
-    """Of the bag"""
+    """Kind of the bag"""
     mutation: str
     outcome: str
     """One of `GOOD` and `BAD`"""
     detail: str
     foreign: int = 0
-    """Messages read whose bytes were not in the undamaged bag"""
+    """Number of messages read whose bytes were not in the undamaged bag"""
     lost: int = 0
-    """Messages of the undamaged bag that were not read"""
+    """Number of messages of the undamaged bag that were not read"""
 
 
 def try_case(seed: int, bags: dict[str, Path], folder: Path) -> Verdict:
@@ -70,7 +70,7 @@ def try_case(seed: int, bags: dict[str, Path], folder: Path) -> Verdict:
 
 
 def solved(kind: str, bag: Path, folder: Path) -> tuple[str, str]:
-    """What `solve` makes of a bag."""
+    """Outcome of `solve` with a bag."""
     output = folder / "out" / "out.mcap"
     try:
         summary = solve(bag, parameters(), output, lambda _done, _total: None)
@@ -88,7 +88,7 @@ def solved(kind: str, bag: Path, folder: Path) -> tuple[str, str]:
 
 
 def recovery_fault(bag: Path, folder: Path) -> str:
-    """What is wrong with what `recover` makes of an MCAP file; empty if nothing is."""
+    """Fault of what `recover` makes of an MCAP file; empty if there is none."""
     output, before = folder / "recovered" / "r.mcap", bag.read_bytes()
     try:
         recovery = recover(bag, output)
@@ -116,7 +116,7 @@ def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
 
 
 def compared(bag: Path) -> tuple[int, int]:
-    """Messages read that were not in the undamaged bag, and messages of it that were not read."""
+    """Numbers of messages read that were not in the undamaged bag, and of messages of it that were not read."""
     with BagReader(bag) as reader:
         found = {(message.topic, message.data) for message in reader.raw_messages()}
     original = {(topic, data) for topic, _, data in messages()}
@@ -125,18 +125,18 @@ def compared(bag: Path) -> tuple[int, int]:
 
 @cache
 def parameters() -> Parameters:
-    """A model that is quickly computed."""
+    """Parameters of a model that is quickly computed."""
     return load_parameters({"fidelity.level": "quasi_static"})
 
 
 @cache
 def expected() -> list[tuple[str, bytes]]:
-    """The answers to the undamaged bag."""
+    """Answers to the undamaged bag."""
     return answers_to(messages())
 
 
 def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
-    """What the pipeline makes of messages."""
+    """Answers of the pipeline to messages."""
     pipeline, answers = Pipeline(parameters(), compiled=False), []
     for topic, _, data in inputs:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
@@ -146,14 +146,14 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
 
 
 def answers_in(recording: Path) -> list[tuple[str, bytes]]:
-    """The answers in a recording."""
+    """Answers in a recording."""
     with recording.open("rb") as file:
         found = make_reader(file).iter_messages(["/knee_contact", "/knee_contact/wrench"], log_time_order=False)
         return [(channel.topic, message.data) for _, channel, message in found]
 
 
 def otherwise(bag: Path) -> list[tuple[str, bytes]] | None:
-    """The answers to a bag as other libraries read it; None if they cannot."""
+    """Answers to a bag as other libraries read it; None if they cannot."""
     try:
         return answers_to(read_otherwise(bag))
     except Exception:  # what they make of it is not ours
@@ -161,7 +161,7 @@ def otherwise(bag: Path) -> list[tuple[str, bytes]] | None:
 
 
 def read_otherwise(bag: Path) -> Iterator[Message]:
-    """A bag's messages by other libraries than those that `solve` uses."""
+    """Messages of a bag as read by other libraries than those that `solve` uses."""
     for path in [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.suffix != ".yaml"):
         yield from _rows(path) if path.suffix == ".db3" else _messages(path)
 

@@ -1,4 +1,4 @@
-"""What befalls a bag."""
+"""Damages to bags."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from random import Random
 
 MOST_FLIPS = 8
 LONGEST_RUN = 64
-"""[B]"""
+"""Length of the longest run of bytes [B]"""
 LONGEST_RANGE = 0.3
-"""Of the file"""
+"""Largest part of a file that a range covers"""
 
 
 def bit_flips(data: bytearray, random: Random) -> None:
-    """A few bits anywhere."""
+    """Flip a few bits anywhere."""
     for _ in range(random.randint(1, MOST_FLIPS)):
         data[random.randrange(len(data))] ^= 1 << random.randrange(8)
 
 
 def truncation(data: bytearray, random: Random) -> None:
-    """The end is missing."""
+    """Cut off the end."""
     del data[random.randrange(len(data)) :]
 
 
 def byte_run(data: bytearray, random: Random) -> None:
-    """Zeros, ones or noise over some bytes."""
+    """Overwrite some bytes with zeros, ones or noise."""
     begin, length = random.randrange(len(data)), random.randint(1, LONGEST_RUN)
     length = min(length, len(data) - begin)
     filler = random.choice((bytes(length), b"\xff" * length, random.randbytes(length)))
@@ -33,19 +33,19 @@ def byte_run(data: bytearray, random: Random) -> None:
 
 
 def duplicated_range(data: bytearray, random: Random) -> None:
-    """Some bytes twice."""
+    """Duplicate some bytes."""
     begin, end = _range(data, random)
     data[end:end] = data[begin:end]
 
 
 def deleted_range(data: bytearray, random: Random) -> None:
-    """Some bytes are missing."""
+    """Delete some bytes."""
     begin, end = _range(data, random)
     del data[begin:end]
 
 
 def zeroed_end(data: bytearray, random: Random) -> None:
-    """The end was never written, as after a power cut."""
+    """Overwrite the end with zeros, as after a power cut."""
     begin = random.randrange(len(data))
     data[begin:] = bytes(len(data) - begin)
 
@@ -66,26 +66,26 @@ ON_BYTES: Mapping[str, Callable[[bytearray, Random], None]] = {
 
 
 def deleted_line(text: list[str], random: Random) -> None:
-    """A line of `metadata.yaml` is missing."""
+    """Delete a line of `metadata.yaml`."""
     del text[random.randrange(len(text))]
 
 
 def changed_number(text: list[str], random: Random) -> None:
-    """A digit in `metadata.yaml` is another one."""
+    """Change a digit in `metadata.yaml`."""
     digits = [(row, column) for row, line in enumerate(text) for column, sign in enumerate(line) if sign.isdigit()]
     row, column = random.choice(digits)
     text[row] = text[row][:column] + str(random.randrange(10)) + text[row][column + 1 :]
 
 
 def changed_word(text: list[str], random: Random) -> None:
-    """A letter in `metadata.yaml` is another one."""
+    """Change a letter in `metadata.yaml`."""
     row = random.choice([row for row, line in enumerate(text) if line.strip()])
     column = random.randrange(len(text[row]))
     text[row] = text[row][:column] + random.choice("aeiou:- ") + text[row][column + 1 :]
 
 
 def swapped_lines(text: list[str], random: Random) -> None:
-    """Two lines of `metadata.yaml` change places."""
+    """Swap two lines of `metadata.yaml`."""
     one, other = random.randrange(len(text)), random.randrange(len(text))
     text[one], text[other] = text[other], text[one]
 
@@ -99,7 +99,7 @@ ON_METADATA: Mapping[str, Callable[[list[str], Random], None]] = {
 
 
 def mutate(bag: Path, random: Random) -> str:
-    """Damage a bag; what was done."""
+    """Damage a bag, and return the name of the damage."""
     if not bag.is_dir():
         return _on_bytes(bag, random)
     files = sorted(path for path in bag.iterdir() if path.suffix != ".yaml")

@@ -13,7 +13,7 @@ from studies.fuzz_bags.bags import MAKERS, make
 from studies.fuzz_bags.judge import HANG, Verdict, try_case
 
 LIMIT = 20.0
-"""[s] a case may take"""
+"""Time [s] that a case may take"""
 
 
 class Worker:
@@ -33,12 +33,12 @@ class Worker:
         theirs.close()
 
     def give(self, seed: int) -> None:
-        """Have a case tried."""
+        """Give a case to the process."""
         self.seed, self.begun = seed, time.monotonic()
         self.connection.send(seed)
 
     def replace(self) -> None:
-        """End the process, and begin with another one."""
+        """End the process, and start another one."""
         self._process.kill()
         self._process.join()
         self.connection.close()
@@ -51,7 +51,7 @@ class Worker:
 
 
 def run(seeds: Sequence[int], workers: int) -> Iterator[Verdict]:
-    """Try cases; what became of each, as it comes."""
+    """Try cases, and yield every verdict as it comes."""
     with tempfile.TemporaryDirectory() as name:
         folder, left = Path(name), iter(seeds)
         (folder / "whole").mkdir()

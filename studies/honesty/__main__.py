@@ -19,11 +19,11 @@ from studies.honesty.truth import reference
 from studies.report import machine, save
 
 SPACING = 1_000_000
-"""Between the scenes of two seeds"""
+"""Distance between the scenes of two seeds"""
 
 
 def show(seed: int) -> str:
-    """A scene, what the reference says of it, and where each run is wrong or not covered."""
+    """Text of a scene, its reference solution, and where each run is wrong or not covered."""
     scene = draw(seed)
     truth = reference(scene)
     ticks = np.diff(scene.time)

@@ -1,4 +1,4 @@
-"""What one run's estimates are worth, tick by tick."""
+"""Judge the error estimates of one run, tick by tick."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ Flags = NDArray[np.bool_]
 KNOWN = 0.02
 """A tick counts where the reference is known to this part of the model's error"""
 LEAST_ERROR = 1e-12
-"""Errors of the depth below this [m] are rounding"""
+"""Error of the depth [m] below which it is rounding"""
 LEAST_FORCE_ERROR, LEAST_FORCE_SHARE = 1e-7, 1e-10
-"""The same for the force: [N], and as a part of the run's largest load"""
+"""Error of the force below which it is rounding: [N], and as a part of the run's largest load"""
 
 
 class Verdict(NamedTuple):
-    """One quantity of a run, an entry per tick each."""
+    """Judgement of one quantity of a run, an entry per tick each."""
 
     error: Floats
-    """Against the reference; not a number where that gave up"""
+    """Error against the reference; nan where the reference gave up"""
     bound: Floats
-    """Of the reference's own error"""
+    """Bound of the reference's own error"""
     estimate: Floats
     known: Flags
     """Whether the reference is good enough to judge this tick"""
     large: Flags
-    """Known, and above rounding"""
+    """Known errors that are above rounding"""
     covered: Flags
-    """Known, and the error within its estimate or below rounding"""
+    """Known errors that are within their estimates or below rounding"""
     wrong: Flags
-    """Said to be within the tolerance, and known not to be; or said so with an estimate that is not finite"""
+    """Ticks said to be within the tolerance that are known not to be, or whose estimate is not finite"""
     ratio: Floats
-    """Estimate over error where `large`, else not a number"""
+    """Ratio of estimate to error where `large`, else nan"""
 
 
 class Judged(NamedTuple):
-    """A run."""
+    """Judgement of a run."""
 
     depth: Verdict
     force: Verdict | None
-    """None where the model gives no estimate of it"""
+    """Judgement of the force; None if the model gives no estimate of it"""
     said_right: Flags
-    """Status without NOT_CONVERGED"""
+    """Ticks whose status has no NOT_CONVERGED"""
     claimed: Flags
-    """Said right although the run's own estimate is beyond the tolerance, or not finite"""
+    """Ticks said right although their own estimate is beyond the tolerance, or not finite"""
     apart: Flags
-    """According to the reference"""
+    """Ticks that are apart according to the reference"""
     fidelity: NDArray[np.int_]
     """Level that computed the tick"""
     evaluations: NDArray[np.int_]

@@ -1,4 +1,4 @@
-"""Loads and flexion angles over time: what random scenes and long runs are driven by."""
+"""Loads and flexion angles over time that drive random scenes and long runs."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ STRIDE = 1.235
 
 
 def press(random: Random, time: Floats, mean: float) -> Floats:
-    """A load [N] that swings and never pulls."""
+    """A load [N] that oscillates and never pulls, shape (n,)."""
     depth, frequency = random.uniform(0.0, 0.95), 10 ** random.uniform(-0.5, 1.5)
     return mean * (1.0 + depth * np.sin(math.tau * (frequency * time + random.random())))
 
 
 def pull(random: Random, time: Floats, mean: float) -> Floats:
-    """One that pulls the knee apart at times."""
+    """A load [N] that pulls the knee apart at times, shape (n,)."""
     depth, frequency = random.uniform(1.02, 2.0), 10 ** random.uniform(-0.5, 1.5)
     return mean * (1.0 + depth * np.sin(math.tau * (frequency * time + random.random())))
 
 
 def walk(random: Random, time: Floats, mean: float) -> Floats:
-    """A random walk."""
+    """A load [N] that is a random walk, shape (n,)."""
     return mean * (1.0 + random.uniform(0.01, 0.2) * np.cumsum(random.standard_normal(len(time))))
 
 
 def steps(random: Random, time: Floats, mean: float) -> Floats:
-    """Loads that are held and jump from one tick to the next, some of them negative, some 0."""
+    """A load [N] that is held and jumps from one tick to the next, at times negative or 0, shape (n,)."""
     values = random.choice([0.0, -0.3, 0.2, 0.5, 1.0, 1.5, 3.0], len(time)) * mean
     held = np.maximum.accumulate(np.where(random.random(len(time)) < 0.08, np.arange(len(time)), 0))
     return np.asarray(values[held], dtype=np.float64)
 
 
 def noise(random: Random, time: Floats, mean: float) -> Floats:
-    """A new load at every tick."""
+    """A load [N] that is drawn anew at every tick, shape (n,)."""
     return mean * (1.0 + random.uniform(0.1, 1.5) * random.standard_normal(len(time)))
 
 
 def running(random: Random, time: Floats, _mean: float) -> Floats:
-    """Half sines of 2.5 to 3 body weights' share, and aerial phases of no load or a slight pull."""
+    """A load [N] of running: half sines of 2.5 to 3 body weights' share, and no load or a slight pull in flight."""
     period, contact = random.uniform(0.6, 0.8), random.uniform(0.2, 0.35)
     peak = random.uniform(2.5, 3.0) * random.uniform(0.5, 0.7) * BODY_WEIGHT
     aerial = random.choice([0.0, -random.uniform(1.0, 30.0)])
@@ -56,12 +56,12 @@ def running(random: Random, time: Floats, _mean: float) -> Floats:
 
 
 def walking(random: Random, time: Floats, _mean: float) -> Floats:
-    """The recorded gait, scaled."""
+    """The recorded load [N], scaled, shape (n,)."""
     return random.uniform(0.7, 1.4) * _strides(random, time)
 
 
 def lifting_off(random: Random, time: Floats, mean: float) -> Floats:
-    """The same less a constant pull, so that the knee comes apart in swing."""
+    """The recorded load [N] less a constant pull, so that the knee comes apart in swing, shape (n,)."""
     return walking(random, time, mean) - random.uniform(60.0, 250.0)
 
 
@@ -86,19 +86,19 @@ def _strides(random: Random, time: Floats) -> Floats:
 
 
 def still(random: Random, time: Floats) -> Floats:
-    """A flexion angle [rad] that stays."""
+    """A flexion angle [rad] that stays, shape (n,)."""
     return np.full(len(time), random.uniform(0.0, 1.2))
 
 
 def swing(random: Random, time: Floats) -> Floats:
-    """One that swings, at up to some 10 rad/s."""
+    """A flexion angle [rad] that oscillates at up to some 10 rad/s, shape (n,)."""
     reach = random.uniform(0.1, 0.6)
     frequency = min(10 ** random.uniform(-0.5, 1.0), 10.0 / (math.tau * reach))
     return 0.6 + reach * np.sin(math.tau * (frequency * time + random.random()))
 
 
 def wander(random: Random, time: Floats) -> Floats:
-    """A random walk: the angle's rate jumps at every tick, by up to some rad/s."""
+    """A flexion angle [rad] that is a random walk: its rate jumps at every tick, by up to some rad/s."""
     rate = random.uniform(0.2, 3.0) * random.standard_normal(len(time))
     return 0.5 + np.cumsum(rate * np.diff(time, prepend=time[0]))
 

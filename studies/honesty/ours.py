@@ -18,7 +18,7 @@ from studies.honesty.scenes import Scene
 
 
 def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
-    """The scene's knee at a level of `LEVELS`, to a tolerance [m] and, unless it is 0, one of the force [N]."""
+    """Compiled model of a scene at a level of `LEVELS`; tolerances are in [m] and, unless it is 0, in [N]."""
     model = KneeModel(
         pair=OnPlane(Ellipse(*map(float, scene.half_axes)), scene.slope),
         mechanism=Hinge(),
@@ -35,5 +35,5 @@ def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tole
 def model(
     scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
 ) -> np.recarray[Any, Any]:
-    """The model's answers, one per tick."""
+    """Answers of the model to a scene, one per tick."""
     return knee(scene, level, tolerance, budget, force_tolerance).run(scene.time, scene.angle, scene.load)

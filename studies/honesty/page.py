@@ -1,4 +1,4 @@
-"""What a study finds, as tables."""
+"""Results of a study as tables."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ BAD = ("times", "of", "scene", "tick", "law", "load", "level", "tolerance", "err
 
 
 def sections(outcome: Outcome) -> list[Section]:
-    """The page."""
+    """All sections of the page."""
     families = {WIDE: "any law"} | {family: family for family in FAMILIES if family != WIDE}
     everywhere = _grouped(outcome, lambda key: (key.level, _tolerances(key)))
     by_family = _grouped(outcome, lambda key: (families[key.family], key.level, _tolerances(key)))

@@ -21,11 +21,11 @@ DEEP = 5e-4
 KNEE = {"stiffness": 7.905694e7, "exponent": 1.5, "damping": 5000.0}
 LAYERS = {"layer_depth": 5e-4, "stiffness_2": 3.112e9}
 FEMUR = 9.3014
-"""[kg]; these are the constants of config/healthy.yaml and config/osteoarthritis.yaml"""
+"""Mass of the femur [kg]; the constants are those of config/healthy.yaml and config/osteoarthritis.yaml"""
 
 
 class Scene(NamedTuple):
-    """A knee and what it goes through, in plain data."""
+    """A knee with its angles and loads, in plain data."""
 
     seed: int
     family: str
@@ -36,13 +36,13 @@ class Scene(NamedTuple):
     slope: float
     allow_tension: bool
     loads: str
-    """How the load was drawn"""
+    """Name of the function that drew the load"""
     time: Floats
     angle: Floats
     load: Floats
 
     def content(self) -> str:
-        """A fingerprint of all that a solution depends on."""
+        """Digest of all that a solution depends on."""
         numbers = (self.law, sorted(self.arguments.items()), self.mass, self.half_axes, self.slope, self.allow_tension)
         digest = hashlib.sha256(repr(numbers).encode())
         for column in (self.time, self.angle, self.load):
@@ -51,7 +51,7 @@ class Scene(NamedTuple):
 
 
 def draw(seed: int, ticks: int = TICKS) -> Scene:
-    """The scene of a seed: two in three from wide ranges, the others plausible knees."""
+    """Draw the scene of a seed: two in three from wide ranges, the others plausible knees."""
     random = np.random.default_rng((seed, 16))
     family = str(random.choice(FAMILIES, p=(0.68, 0.16, 0.16)))
     return _wide(random, seed, ticks) if family == WIDE else _plausible(random, seed, family, ticks)
@@ -88,7 +88,7 @@ def _wide(random: Random, seed: int, ticks: int) -> Scene:
 
 
 def _arguments(random: Random, law: str) -> dict[str, Any]:
-    """A law's constants from wide ranges."""
+    """Constants of a law from wide ranges."""
     if law == "elastic_foundation":
         radius = float(random.uniform(0.02, 0.04))
         return {
@@ -113,14 +113,14 @@ def _arguments(random: Random, law: str) -> dict[str, Any]:
 
 
 def shipped(family: str) -> tuple[str, dict[str, Any]]:
-    """Law and arguments of a shipped knee."""
+    """Contact law and arguments of a shipped knee."""
     if family == HEALTHY:
         return "kelvin_voigt", dict(KNEE)
     return "two_layer_viscoelastic", {**KNEE, **LAYERS, "damp_first_layer": False}
 
 
 def _plausible(random: Random, seed: int, family: str, ticks: int) -> Scene:
-    """The shipped constants, each varied by up to 30 %, under gait, gait with lift-offs and running."""
+    """Draw a shipped knee with constants varied by up to 30 %, in gait, gait with lift-offs, or running."""
 
     def varied(value: float) -> float:
         return float(value * random.uniform(0.7, 1.3))

@@ -1,4 +1,4 @@
-"""Many scenes through all levels, in worker processes."""
+"""Many scenes at all levels, in worker processes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from studies.honesty.truth import reference
 SETTINGS = ((1e-4, 0.0), (1e-5, 0.0), (1e-6, 0.0), (1e-8, 0.0), (1e-4, 1.0), (1e-6, 0.1))
 """Tolerances of depth [m] and of force [N]; 0: none"""
 WORST = 15
-"""Worst ticks that are kept"""
+"""Number of worst ticks that are kept"""
 WORKERS = 2
 CHUNK = 5
-"""Scenes a worker takes at a time"""
+"""Number of scenes that a worker takes at a time"""
 
 
 class Key(NamedTuple):
-    """What runs are counted by."""
+    """Key by which runs are counted."""
 
     family: str
     loads: str
@@ -37,10 +37,10 @@ class Key(NamedTuple):
 
 
 class BadTick(NamedTuple):
-    """A tick to look at, with all that is needed to make it again."""
+    """A tick to look at, with all that is needed to compute it again."""
 
     severity: float
-    """Error over tolerance, or over estimate"""
+    """Ratio of error to tolerance, or to estimate"""
     quantity: str
     seed: int
     tick: int
@@ -52,13 +52,13 @@ class BadTick(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a study finds."""
+    """Results of a study."""
 
     tallies: dict[Key, Tally]
     wrong: list[BadTick]
-    """Said right and wrong, the worst first"""
+    """Ticks said right and wrong, the worst first"""
     uncovered: list[BadTick]
-    """Error beyond the estimate, the worst first"""
+    """Ticks whose error is beyond the estimate, the worst first"""
 
 
 def study(

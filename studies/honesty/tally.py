@@ -20,7 +20,7 @@ def _histogram() -> Counts:
 
 @dataclass
 class Quantity:
-    """What is counted of one quantity."""
+    """Counts of one quantity."""
 
     known: int = 0
     large: int = 0
@@ -28,13 +28,13 @@ class Quantity:
     covered_large: int = 0
     wrong: int = 0
     wrong_runs: int = 0
-    """Runs with a wrong tick"""
+    """Number of runs with a wrong tick"""
     contact: Counts = field(default_factory=_histogram)
-    """Ratios of estimate to error in contact"""
+    """Histogram of the ratios of estimate to error in contact"""
     apart: Counts = field(default_factory=_histogram)
-    """The same while apart"""
+    """Histogram of the ratios while apart"""
     right: Counts = field(default_factory=_histogram)
-    """The same of ticks that are said right, in contact or apart"""
+    """Histogram of the ratios of ticks that are said right, in contact or apart"""
 
     def count(self, verdict: Verdict, apart: NDArray[np.bool_], said_right: NDArray[np.bool_]) -> None:
         """Count a run."""
@@ -55,7 +55,7 @@ class Quantity:
 
 @dataclass
 class Tally:
-    """What is counted of runs."""
+    """Counts of many runs."""
 
     runs: int = 0
     ticks: int = 0
@@ -64,9 +64,9 @@ class Tally:
     evaluations: int = 0
     levels: Counts = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
     choices: int = 0
-    """Ticks whose cheapest sufficient level is known"""
+    """Number of ticks whose cheapest sufficient level is known"""
     cheapest: int = 0
-    """Those of them that a level no more expensive has answered"""
+    """Number of these ticks that a level no more expensive has answered"""
     depth: Quantity = field(default_factory=Quantity)
     force: Quantity = field(default_factory=Quantity)
 
@@ -102,14 +102,14 @@ def _add(counts: Tally | Quantity, others: Tally | Quantity) -> None:
 
 
 def _binned(ratios: NDArray[np.float64]) -> Counts:
-    """A histogram; what is not finite counts as the largest, 0 as the smallest."""
+    """Histogram of ratios; what is not finite counts as the largest, 0 as the smallest."""
     with np.errstate(divide="ignore", invalid="ignore"):
         place = (np.log10(np.where(np.isnan(ratios), np.inf, ratios)) - LOWEST) / WIDTH
     return np.bincount(np.clip(np.nan_to_num(place, posinf=BINS), 0, BINS - 1).astype(int), minlength=BINS)
 
 
 def percentile(histogram: Counts, percent: float) -> float:
-    """A percentile of the ratios, to 5 %; not a number where there are none."""
+    """Percentile of the ratios of a histogram, to 5 %; nan if it is empty."""
     total = int(histogram.sum())
     if total == 0:
         return float("nan")

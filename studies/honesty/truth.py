@@ -1,4 +1,4 @@
-"""The reference's solution of a scene, kept on disk: it depends on the scene and the reference alone."""
+"""Reference solutions of scenes, kept on disk, as they depend on the scene and the reference alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from studies.reference.library import SOURCE, cache_folder
 
 @functools.cache
 def _folder() -> Path:
-    """Where solutions by the present reference are kept."""
+    """Folder of the solutions by the present reference."""
     digest = hashlib.sha256()
     for path in sorted(SOURCE.iterdir()):
         if path.suffix in {".c", ".h", ".py"}:
@@ -27,13 +27,13 @@ def _folder() -> Path:
 
 
 def knee_of(scene: Scene) -> Knee:
-    """The reference's form of a scene's knee."""
+    """Knee of a scene in the form that the reference takes."""
     law = LAWS[scene.law](**scene.arguments)
     return Knee(law, scene.mass, scene.half_axes, scene.slope, scene.allow_tension)
 
 
 def reference(scene: Scene) -> Solution:
-    """Solve a scene, or read what was solved before."""
+    """Solve a scene by the reference, or read its solution if it is kept."""
     path = _folder() / f"{scene.content()}.npy"
     if path.exists():
         return Solution(*np.load(path))

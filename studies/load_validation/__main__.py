@@ -36,7 +36,7 @@ PAGE = "load-validation.md"
 @click.option("--work", type=click.Path(path_type=Path), help="Keeps there what OpenSim computes, for the next time.")
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs"), help=f"gets {PAGE} and images/")
 def main(data: Path | None, model: Path | None, work: Path | None, output: Path) -> None:
-    """Compare, draw and write; nothing without the data."""
+    """Compare with the data, draw, and write the page; without the data, do nothing."""
     if data is None or not is_there(data):
         click.echo(f"no measurements of the instrumented knee in {data or '(no folder given)'}: nothing is made")
         return
@@ -49,7 +49,7 @@ def main(data: Path | None, model: Path | None, work: Path | None, output: Path)
 
 
 def _beside_opensim(pair: Sequence[Walk], model: Path | None, work: Path | None, output: Path) -> list[Section]:
-    """Sections and a picture; none, with a sentence why, where something is missing."""
+    """Sections and a picture of the comparison with OpenSim; if something is missing, a sentence that says what."""
     if model is None or not opensim.is_there(model):
         click.echo(f"no walk of gait2354 in {model or '(no folder given)'}: the page has no part about OpenSim")
         return []

@@ -1,4 +1,4 @@
-"""What every level says of a walk, with constants of another one, with defaults; and a regression beside them."""
+"""Estimates of every level for a walk, with constants of the other walk and with defaults, beside a regression."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ REGRESSIONS = {"line in the ground force": False, "line in ground force and both
 
 
 class Answer(NamedTuple):
-    """An axial force of a walk, none of whose reference was seen."""
+    """Estimate of the axial force of a walk, made without the walk's own reference."""
 
     walk: Walk
     level: str
-    """Or what the regression is in"""
+    """Name of the level, or of the regression"""
     how: str
     constants: Constants | None
     force: Floats
-    """[N], shape (n,)"""
+    """Axial force [N], shape (n,)"""
 
     @property
     def deviation(self) -> Deviation:
-        """The standard deviation that the node tells."""
+        """Standard deviation of the force as the node states it."""
         error = LEVELS[self.level].error
         return error.calibrated if self.how == FITTED else error.uncalibrated
 
     def told(self) -> str:
-        """The constants, for a table."""
+        """The constants in the form of the tables."""
         return " / ".join(f"{each:.2f}" for each in self.constants) if self.constants else "-"
 
 
 def answers(pair: Sequence[Walk]) -> list[Answer]:
-    """Of two walks of one person: either with constants that were fitted to the other."""
+    """Estimates for two walks of one person, with constants that were fitted to the other walk and with defaults."""
     found = []
     for walk, other in zip(pair, reversed(pair), strict=True):
         for level in LEVELS:
@@ -46,7 +46,7 @@ def answers(pair: Sequence[Walk]) -> list[Answer]:
 
 
 def lines(pair: Sequence[Walk]) -> list[Answer]:
-    """The yardstick: of either walk, a regression on the other."""
+    """Estimates by regressions on the other walk, for comparison."""
     return [
         Answer(walk, name, LINE, None, regression(other, walk, with_moments))
         for walk, other in zip(pair, reversed(pair), strict=True)

@@ -1,4 +1,4 @@
-"""What is published, beside ours."""
+"""Published scores beside ours."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROWS = (
 
 
 def section(found: Sequence[Answer]) -> Section:
-    """The table."""
+    """Section with the table of published scores and of ours."""
     rows = [list(row) for row in ROWS]
     for level in ("knee_moment", "ankle_moment", "ground_force"):
         mine = [each for each in found if (each.level, each.how) == (level, FITTED)]

@@ -1,4 +1,4 @@
-"""The page's pictures."""
+"""Pictures of the page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from studies.reproduction.drawing import BLUE, DPI, GREEN, GREY, ORANGE, VERMILL
 
 BLACK = "#000000"
 SHOWN = 3.4
-"""[s] of a trial"""
+"""Time [s] of a trial that is drawn"""
 COLOURS = {"ground_force": ORANGE, "knee_moment": BLUE, "ankle_moment": VERMILLION}
 LINES = {"ground_force": ":", "knee_moment": "-", "ankle_moment": "--"}
 MARKS = {"overground": "o", "treadmill": "^"}
@@ -27,7 +27,7 @@ WITHIN = 0.15
 
 
 def draw(found: Sequence[Answer], folder: Path) -> None:
-    """Those of the instrumented knee."""
+    """Draw the pictures of the instrumented knee."""
     folder.mkdir(parents=True, exist_ok=True)
     _forces(found, folder / "load_validation_forces.png")
     _peaks(found, folder / "load_validation_peaks.png")
@@ -47,7 +47,7 @@ def _shade(axes: Axes, walk: Walk, time: Floats) -> None:
 
 
 def _gaps(walk: Walk, force: Floats) -> Floats:
-    """In body weights, nothing where the walk is not used."""
+    """Force in body weights, nan where the walk is not used."""
     shown: Floats = np.where(walk.used, force / walk.weight, np.nan)
     return shown
 
@@ -136,7 +136,7 @@ def _spread(found: Sequence[Answer], path: Path) -> None:
 
 
 def draw_opensim(found: Sequence[Answer], legs: Sequence[Leg], folder: Path) -> None:
-    """Ours beside OpenSim's: forces and moments of both legs."""
+    """Draw our forces and moments of both legs beside OpenSim's."""
     folder.mkdir(parents=True, exist_ok=True)
     figure, axes = panels(8.0, 4, len(legs), sharex=True, sharey="row")
     for place, leg in enumerate(legs):

@@ -11,13 +11,13 @@ from studies.load_validation.knee import moments_of
 from studies.load_validation.walks import Constants, Floats, Walk, axial
 
 LEAST, MOST = Constants(0.5, 0.0, 0.0), Constants(2.0, 2.0, 1.0)
-"""Bounds of a fit"""
+"""Bounds of the constants in a fit"""
 START = Constants(1.2, 0.4, 0.3)
 Force = Callable[[Walk, str, Constants], Floats]
 
 
 def fitted(walk: Walk, level: str, force: Force = axial, most_scale: float = MOST.moment_arm_scale) -> Constants:
-    """The constants with the least squares of the error, where the walk is used.
+    """Fit the constants by least squares of the error over the used samples of a walk.
 
     Args:
         walk: the one that is fitted to.
@@ -37,7 +37,7 @@ def fitted(walk: Walk, level: str, force: Force = axial, most_scale: float = MOS
 
 
 def fitted_together(walks: Sequence[Walk], levels: Sequence[str], scale: float) -> Constants:
-    """Co-contraction and tone that fit several walks at several levels, each counted alike; the scale is given."""
+    """Fit co-contraction and tone to several walks at several levels, each of equal weight; the scale is given."""
 
     def errors(numbers: Floats) -> Floats:
         constants = Constants(scale, *numbers.tolist())
@@ -53,7 +53,7 @@ def fitted_together(walks: Sequence[Walk], levels: Sequence[str], scale: float) 
 
 
 def regression(fitted_to: Walk, walk: Walk, with_moments: bool) -> Floats:
-    """The axial force [N], shape (n,), by a line in the ground force, and in both moments if asked for.
+    """Axial force [N], shape (n,), by a regression on the ground force and, if `with_moments`, on both moments.
 
     Args:
         fitted_to: least squares, where it is used.

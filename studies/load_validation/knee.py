@@ -20,13 +20,13 @@ from studies.load_validation.walks import Flags, Floats, Walk
 from studies.validation.data import BODY_WEIGHT, TRIALS, Measured, read
 
 HEIGHT = 1.7
-"""[m] taken: it is not in the data. The level `ground_force` alone needs it, for the length of the shank"""
+"""Assumed height [m], which is not in the data; only the level `ground_force` needs it, for the length of the shank"""
 ON_THE_PLATE_UNTIL = 3.2
-"""[s] of the overground trial: the next step hits a plate that is not in the data"""
+"""Time [s] up to which the overground trial is used: the next step hits a plate that is not in the data"""
 LARGEST_KNEE, LARGEST_ANKLE = 80.0, 150.0
-"""[N m] beyond which a moment of this man's walking is none: without the spikes they are 46 and 86 at most"""
+"""Largest moments [N m] that are plausible in this man's walking: without the spikes they are 46 and 86 at most"""
 MARGIN = 0.1
-"""[s] before and behind a spike that are left out with it"""
+"""Time [s] before and behind a spike that is left out with it"""
 MS = 1e3
 
 
@@ -38,12 +38,12 @@ class Moments(NamedTuple):
 
 
 def walks(folder: Path) -> list[Walk]:
-    """Overground and treadmill."""
+    """The overground and the treadmill trial."""
     return [_walk(measured, _moments(folder, measured)) for measured in read(folder)]
 
 
 def _moments(folder: Path, measured: Measured) -> Moments:
-    """Those of inverse dynamics; the ankle's is positive in dorsiflexion there."""
+    """Net moments of inverse dynamics; the ankle's is positive in dorsiflexion in the data."""
     motion = np.genfromtxt(folder / f"{TRIALS[measured.name]}_motion.csv", delimiter=",", names=True)
     knee, ankle = (
         np.interp(measured.time, motion["time_s"], motion[column])
@@ -53,7 +53,7 @@ def _moments(folder: Path, measured: Measured) -> Moments:
 
 
 def plausible(time: Floats, moments: Moments) -> Flags:
-    """Whether samples are farther than `MARGIN` from any moment that is none."""
+    """Samples that are farther than `MARGIN` from any implausible moment."""
     spikes = time[(np.abs(moments.extension) > LARGEST_KNEE) | (np.abs(moments.plantarflexion) > LARGEST_ANKLE)]
     near = np.zeros(len(time), dtype=bool)
     for spike in spikes.tolist():
@@ -85,13 +85,13 @@ def _walk(measured: Measured, moments: Moments) -> Walk:
 
 
 def largest_moments(walk: Walk) -> tuple[float, float]:
-    """Of knee and ankle [N m], where they are used."""
+    """Largest used moments of knee and ankle [N m]."""
     kept = [net for net, used in zip(walk.nets["ankle_moment"], walk.used.tolist(), strict=True) if used]
     return max(abs(net.extension) for net in kept), max(abs(net.plantarflexion) for net in kept)
 
 
 def moments_of(walk: Walk) -> Moments:
-    """Back from a walk; 0 where the ankle's is not known."""
+    """Moments of a walk; 0 where the ankle's is not known."""
     nets = walk.nets["ankle_moment"]
     ankles = [0.0 if math.isnan(net.plantarflexion) else net.plantarflexion for net in nets]
     return Moments(np.array([net.extension for net in nets]), np.array(ankles))

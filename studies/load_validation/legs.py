@@ -31,25 +31,25 @@ STEP = Path(__file__).resolve().with_name("opensim_step.py")
 SIDES = {"right": "r", "left": "l"}
 PLATES = {"right": "", "left": "1_"}
 MASS, HEIGHT = 72.6, 1.80
-"""[kg], [m] of the person, as the set-up for scaling has them"""
+"""Mass [kg] and height [m] of the person, as in the set-up for scaling"""
 WINDOW = 0.05
-"""[s] in which the motion is seen: the parameters' default"""
+"""Time [s] over which the motion is estimated: the parameters' default"""
 SEEN = 0.05
-"""[s] from the beginning until a motion is seen"""
+"""Time [s] from the beginning until the motion is known"""
 SECOND = 1e9
 FOLDER, CENTRES = "gait2354", "load_centres.csv"
 
 
 class Leg(NamedTuple):
-    """A leg's walk, and OpenSim's own dynamics beside ours, each of shape (n,) in N m."""
+    """A leg's walk, and OpenSim's own moments [N m] beside ours, shape (n,) each."""
 
     walk: Walk
     knee: Floats
-    """OpenSim's, extension positive"""
+    """OpenSim's moment of the knee, extension positive"""
     ankle: Floats
-    """OpenSim's, plantarflexion positive"""
+    """OpenSim's moment of the ankle, plantarflexion positive"""
     frontal: Floats
-    """Of the plate's wrench about the knee's centre, about x of the tibia, in three dimensions"""
+    """Moment of the plate's wrench about the knee's centre, about x of the tibia, in three dimensions"""
 
 
 def is_there(folder: Path) -> bool:
@@ -58,17 +58,17 @@ def is_there(folder: Path) -> bool:
 
 
 def is_installed() -> bool:
-    """Whether OpenSim is."""
+    """Whether OpenSim is installed."""
     return find_spec("opensim") is not None
 
 
 def is_computed(work: Path) -> bool:
-    """Whether `computed` has everything already."""
+    """Whether `computed` has all results already."""
     return (work / FOLDER / CENTRES).is_file()
 
 
 def computed(folder: Path, work: Path) -> Path:
-    """A folder with what OpenSim computes of a model's folder; made in `work` if it is not there already."""
+    """Folder with OpenSim's results for a model's folder, which are computed in `work` if they are not there yet."""
     place = work / FOLDER
     if not is_computed(work):
         shutil.copytree(folder, place, dirs_exist_ok=True, copy_function=shutil.copyfile)
@@ -79,7 +79,7 @@ def computed(folder: Path, work: Path) -> Path:
 
 
 def legs(place: Path) -> list[Leg]:
-    """Right and left, from a folder of `computed`."""
+    """Right and left leg, from a folder of `computed`."""
     files = {
         "motion": "reference_CMC_Kinematics_q.sto", "plates": "subject01_walk1_grf.mot",
         "reaction": "reference_JointReaction_ReactionLoads.sto", "dynamics": "load_inverse_dynamics.sto",
@@ -90,13 +90,13 @@ def legs(place: Path) -> list[Leg]:
 
 
 def _at(time: Floats, storage: Storage, name: str) -> Floats:
-    """A column at other times [s]."""
+    """Column of a storage at other times [s]."""
     found: Floats = np.interp(time, storage.stamps / SECOND, storage.column(name))
     return found
 
 
 def _three(time: Floats, storage: Storage, prefix: str) -> Floats:
-    """Three columns, shape (n, 3)."""
+    """Three columns of a storage, shape (n, 3)."""
     return np.stack([_at(time, storage, f"{prefix}{axis}") for axis in "xyz"], axis=1)
 
 
@@ -134,7 +134,7 @@ def _leg(side: str, tables: dict[str, Storage], centres: NDArray[np.void]) -> Le
 
 
 def nets_of(time: Floats, joints: list[Joints], grounds: list[Ground]) -> dict[str, list[NetMoments]]:
-    """What our levels make of sensors, stamp by stamp, by level."""
+    """Net moments of our levels from the sensors' samples, stamp by stamp, by level."""
     found: dict[str, list[NetMoments]] = {level: [] for level in LEVELS}
     leg, seen = leg_of(MASS, HEIGHT), MotionFilter(WINDOW)
     for stamp, one, ground in zip(np.rint(time * SECOND).astype(np.int64).tolist(), joints, grounds, strict=True):
@@ -145,7 +145,7 @@ def nets_of(time: Floats, joints: list[Joints], grounds: list[Ground]) -> dict[s
 
 
 def nets_in(walk: Walk) -> tuple[Floats, Floats, Floats]:
-    """Ours [N m], shape (n,): extension of the knee, plantarflexion of the ankle, frontal moment of the knee."""
+    """Our moments [N m], shape (n,): extension of the knee, plantarflexion of the ankle, frontal moment of the knee."""
     nets = walk.nets["ankle_moment"]
     extension, plantarflexion, frontal = (
         np.array([net[place] for net in nets])

@@ -1,4 +1,4 @@
-"""What OpenSim tells."""
+"""Sections of the comparison with OpenSim."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from studies.load_validation.walks import DEFAULTS, Floats, Walk, axial
 from studies.report import Section
 
 MODEL_SHANK = 0.425
-"""[m] between the centres of knee and ankle of the scaled model, on average over the walk"""
+"""Distance [m] between the centres of knee and ankle of the scaled model, on average over the walk"""
 MEASURED = 2.61
-"""[BW] of the largest resultant force in level walking, as implants in five persons measured it on average"""
+"""Largest resultant force [BW] in level walking, as implants in five persons measured it on average"""
 
 
 def sections(legs: Sequence[Leg], found: Sequence[Answer], pair: Sequence[Walk]) -> list[Section]:
-    """Behind those of the instrumented knee, whose walks are `pair`."""
+    """Sections behind those of the instrumented knee, whose walks are `pair`."""
     return [
         dynamics_section(legs),
         force_section(legs, found),
@@ -43,7 +43,7 @@ def sections(legs: Sequence[Leg], found: Sequence[Answer], pair: Sequence[Walk])
 
 
 def dynamics_section(legs: Sequence[Leg]) -> Section:
-    """Ours beside OpenSim's."""
+    """Section that compares our moments with OpenSim's."""
     rows, more = [], []
     for leg in legs:
         used = leg.walk.used
@@ -68,7 +68,7 @@ def dynamics_section(legs: Sequence[Leg]) -> Section:
 
 
 def force_section(legs: Sequence[Leg], found: Sequence[Answer]) -> Section:
-    """The total."""
+    """Section on the total force."""
     largest = [_largest(leg.walk, leg.walk.reference) for leg in legs]
     defaults = [
         score(each.walk, each.force).rms for each in found if each.how == BY_DEFAULT and each.level in IN_DETAIL
@@ -90,7 +90,7 @@ def force_section(legs: Sequence[Leg], found: Sequence[Answer]) -> Section:
 
 
 def default_section(walks: Sequence[Walk]) -> Section:
-    """The largest forces by the defaults, beside what implants measured."""
+    """Section on the largest forces by the defaults, beside what implants measured."""
     rows = []
     for level in LEVELS:
         largest = [_largest(walk, axial(walk, level, DEFAULTS)) for walk in walks]
@@ -104,18 +104,18 @@ def default_section(walks: Sequence[Walk]) -> Section:
 
 
 def _largest(walk: Walk, force: Floats) -> float:
-    """Of a stance [BW], on average over the stances."""
+    """Largest force of a stance [BW], on average over the stances."""
     return float(np.mean([np.max(force[first:last]) for first, last in walk.steps()]) / walk.weight)
 
 
 def peak_section(found: Sequence[Answer]) -> Section:
-    """Both peaks."""
+    """Section on both peaks."""
     text = "As in section 2; one whole stance a leg."
     return Section("11. OpenSim: peaks", text, PEAK_HEADER, [peak_row(each) for each in found])
 
 
 def rule_section(legs: Sequence[Leg]) -> Section:
-    """Other rules."""
+    """Section on other rules of the muscles."""
     rows = variant_rows([leg.walk for leg in legs], IN_DETAIL)
     text = "As in section 5, fitted to one leg and judged on the other: right and left."
     return Section("12. OpenSim: other rules", text, VARIANT_HEADER, rows)

@@ -17,17 +17,17 @@ KINEMATICS = "reference_CMC_Kinematics_q.sto"
 SIDES = "rl"
 JOINTS = ("hip", "knee", "ankle")
 TRANSLATIONAL = 2
-"""What OpenSim calls a coordinate that is a length"""
+"""OpenSim's number for a coordinate that is a length"""
 
 
 def scaled() -> opensim.Model:
-    """The model of the person who walks."""
+    """Scaled model of the person who walks."""
     opensim.ScaleTool("subject01_Setup_Scale.xml").run()
     return opensim.Model("subject01_simbody.osim")
 
 
 def inverse_dynamics(model: opensim.Model, first: float, last: float) -> None:
-    """Moments of all joints, as OpenSim finds them from the same motion and the same plates."""
+    """Moments of all joints by OpenSim's inverse dynamics, from the same motion and the same plates."""
     muscles = opensim.ArrayStr()
     muscles.append("Muscles")
     tool = opensim.InverseDynamicsTool()
@@ -43,7 +43,7 @@ def inverse_dynamics(model: opensim.Model, first: float, last: float) -> None:
 
 
 def centres(model: opensim.Model, table: opensim.TimeSeriesTable) -> list[list[float]]:
-    """A row for every time of the motion."""
+    """Rows of joint centres for every time of the motion."""
     state = model.initSystem()
     names, values = list(table.getColumnLabels()), table.getMatrix().to_numpy()
     coordinates, joints, bodies = model.getCoordinateSet(), model.getJointSet(), model.getBodySet()
@@ -68,7 +68,7 @@ def centres(model: opensim.Model, table: opensim.TimeSeriesTable) -> list[list[f
 
 
 def main() -> None:
-    """Everything, into files."""
+    """Compute all results and write them to files."""
     opensim.Logger.setLevelString("Off")
     model = scaled()
     table = opensim.TimeSeriesTable(KINEMATICS)

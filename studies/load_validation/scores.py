@@ -1,4 +1,4 @@
-"""How far an estimate is off its reference."""
+"""Scores of an estimate against its reference."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from studies.load_validation.walks import Flags, Floats, Walk
 
 HALVES = ("first", "second")
 LANDING = 0.1
-"""Of a stance, at its beginning, where no peak is looked for: the force still falls from the heel strike's own peak"""
+"""Part of a stance, at its beginning, without peaks: the force still falls from the heel strike's own peak"""
 MIDDLE = 0.5
 
 
 class Score(NamedTuple):
-    """Over the samples that are used; of forces, in body weights."""
+    """Errors over the samples that are used, in body weights."""
 
     rms: float
     r: float
     mean: float
     stance: float
-    """RMS while the foot is on the ground"""
+    """RMS error while the foot is on the ground"""
     swing: float
-    """RMS while it is not"""
+    """RMS error while it is not"""
 
 
 class Peak(NamedTuple):
-    """The largest force in a half of a stance."""
+    """Largest force in a half of a stance."""
 
     half: str
     measured: float
-    """[N]"""
+    """Measured force [N]"""
     error: float
-    """As part of it"""
+    """Error as a part of the measured force"""
     late: float
-    """[s] by which it comes after the measured one"""
+    """Time [s] by which it comes after the measured peak"""
     place: int
-    """The sample of the measured one"""
+    """Index of the sample of the measured peak"""
 
 
 def rms(error: Floats) -> float:
@@ -46,7 +46,7 @@ def rms(error: Floats) -> float:
 
 
 def score(walk: Walk, force: Floats) -> Score:
-    """Of an axial force [N], shape (n,)."""
+    """Scores of an axial force [N], shape (n,), for a walk."""
     error = (force - walk.reference) / walk.weight
     used, stance = walk.used, walk.stance
     return Score(
@@ -56,7 +56,7 @@ def score(walk: Walk, force: Floats) -> Score:
 
 
 def peaks(walk: Walk, force: Floats) -> list[Peak]:
-    """Both halves' largest forces, in every stance that is used as a whole."""
+    """Largest forces of both halves of every stance that is used as a whole."""
     found = []
     for first, last in walk.steps():
         begin, end = walk.time[first], walk.time[last]

@@ -1,4 +1,4 @@
-"""The page in its order."""
+"""Sections of the page, in its order."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ from studies.validation.data import BODY_WEIGHT, ON_PLATE
 TITLE = "A load from sensors, against an instrumented knee"
 COMMAND = "python -m studies.load_validation --data FOLDER --opensim MODEL_FOLDER"
 GOAL_RMS, GOAL_R, GOAL_PEAK = 0.35, 0.9, 0.15
-"""What was asked for: [BW], [1], and a part of the measured peak"""
+"""Goals: RMS error [BW], correlation [1], and error as a part of the measured peak"""
 IN_DETAIL = ("knee_moment", "ankle_moment")
 
 
 def sections(pair: Sequence[Walk]) -> list[Section]:
-    """All that the instrumented knee tells."""
+    """Sections on the instrumented knee."""
     found, yardstick = answers(pair), lines(pair)
     return [
         Section("", introduction(pair), (), ()),
@@ -65,7 +65,7 @@ def sections(pair: Sequence[Walk]) -> list[Section]:
 
 
 def introduction(pair: Sequence[Walk]) -> str:
-    """Whose knee, what was given, and what was left out."""
+    """Section that introduces the person, the inputs, and what was left out."""
     overground, treadmill = pair
     knee, ankle = (max(each) for each in zip(*(largest_moments(walk) for walk in pair), strict=True))
     return (
@@ -95,7 +95,7 @@ def introduction(pair: Sequence[Walk]) -> str:
 
 
 def in_short(found: Sequence[Answer]) -> str:
-    """Whether what was asked for was reached."""
+    """Section that says whether the goals were reached."""
     rows = []
     for level in LEVELS:
         mine = [each for each in found if (each.level, each.how) == (level, FITTED)]
@@ -123,7 +123,7 @@ def in_short(found: Sequence[Answer]) -> str:
 
 
 def conclusion(found: Sequence[Answer]) -> str:
-    """What to make of it."""
+    """Conclusion of the page."""
     knee, ankle = (
         np.mean([score(each.walk, each.force).rms for each in found if (each.level, each.how) == (level, FITTED)])
         for level in IN_DETAIL
@@ -138,17 +138,17 @@ def conclusion(found: Sequence[Answer]) -> str:
 
 
 def word(verdict: bool) -> str:
-    """For a list."""
+    """Word for a verdict, for a list."""
     return "reached" if verdict else "**missed**"
 
 
 def shown(numbers: Sequence[float], how: str = ".2f") -> str:
-    """Of both trials."""
+    """Format numbers of both trials."""
     return " and ".join(format(number, how) for number in numbers)
 
 
 def force_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Section:
-    """RMS, r, mean, stance and swing."""
+    """Section on the force: RMS, r, mean, stance and swing."""
     rows = [force_row(each) for walk in dict.fromkeys(each.walk.name for each in found)
             for each in (*found, *yardstick) if each.walk.name == walk]  # fmt: skip
     text = (
@@ -166,7 +166,7 @@ def force_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Secti
 
 
 def peak_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Section:
-    """Both peaks, in size and time."""
+    """Section on both peaks, in size and time."""
     rows = [peak_row(each) for walk in dict.fromkeys(each.walk.name for each in found)
             for each in (*found, *yardstick) if each.walk.name == walk]  # fmt: skip
     text = (
@@ -181,7 +181,7 @@ def peak_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Sectio
 
 
 def limit_section(pair: Sequence[Walk]) -> Section:
-    """What force and moments are at the measured peaks."""
+    """Section on force and moments at the measured peaks."""
     rows, ratios = [], []
     for walk in pair:
         moments = moments_of(walk)
@@ -208,7 +208,7 @@ def limit_section(pair: Sequence[Walk]) -> Section:
 
 
 def deviation_section(pair: Sequence[Walk], found: Sequence[Answer]) -> Section:
-    """What one number hides, and two tell."""
+    """Section on what one number for the deviation hides, and two numbers show."""
     rows = [cover_row(found, each) for each in found]
     told, single, best = [], [], []
     for level, way in LEVELS.items():
@@ -242,12 +242,12 @@ def deviation_section(pair: Sequence[Walk], found: Sequence[Answer]) -> Section:
 
 
 def two(deviation: Deviation) -> str:
-    """Both numbers."""
+    """Format both numbers of a deviation."""
     return f"{deviation.floor:.2f} and {deviation.part:.2f}"
 
 
 def rule_section(pair: Sequence[Walk]) -> Section:
-    """Other rules."""
+    """Section on other rules of the muscles."""
     text = (
         "Each was fitted to one trial and judged on the other, as above: overground and treadmill (and in section 12 "
         "on OpenSim's legs). Larger bounds for the moment arms, and tendons that lie askew, gain up to 0.01 BW: both "
@@ -262,7 +262,7 @@ def rule_section(pair: Sequence[Walk]) -> Section:
 
 
 def by_default(pair: Sequence[Walk]) -> str:
-    """Why the defaults are what they are."""
+    """Section on the reasons for the defaults."""
     told = " / ".join(f"{each:g}" for each in DEFAULTS)
     best = fitted_together(pair, IN_DETAIL, DEFAULTS.moment_arm_scale)
     treadmill = pair[1]
@@ -279,7 +279,7 @@ def by_default(pair: Sequence[Walk]) -> str:
 
 
 def limits() -> str:
-    """What must not be concluded."""
+    """Section on what must not be concluded."""
     return "\n".join(
         (
             "- **Other people**: two trials of one man with an implant, of whom the defaults know. How far an "

@@ -34,7 +34,7 @@ VARIANT_HEADER = ("rule", "level", "RMS error [BW]", "r", "first peak [%]", "sec
 
 
 def force_row(answer: Answer) -> list[str]:
-    """Errors of the total force."""
+    """Row with the errors of the total force."""
     found = score(answer.walk, answer.force)
     return [
         answer.walk.name, name_of(answer), answer.how, answer.told(),
@@ -44,28 +44,28 @@ def force_row(answer: Answer) -> list[str]:
 
 
 def name_of(answer: Answer) -> str:
-    """A level as it is spelled; a regression by its words."""
+    """Name of a level as it is spelled, or of a regression in words."""
     return f"`{answer.level}`" if "_" in answer.level else answer.level
 
 
 def halves(found: Sequence[Peak]) -> list[list[Peak]]:
-    """First and second ones."""
+    """Peaks of the first and of the second halves."""
     return [[peak for peak in found if peak.half == half] for half in HALVES]
 
 
 def mean_error(found: Sequence[Peak]) -> float:
-    """As part of the measured ones."""
+    """Mean error of peaks, as a part of the measured ones."""
     return float(np.mean([peak.error for peak in found]))
 
 
 def spread(found: Sequence[Peak]) -> str:
-    """Mean and standard deviation, in percent."""
+    """Mean and standard deviation of the errors of peaks, in percent."""
     errors = PERCENT * np.array([peak.error for peak in found])
     return f"{errors.mean():+.0f} %" if len(errors) == 1 else f"{errors.mean():+.0f} ± {errors.std():.0f} %"
 
 
 def peak_row(answer: Answer) -> list[str]:
-    """Errors of both peaks, in size and time."""
+    """Row with the errors of both peaks, in size and time."""
     both = halves(peaks(answer.walk, answer.force))
     shifts = [f"{MS * np.median([peak.late for peak in half]):+.0f} ms" for half in both]
     sizes = [spread(half) for half in both]
@@ -73,19 +73,19 @@ def peak_row(answer: Answer) -> list[str]:
 
 
 def one_number(answers: Sequence[Answer], answer: Answer) -> float:
-    """RMS error [BW], the larger one of both walks, of answers of this kind."""
+    """RMS error [BW] of answers of a kind, the larger one of both walks."""
     same = [each for each in answers if (each.level, each.how) == (answer.level, answer.how)]
     return max(score(each.walk, each.force).rms for each in same)
 
 
 def deviations(answer: Answer, deviation: Deviation) -> Floats:
-    """[N], shape (n,)."""
+    """Standard deviations [N] of an answer, shape (n,)."""
     found: Floats = np.array([deviation.at(force, answer.walk.weight) for force in answer.force.tolist()])
     return found
 
 
 def cover_row(answers: Sequence[Answer], answer: Answer) -> list[str]:
-    """Parts within one and two standard deviations."""
+    """Row with the parts of samples within one and two standard deviations."""
     cells, walk = [], answer.walk
     for deviation in (Deviation(one_number(answers, answer), 0.0), answer.deviation):
         for within in (walk.stance, ~walk.stance):
@@ -95,7 +95,7 @@ def cover_row(answers: Sequence[Answer], answer: Answer) -> list[str]:
 
 
 def likeliest(answers: Sequence[Answer]) -> Deviation:
-    """The deviation that makes the errors of walks likeliest, each walk counted alike, in steps of 0.05."""
+    """Deviation that makes the errors of walks likeliest, with equal weight for each walk, in steps of 0.05."""
     steps = np.arange(1, 21) * 0.05
 
     def surprise(deviation: Deviation) -> float:
@@ -112,7 +112,7 @@ def likeliest(answers: Sequence[Answer]) -> Deviation:
 
 
 def variant_rows(pair: Sequence[Walk], levels: Sequence[str]) -> list[list[str]]:
-    """Every rule at every level that it concerns, fitted to one walk and judged on the other, and the other way."""
+    """Rows of every rule at every level that it concerns, fitted to one walk and judged on the other, both ways."""
     return [
         _variant_row(variant, level, pair)
         for variant in VARIANTS

@@ -1,4 +1,4 @@
-"""Other rules than that of `joint_reaction/muscles.py`, as they were tried before it stayed as it is."""
+"""Rules that were tried instead of that of `joint_reaction/muscles.py`."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from studies.load_validation.walks import Constants, Floats, Walk
 
 COSINE = math.cos(math.radians(20.0))
 COACTIVE = 0.2
-"""Of what the agonist does beyond the floor, that the antagonist does as well"""
+"""Part of the agonist's force beyond the floor that the antagonist exerts as well"""
 
 
 class Held(NamedTuple):
-    """What muscles have to hold, and how."""
+    """Moment that muscles must balance, and the constants of the person."""
 
     extension: float
-    """[N m]"""
+    """Net extending moment [N m]"""
     flexion: float
-    """[rad]"""
+    """Flexion angle [rad]"""
     calf: float
-    """[N] of the gastrocnemius"""
+    """Force of the gastrocnemius [N]"""
     floor: float
-    """[N]"""
+    """Least force of the muscles [N]"""
     scale: float
-    """Of the moment arms"""
+    """Scale of the moment arms"""
 
     def arms(self) -> tuple[float, float]:
-        """[m] of extensors and flexors."""
+        """Moment arms of extensors and flexors [m]."""
         return self.scale * arm(QUADRICEPS, self.flexion), self.scale * arm(HAMSTRINGS, self.flexion)
 
     def alone(self) -> float:
-        """[N] of the side that is needed, without a floor and without the gastrocnemius' own."""
+        """Force [N] of the side that is needed, without a floor and without the gastrocnemius' own."""
         extensor, flexor = self.arms()
         moment = self.extension + self.scale * arm(GASTROCNEMIUS, self.flexion) * self.calf
         return moment / extensor if moment > 0.0 else -moment / flexor
 
 
 Rule = Callable[[Held], float]
-"""[N] with which muscles press"""
+"""From the moment to the force [N] with which muscles compress the knee"""
 
 
 def shipped(held: Held) -> float:
@@ -59,17 +59,17 @@ def shipped(held: Held) -> float:
 
 
 def at_least(held: Held) -> float:
-    """The floor is one for all muscles together: nothing beyond the agonists, where they pull that much."""
+    """The floor counts for all muscles together: there is no force beyond the agonists' where they pull that much."""
     return max(held.alone() + held.calf, held.floor)
 
 
 def on_top(held: Held) -> float:
-    """The floor comes on top of the agonists."""
+    """The floor is added to the agonists' force."""
     return held.alone() + held.calf + held.floor
 
 
 def coactive(held: Held) -> float:
-    """Antagonists pull with a part of what the agonists do, and these hold it too."""
+    """Antagonists pull with a part of the agonists' force, which must balance these too."""
     extensor, flexor = held.arms()
     holding = held.extension + held.scale * arm(GASTROCNEMIUS, held.flexion) * held.calf
     antagonist_to_agonist = flexor / extensor if holding > 0.0 else extensor / flexor
@@ -77,12 +77,12 @@ def coactive(held: Held) -> float:
 
 
 def inclined(held: Held) -> float:
-    """Tendons at 20 degrees to the tibia."""
+    """Tendons are inclined to the tibia by 20 degrees."""
     return COSINE * shipped(held)
 
 
 def passive(held: Held) -> float:
-    """What passive structures hold is no muscle's (Riener & Edrich 1999, doi:10.1016/S0021-9290(99)00009-3).
+    """Passive structures bear a part of the moment (Riener & Edrich 1999, doi:10.1016/S0021-9290(99)00009-3).
 
     Hip and ankle at 0 degrees.
     """
@@ -93,7 +93,7 @@ def passive(held: Held) -> float:
 
 
 class Variant(NamedTuple):
-    """A rule, and what else is other with it."""
+    """A rule, and the other changes that belong to it."""
 
     name: str
     rule: Rule = shipped
@@ -102,7 +102,7 @@ class Variant(NamedTuple):
 
     @property
     def of_the_calf(self) -> bool:
-        """Whether it is another one only where the ankle is known."""
+        """Whether it differs only where the ankle is known."""
         return self.share != GASTROCNEMIUS_SHARE
 
 

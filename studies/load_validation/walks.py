@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 
 
 class Constants(NamedTuple):
-    """What is personal about muscles: as in `Person`."""
+    """Personal constants of the muscles, as in `Person`."""
 
     moment_arm_scale: float
     co_contraction: float
@@ -32,9 +32,9 @@ def _defaults() -> Constants:
 
 
 DEFAULTS = _defaults()
-"""As the parameters have them"""
+"""Constants by the default parameters"""
 PUBLISHED = DEFAULTS._replace(moment_arm_scale=1.0)
-"""The same, with the moment arms that are published"""
+"""Default constants with the published moment arms"""
 
 
 class Walk(NamedTuple):
@@ -42,29 +42,29 @@ class Walk(NamedTuple):
 
     name: str
     mass: float
-    """[kg]"""
+    """Mass [kg]"""
     height: float
-    """[m]"""
+    """Height [m]"""
     time: Floats
-    """[s], shape (n,)"""
+    """Times [s], shape (n,)"""
     vertical: Floats
-    """[N] of the ground force, shape (n,)"""
+    """Vertical ground force [N], shape (n,)"""
     joints: Sequence[Joints]
-    """n of them"""
+    """Joint angles and velocities, length n"""
     nets: Mapping[str, Sequence[NetMoments]]
-    """By level, n each"""
+    """Net moments by level, length n each"""
     reference: Floats
-    """[N] axial force of the knee, compression positive, shape (n,)"""
+    """Axial force of the knee [N], compression positive, shape (n,)"""
     used: Flags
-    """What is judged and fitted to, shape (n,)"""
+    """Samples that are judged and fitted to, shape (n,)"""
 
     @property
     def weight(self) -> float:
-        """[N] of the body."""
+        """Body weight [N]."""
         return self.person(DEFAULTS).weight
 
     def person(self, constants: Constants) -> Person:
-        """This walk's person, with constants."""
+        """Person of this walk with constants."""
         return Person(self.mass, self.height, *constants)
 
     @property
@@ -74,7 +74,7 @@ class Walk(NamedTuple):
         return on
 
     def steps(self) -> list[tuple[int, int]]:
-        """First sample of every stance and the first one behind it; of whole ones, all of whose samples are used."""
+        """First sample of every stance and the first one behind it, for whole stances whose samples are all used."""
         on = self.stance
         strikes = np.flatnonzero(on[1:] & ~on[:-1]) + 1
         leaves = np.flatnonzero(~on[1:] & on[:-1]) + 1
@@ -83,7 +83,7 @@ class Walk(NamedTuple):
 
 
 def axial(walk: Walk, level: str, constants: Constants) -> Floats:
-    """What a level says of a walk's joint reaction [N], shape (n,): `reaction_of`, sample by sample."""
+    """Joint reaction [N] of a walk by a level, shape (n,): `reaction_of`, sample by sample."""
     person = walk.person(constants)
     rows = zip(walk.joints, walk.nets[level], walk.vertical.tolist(), strict=True)
     return np.array([reaction_of(person, joints, net, vertical).axial for joints, net, vertical in rows])

@@ -21,7 +21,7 @@ from studies.report import machine
     "--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets the page, images/, studies/"
 )
 def main(folder: Path) -> None:
-    """Compute, draw and write."""
+    """Compute all knees, draw the figures and write the page."""
     knees = compute(whole())
     (folder / "studies").mkdir(parents=True, exist_ok=True)
     (folder / "osteoarthritis-study.md").write_text(text(knees, find(knees), machine()), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Some of the knees computed again: one by one, by the reference that shares no code, and with momenta added up."""
+"""Checks of some knees: computed one by one, by the reference that shares no code, and by their momenta."""
 
 from __future__ import annotations
 
@@ -17,47 +17,47 @@ from studies.osteoarthritis.knees import NANOSECOND, TOLERANCE, Knees, Table
 
 Cell = tuple[int, int, int]
 NOT_OF_SERIES = {"peak_pressure", "peak_strain"}
-"""Outcomes that need more than a run's answers"""
+"""Outcomes that need more than the answers of a run"""
 COMPILED = True
-"""Whether single runs are: the same bits, quicker where there are many"""
+"""Whether single runs are compiled: the same bits, quicker where there are many"""
 FINE = 1e-5
-"""Step [s] at which a force is added up; the load is linear between the recorded samples either way"""
+"""Step [s] with which a force is integrated; the load is linear between the recorded samples either way"""
 
 
 class Judged(NamedTuple):
-    """A run under the load beside the reference."""
+    """Differences of a run under the load from the reference."""
 
     depth: float
-    """Largest difference [m]"""
+    """Largest difference of the depth [m]"""
     force: float
-    """[N]"""
+    """Largest difference of the force [N]"""
     bound: float
-    """Error of the reference's depth [m], by itself"""
+    """Bound of the reference's own error of the depth [m]"""
 
 
 class Momentum(NamedTuple):
-    """Of a knee under the load [N s], added up in small steps."""
+    """Impulses [N s] of a knee under the load, integrated in small steps."""
 
     load: float
     """Impulse of the load"""
     excess: float
-    """That of the contact force less that of the load"""
+    """Impulse of the contact force less that of the load"""
     gained: float
-    """M (ẏ at the end - ẏ at the beginning)"""
+    """Gain of momentum, M (ẏ at the end - ẏ at the beginning)"""
 
 
 def some(grid: Grid, number: int, seed: int = 22) -> list[Cell]:
-    """Cells of a grid, drawn."""
+    """Draw a number of cells of a grid."""
     return [(int(a), int(b), int(c)) for a, b, c in np.random.default_rng(seed).integers(0, grid.shape, (number, 3))]
 
 
 def values_at(grid: Grid, cell: Cell) -> dict[str, float]:
-    """Parameters of a cell."""
+    """Parameters of a cell of a grid."""
     return {name: float(axis[place]) for name, axis, place in zip((SHARE, LAYER, SECOND), grid, cell, strict=True)}
 
 
 def run(knees: Knees, cell: Cell, drive: str) -> Table:
-    """A knee alone."""
+    """Run one knee alone under a drive."""
     path = knees.paths[cell[0]]
     model = load_model([ARTHRITIC, {**values_at(knees.grid, cell), **TOLERANCE, "drive": drive}], compiled=COMPILED)
     heights = path.femoral_height if drive == "displacement" else None
@@ -65,7 +65,7 @@ def run(knees: Knees, cell: Cell, drive: str) -> Table:
 
 
 def different(knees: Knees, cells: list[Cell]) -> int:
-    """How many outcomes of knees alone, under both drives, are not the sweep's to the bit."""
+    """Number of outcomes of knees alone, under both drives, that differ from the sweep's in any bit."""
     found = 0
     for cell in cells:
         for table, drive in ((knees.forced, "force"), (knees.led, "displacement")):
@@ -79,7 +79,7 @@ def different(knees: Knees, cells: list[Cell]) -> int:
 
 
 def judged(knees: Knees, cell: Cell) -> Judged:
-    """A knee under the load beside the reference."""
+    """Compare a knee under the load with the reference."""
     path, asked = knees.paths[cell[0]], load_parameters([ARTHRITIC, values_at(knees.grid, cell)])
     names = ("stiffness", "exponent", "damping", "layer_depth", "stiffness_2", "damp_first_layer")
     law = {name: getattr(asked.contact, name) for name in names}
@@ -94,7 +94,7 @@ def judged(knees: Knees, cell: Cell) -> Judged:
 
 
 def momentum(knees: Knees, cell: Cell, step: float = FINE) -> Momentum:
-    """Both impulses of a knee under the load, and what they differ by."""
+    """Integrate the impulses of a knee under the load, with a step [s]."""
     path = knees.paths[cell[0]]
     time = path.stamp * NANOSECOND
     parts = max(1, round(float(np.diff(time).min()) / step))

@@ -1,4 +1,4 @@
-"""The same knee led along the healthy path, raised: peak force over how much."""
+"""Knees led along the healthy path, raised: peak force over the rise."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from studies.osteoarthritis.grid import FIRST, LAYER, SECOND, SHIPPED, Floats
 from studies.osteoarthritis.knees import Knees, along
 
 RAISED = np.linspace(0.0, 0.8e-3, 81)
-"""[m]"""
+"""Rises of the path [m]"""
 CHOSEN = ((0.5e-3, SHIPPED.stiffness_2), (0.3e-3, SHIPPED.stiffness_2), (0.5e-3, 5.0 * FIRST), (0.5e-3, FIRST))
 """Layer [m] and K₂ of the curves; the first is the shipped knee"""
 
 
 class Curve(NamedTuple):
-    """A knee's peak force over what it was raised by."""
+    """Peak force of a knee over the rise of its path."""
 
     layer: float
     second: float
     ratio: Floats
-    """To the healthy knee's, shape of `RAISED`"""
+    """Ratio to the healthy knee's peak force, shape of `RAISED`"""
 
 
 def curves(knees: Knees, share: int = 0) -> list[Curve]:
-    """Of the chosen knees, at one share."""
+    """Curves of the chosen knees, at one share of the load."""
     layers, seconds = (np.array(column) for column in zip(*CHOSEN, strict=True))
     peaks = [along(knees.paths[share], {LAYER: layers, SECOND: seconds}, raised).peak_force for raised in RAISED]
     table = np.array(peaks) / knees.healthy.peak_force[share]

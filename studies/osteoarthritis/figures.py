@@ -1,4 +1,4 @@
-"""The three figures."""
+"""The three figures of the page."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from studies.osteoarthritis.maps import (
 from studies.osteoarthritis.theory import equal_second, ratio, turning, turning_loss
 
 BANDS = (0.15, 0.25, 0.5, 0.75, 0.95, 1.05, 2.0, 5.0, 20.0, 130.0)
-"""Of the ratio of forces; the middle one is drawn as no change"""
+"""Bounds of the colours for ratios of forces; the middle band is drawn as no change"""
 LOSS_BANDS = (-4.0, -1.0, -0.5, -0.2, -0.02, 0.02, 0.2, 0.4, 0.6, 0.8)
-"""[mm]"""
+"""Bounds of the colours for losses [mm]"""
 RED_TO_BLUE = "RdBu_r"
 GROWING = "cividis"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-"""Okabe and Ito's"""
+"""Okabe and Ito's colours"""
 
 
 class Quantity(NamedTuple):
-    """A row of the second figure."""
+    """Quantity of a row of the second figure."""
 
     label: str
     of: Callable[[Table], Floats]
@@ -54,7 +54,7 @@ CHANGING = (
 
 
 def draw(knees: Knees, curves: list[Curve], folder: Path) -> None:
-    """Write all of them."""
+    """Write all figures into a folder."""
     ends = [0, len(knees.grid.shares) - 1]
     save(_forces(knees, ends), folder, "force")
     save(_changes(knees, ends), folder, "load")
@@ -66,7 +66,7 @@ def _share(knees: Knees, place: int) -> str:
 
 
 def _forces(knees: Knees, places: list[int]) -> Any:
-    """Peak force under both drives at two shares."""
+    """Draw the peak force under both drives at two shares."""
     figure, axes = sheet(6.6, 2, 2)
     from matplotlib.colors import BoundaryNorm
 
@@ -103,7 +103,7 @@ def _words(axis: Any) -> None:
 
 
 def _changes(knees: Knees, places: list[int]) -> Any:
-    """What does change under the load."""
+    """Draw what changes under the load."""
     from matplotlib.colors import BoundaryNorm
 
     figure, axes = sheet(8.6, len(CHANGING), 2)
@@ -121,7 +121,7 @@ def _changes(knees: Knees, places: list[int]) -> Any:
 
 
 def _losses(knees: Knees, places: list[int], curves: list[Curve]) -> Any:
-    """How much higher the bones must be led for the force to drop; peak force over it."""
+    """Draw how much higher the bones must be led for the force to drop, and the peak force over that rise."""
     from matplotlib.colors import BoundaryNorm
 
     figure, (axes, (below,)) = two_sheets(7.2)
@@ -139,7 +139,7 @@ def _losses(knees: Knees, places: list[int], curves: list[Curve]) -> Any:
 
 
 def _curves(axis: Any, knees: Knees, curves: list[Curve]) -> None:
-    """Peak force over the rise; where each is to cross 1."""
+    """Draw peak force over the rise, and where each curve should cross 1."""
     from matplotlib.ticker import FuncFormatter
 
     for curve, colour in zip(curves, COLOURS, strict=True):
@@ -161,7 +161,7 @@ def _curves(axis: Any, knees: Knees, curves: list[Curve]) -> None:
 
 
 def _key(figure: Any, turning: str = "", *, light: bool = False) -> None:
-    """The legend above."""
+    """Draw the legend above the panels."""
     from matplotlib.lines import Line2D
 
     line: dict[str, Any] = {**REACHED, "color": "0.5"} if light else REACHED

@@ -1,4 +1,4 @@
-"""What the tables say, as numbers for the page."""
+"""Findings in the tables, as numbers for the page."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from studies.osteoarthritis.knees import Knees, along, under_load
 from studies.osteoarthritis.theory import equal_second, ratio
 
 SAME = 0.01
-"""A peak force this near to the healthy one has not changed"""
+"""Part by which a peak force may differ from the healthy one and count as unchanged"""
 ELASTIC = (
     (0.5e-3, SHIPPED.stiffness_2),
     (0.5e-3, FIRST),
     (0.25e-3, SHIPPED.stiffness_2),
     (3.0e-3, SHIPPED.stiffness_2),
 )
-"""Layers [m] and K₂ of the undamped law's few points"""
+"""Layers [m] and K₂ [N/m^1.5] of the few knees with the undamped law"""
 
 
 class Range(NamedTuple):
-    """The ends of numbers."""
+    """Least and largest of some numbers."""
 
     least: float
     most: float
 
 
 class Count(NamedTuple):
-    """Of knees: whose peak force drops, stays within `SAME`, or rises."""
+    """Numbers of knees whose peak force drops, stays within `SAME`, or rises."""
 
     drops: int
     stays: int
@@ -39,51 +39,51 @@ class Count(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """All that is told beside the tables."""
+    """Numbers of the page beside the tables."""
 
     forced: Count
     led: Count
     forced_range: Range
-    """Of the peak forces' ratios"""
+    """Ratios of the peak forces under the load"""
     damped_range: Range
-    """The same with the dashpot in both layers"""
+    """The same ratios with the dashpot in both layers"""
     led_range: Range
     impulses: Range
-    """Contact force over load, force drive"""
+    """Impulses of the contact force over those of the load, under the load"""
     damped_impulses: Range
     unreached: Range
-    """Led knees whose second layer is not reached: ratios"""
+    """Ratios of led knees whose second layer is not reached"""
     reached: int
-    """Knees of a drive whose layer is thinner than the healthy depth"""
+    """Number of knees of a drive whose layer is thinner than the healthy depth"""
     beside: int
-    """Led knees whose drop or rise is not what the law at rest says"""
+    """Number of led knees whose drop or rise is not what the law at rest predicts"""
     beside_most: float
-    """The largest change of theirs"""
+    """Largest change of force of these knees"""
     stiffer: int
-    """Neighbouring led knees of which the stiffer one has less force"""
+    """Number of neighbouring led knees of which the stiffer one has less force"""
     flagged: int
-    """Ticks of all runs beyond the tolerance"""
+    """Number of ticks of all runs beyond the tolerance"""
     ticks: int
     force_bound: float
     """Largest error estimate of a force [N]"""
     elastic: list[tuple[float, float, float, float]]
     """Layer [m], K₂, ratio of the peak forces under the load, and led"""
     alone: int
-    """Knees computed one by one"""
+    """Number of knees computed one by one"""
     different: int
-    """Their outcomes that are not the sweep's"""
+    """Number of their outcomes that are not the sweep's"""
     judged: list[Judged]
     momentum: list[Momentum]
 
 
 def count(ratios: Floats) -> Count:
-    """Sorted by what became of the peak force."""
+    """Count knees by the change of their peak force."""
     drops, rises = int(np.sum(ratios < 1.0 - SAME)), int(np.sum(ratios > 1.0 + SAME))
     return Count(drops, ratios.size - drops - rises, rises)
 
 
 def find(knees: Knees) -> Findings:
-    """Count, and compute some again."""
+    """Count the findings in all knees, and compute some knees again."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a second layer softer than cartilage is asked for
         return _find(knees)
@@ -124,7 +124,7 @@ def _most_impulse(knees: Knees) -> Cell:
 
 
 def _elastic(knees: Knees) -> list[tuple[float, float, float, float]]:
-    """A few knees by Eq. 11, at the first share."""
+    """Ratios of a few knees by Eq. 11 of the paper, at the first share."""
     layers, seconds = (np.array(column) for column in zip(*ELASTIC, strict=True))
     values = {SHARE: np.full(len(layers), knees.grid.shares[0]), LAYER: layers, SECOND: seconds}
     own: dict[str, Any] = {"law": "two_layer_elastic"}

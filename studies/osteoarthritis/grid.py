@@ -28,9 +28,9 @@ class Grid(NamedTuple):
 
     shares: Floats
     layers: Floats
-    """[m]"""
+    """Thicknesses of the first layer [m]"""
     seconds: Floats
-    """K₂ [N/m^1.5]"""
+    """Stiffnesses of the second layer, K₂ [N/m^1.5]"""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -45,6 +45,6 @@ class Grid(NamedTuple):
 
 
 def whole() -> Grid:
-    """The study file's."""
+    """The grid of the study file."""
     grid = read_study(STUDY).grid
     return Grid(*(np.array(grid[name]) for name in (SHARE, LAYER, SECOND)))

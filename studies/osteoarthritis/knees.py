@@ -1,4 +1,4 @@
-"""All knees computed: under the load, and led along the healthy knee's path."""
+"""All knees of the study, computed under the load and led along the healthy knee's path."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from studies.osteoarthritis.grid import ARTHRITIC, BAG, HEALTHY, LAYER, SECOND, 
 
 Table = np.recarray[Any, Any]
 TOLERANCE = {"fidelity.tolerance": 1e-9}
-"""As in the study file [m]"""
+"""Tolerance [m] of single runs, as in the study file"""
 LED: list[str | dict[str, Any]] = [ARTHRITIC, {"drive": "displacement", **TOLERANCE}]
 NANOSECOND = 1e-9
 
@@ -27,19 +27,19 @@ class Knees(NamedTuple):
     paths: Table
     """The healthy knee's answers under the load, shape (shares, n)"""
     healthy: Table
-    """What they come to, shape (shares,)"""
+    """Outcomes of the healthy knee, shape (shares,)"""
     forced: Table
-    """Load prescribed"""
+    """Outcomes with the load prescribed"""
     led: Table
-    """The healthy knee's height prescribed, of the same share"""
+    """Outcomes with the height of the healthy knee of the same share prescribed"""
     processor: float
-    """[s] that all of it took of the processors"""
+    """Processor time [s] of all computations"""
     elapsed: float
-    """[s]"""
+    """Clock time [s] of all computations"""
 
 
 def compute(grid: Grid) -> Knees:
-    """Every knee of a grid under both drives."""
+    """Compute every knee of a grid under both drives."""
     begun = os.times()
     paths, healthy = healthy_knees(grid.shares)
     forced = under_load(grid.values())
@@ -76,7 +76,7 @@ def along(path: Table, values: Mapping[str, ArrayLike], raised: float = 0.0, **o
 
 
 def done(cohort: Cohort) -> Cohort:
-    """A cohort all of whose cases have come out.
+    """Return the outcomes of a cohort whose cases have all succeeded.
 
     Raises:
         ValueError: one has failed.

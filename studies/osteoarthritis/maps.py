@@ -1,4 +1,4 @@
-"""What the maps share: layers along, stiffness ratio upwards, and where the shipped knee lies."""
+"""Common parts of the maps: layers along, stiffness ratio upwards, and the shipped knee."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from studies.osteoarthritis.grid import FIRST, SHIPPED, Floats, Grid
 MM = 1e3
 DPI = 150
 WIDTH = 7.5
-"""Inches: a page's width"""
+"""Width of a page [inches]"""
 TICKS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 SMALL = 8.5
 REACHED: dict[str, Any] = {"color": "black", "linewidth": 1.2, "linestyle": (0, (4, 2))}
@@ -60,14 +60,14 @@ def edges(middles: Floats) -> Floats:
 
 
 def paint(axis: Any, grid: Grid, values: Floats, colours: Any, norm: Any) -> Any:
-    """A table over layers and second stiffnesses."""
+    """Draw a table over layers and second stiffnesses."""
     return axis.pcolormesh(
         edges(MM * grid.layers), edges(grid.seconds / FIRST), values.T, cmap=colours, norm=norm, rasterized=True
     )  # fmt: skip
 
 
 def dress(axes: Any, grid: Grid, titles: Sequence[str]) -> None:
-    """Axes, titles above and labels at the sides of a sheet of maps; the shipped knee."""
+    """Set axes, titles and labels of a sheet of maps, and mark the shipped knee."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     across, upwards = edges(MM * grid.layers), edges(grid.seconds / FIRST)
@@ -91,7 +91,7 @@ def dress(axes: Any, grid: Grid, titles: Sequence[str]) -> None:
 
 
 def reached(axis: Any, depth: float) -> None:
-    """A line at the healthy knee's largest depth [m]: left of it the second layer is reached at that depth."""
+    """Draw a line at the healthy knee's largest depth [m], left of which the second layer is reached."""
     axis.axvline(MM * depth, **REACHED)
 
 

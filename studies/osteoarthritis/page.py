@@ -17,7 +17,7 @@ from studies.osteoarthritis.theory import equal_second, needed_depth, turning
 
 PAGE = Path(__file__).with_name("page.txt")
 PAPER_DEPTH = 0.521e-3
-"""[m]"""
+"""Depth of the paper [m]"""
 SHIPPED_KNEE = {LAYER: np.array([SHIPPED.layer_depth]), SECOND: np.array([SHIPPED.stiffness_2])}
 CHOSEN = ((0.25, 15), (0.5, 15), (0.5, 8), (0.5, 5), (0.5, 0), (0.7, 15), (0.7, 5), (1.0, 15), (3.0, 15))
 """Layers [mm] and places of K₂ in the table"""
@@ -28,7 +28,7 @@ HEADER = (
 
 
 def text(knees: Knees, found: Findings, machine: str) -> str:
-    """The whole page."""
+    """Text of the whole page."""
     numbers = {"machine": machine, "study": STUDY.read_text(encoding="utf-8").strip(), "table": _table(knees)}
     numbers |= _of_the_grid(knees) | _of_the_load(found) | _of_the_height(knees, found) | _of_the_loss(knees)
     return Template(PAGE.read_text(encoding="utf-8")).substitute(numbers | _of_checks(found))
@@ -111,7 +111,7 @@ def _of_checks(found: Findings) -> dict[str, str]:
 
 
 def _table(knees: Knees) -> str:
-    """Some knees at the first share under both drives."""
+    """Table of some knees at the first share under both drives."""
     healthy = knees.healthy[0]
     peak = f"{healthy.peak_force / BODY_WEIGHT:.3f}"
     rows = [["healthy", "", peak, f"{MM * healthy.peak_depth:.3f}", "", f"{1e-6 * healthy.peak_pressure:.1f}", peak,

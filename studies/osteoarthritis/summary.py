@@ -18,7 +18,7 @@ HEADER = (
 
 
 def write_csv(knees: Knees, path: Path) -> None:
-    """Write it, to five digits."""
+    """Write the table to a file, with five digits."""
     forced, led, grid = ratio(knees, knees.forced), ratio(knees, knees.led), knees.grid
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""What can be said before computing: where two laws at the same depth give the same force."""
+"""Predictions before any computation: where two laws at the same depth give the same force."""
 
 from __future__ import annotations
 
@@ -50,6 +50,6 @@ def turning_loss(knees: Knees) -> Floats:
 
 
 def turning(knees: Knees, layer: float, second: float, share: int = 0) -> float:
-    """The same of one knee."""
+    """Rise [m] of the healthy path as by `turning_loss`, for one knee."""
     force, depth = float(knees.healthy.peak_force[share]), float(knees.healthy.peak_depth[share])
     return depth - float(needed_depth(np.array(layer), np.array(second), np.array(force)))

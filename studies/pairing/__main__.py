@@ -19,7 +19,7 @@ from studies.pairing.world import KINDS, LATENCIES, MAX_GAP, MS, PERIODS, WAIT
 from studies.report import Section, machine, save
 
 SHOWN = 3
-"""Breaches of a world"""
+"""Number of breaches of a world that are shown"""
 TEXT = f"""\
 Two sensors with periods of {", ".join(f"{p / MS:g}" for p in PERIODS)} ms, a jitter of 20 %, latencies of
 {", ".join(f"{t / MS:g}" for t in LATENCIES)} ms and clocks of their own; `pairing.max_gap` and `pairing.wait` of
@@ -42,7 +42,7 @@ HEADER = (
 
 
 class Sum:
-    """Of many worlds."""
+    """Sums over many worlds."""
 
     def __init__(self) -> None:
         self.breaches: list[tuple[int, Breach]] = []
@@ -51,14 +51,14 @@ class Sum:
         self.lost: Counter[str] = Counter()
 
     def add(self, seed: int, judged: Judged) -> None:
-        """Take a world into account."""
+        """Add the judgement of a world."""
         self.breaches += [(seed, breach) for breach in judged.breaches]
         self.disturbances += judged.disturbances
         self.flagged += judged.flagged
         self.lost += judged.lost
 
     def row(self, kind: str) -> list[str]:
-        """One line of the table."""
+        """Row of the table for a kind of disturbance."""
         times = max(self.disturbances[kind], 1)
         breaches = sum(breach.kind == kind for _, breach in self.breaches)
         return [

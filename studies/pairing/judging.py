@@ -1,4 +1,4 @@
-"""What every good sample must get, said plainly and after the event, and where a pairing does otherwise."""
+"""The account of what every good sample must get, made after the event, and where a pairing differs."""
 
 from __future__ import annotations
 
@@ -27,46 +27,46 @@ from studies.pairing.world import (
 )
 
 TOLERANCE = 1e-9
-"""[rad] Rounding of an interpolation: a few ulp of 1, times what the ratio of two differences of stamps may add"""
+"""Rounding of an interpolated angle [rad]: a few ulp of 1, times what the ratio of two stamps' differences may add"""
 BRIDGED = 3
-"""So many times in a row a clock may be set while its samples seem to be late"""
+"""Times in a row that a clock may be set while its samples seem to be late"""
 LOOK = 10_000_000
-"""How often [ns] the caller looks whether a load waits too long"""
+"""Time [ns] between two checks by the caller of whether a load waits too long"""
 IN_A_WORLD = 12
-"""Disturbances"""
+"""Number of disturbances in a world"""
 FLAGS = ~int(Status.INPUT_REJECTED)
-"""Bits of a status that say something of the answer itself; a plain number, as enumerations are slow"""
+"""Bits of a status that concern the answer itself; a plain number, as enumerations are slow"""
 KEPT_ASIDE = 512
-"""Samples that may be kept aside at most: as many as `MAX_GAP` holds, and some"""
+"""Largest number of samples that may be kept aside: as many as `MAX_GAP` holds, and some"""
 
 
 class Answer(NamedTuple):
-    """A load's answer."""
+    """Answer to a load."""
 
     pair: PairedSample
     given: int
-    """True time [ns]"""
+    """True time [ns] of the answer"""
 
 
 class Breach(NamedTuple):
-    """Where a pairing is wrong."""
+    """Breach of the account by a pairing."""
 
     what: str
     arrival: Arrival
     kind: str
-    """Of the last disturbance before"""
+    """Kind of the last disturbance before"""
 
 
 class Judged(NamedTuple):
-    """What a world's disturbances have cost."""
+    """Cost of the disturbances of a world."""
 
     breaches: list[Breach]
     disturbances: Counter[str]
-    """By kind; so are the others"""
+    """Numbers of disturbances by kind; the other counts are by kind too"""
     flagged: Counter[str]
-    """Good loads whose answer is flagged"""
+    """Numbers of good loads whose answer is flagged"""
     lost: Counter[str]
-    """Good samples that are refused: their clock was set back, or angles had not begun"""
+    """Numbers of good samples that are refused: their clock was set back, or angles had not begun"""
 
 
 def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
@@ -98,7 +98,7 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
 
 
 def judged(seed: int) -> tuple[int, Judged]:
-    """The seed, and what becomes of its world; every other one is crowded."""
+    """The seed, and the judgement of its world; every other world is crowded."""
     crowded = 1 if seed % 2 else 3
     return seed, judge(World(seed, IN_A_WORLD // crowded, crowded))
 
@@ -125,7 +125,7 @@ def judge(world: World) -> Judged:
 
 
 class Account:
-    """What good samples must get."""
+    """Account of what good samples must get."""
 
     def __init__(self, world: World, handed: Mapping[int, int]) -> None:
         """`handed` tells which angles are recorded: those that are not (see `of_angle`) are no neighbours."""
@@ -138,7 +138,7 @@ class Account:
         self._good: dict[int, list[Arrival]] = defaultdict(list)  # angles by the setting of their clock
         self._latest: dict[tuple[int, int], int] = {}  # of a stream's earlier settings the largest stamp
         self._loads = {a.setting: a for a in world.arrivals if a.good and a.stream == LOAD}
-        """The last good one of each setting of their clock"""
+        """Last good load of each setting of the loads' clock"""
         self._wrong = [a for a in world.arrivals if not a.good and a.stream == ANGLE]
         latest: Counter[int] = Counter()
         kept: dict[int, Arrival] = {}  # the last recorded angle of each setting
@@ -172,7 +172,7 @@ class Account:
         return recorded
 
     def of_load(self, load: Arrival, given: list[Answer]) -> str:
-        """What is wrong with a load's answers; empty if nothing is."""
+        """Fault of a load's answers; empty if there is none."""
         if not load.good:
             unseen = any(_unflagged(answer) for answer in given) and not self._cannot_be_told(load)
             return "a wrong load is answered without a flag" if unseen else ""
@@ -186,13 +186,13 @@ class Account:
         return self._of_quiet(load, answer) if self._quiet(load.taken) else ""
 
     def _of_quiet(self, load: Arrival, answer: Answer) -> str:
-        """The same where nothing is disturbed any more."""
+        """Fault of the answer to a load where nothing is disturbed any more; empty if there is none."""
         if not _unflagged(answer):
             return f"flagged {Status(answer.pair.status)!r} long after"
         return "" if answer.given <= self._possible(load) else "answered late"
 
     def of_angle(self, angle: Arrival, handed: int) -> str:
-        """What is wrong with how often an angle was handed on to be recorded; empty if nothing is."""
+        """Fault of how often an angle was handed on to be recorded; empty if there is none."""
         if handed > 1:
             return "handed on twice"
         if angle.good and not handed:
@@ -215,7 +215,7 @@ class Account:
         return self._overlaps(arrival) or (self._crowded and not self._quiet(arrival.taken))
 
     def _overlaps(self, arrival: Arrival) -> bool:
-        """Whether its clock was set back by so little that its stamp only seems to be late."""
+        """Whether the clock was set back by so little that the stamp only seems to be late."""
         return 0 <= self._latest[arrival.stream, arrival.setting] - arrival.stamp <= MAX_GAP
 
     def _cannot_be_told(self, load: Arrival) -> bool:
@@ -241,12 +241,12 @@ class Account:
         return self._wrong[first:last]
 
     def _lies_before_angles(self, load: Arrival) -> bool:
-        """Whether it lies before all angles of a clock that has just been set, or of the beginning."""
+        """Whether a load lies before all angles of a clock that has just been set, or of the beginning."""
         near = (angles for angles in self._good.values() if abs(angles[0].taken - load.taken) <= self._heals)
         return any(load.stamp < angles[0].stamp for angles in near)
 
     def _is_right(self, load: Arrival, answer: Answer) -> bool:
-        """Whether its angle lies between two good neighbours of one setting of the clock."""
+        """Whether the answer's angle lies between two good neighbours of one setting of the clock."""
         return any(
             value is not None and abs(value - answer.pair.angle) <= TOLERANCE
             for value in (self._between(load.stamp, setting) for setting in self._good)
@@ -273,7 +273,7 @@ class Account:
 
 
 def _bridge(last: Arrival, after: list[Arrival]) -> list[Arrival]:
-    """The neighbours where a clock was set: ahead it looks like a pause, and back like samples that are late."""
+    """The neighbours where a clock was set: ahead this looks like a pause, and back like samples that are late."""
     return [last, *[angle for angle in after if angle.stamp > last.stamp][:1]]
 
 

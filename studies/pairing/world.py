@@ -1,4 +1,4 @@
-"""Two sensors with clocks of their own, what goes wrong with their stamps, and what arrives of that.
+"""Two sensors with clocks of their own, the disturbances of their stamps, and the samples that arrive.
 
 Times are whole nanoseconds. The true flexion angle is a function of true time, so every wrong pairing shows in a value.
 """
@@ -13,14 +13,14 @@ from typing import NamedTuple
 MS = 1_000_000
 SECOND = 1000 * MS
 PERIODS = {1 * MS: 1, 2 * MS: 1, 5 * MS: 4, 10 * MS: 6}
-"""[ns] and how often one is drawn: a short one makes a world large, and shows what a longer one does"""
+"""Periods [ns] with the weights by which they are drawn: a short one makes a large world, and shows no more"""
 JITTER = 0.2
-"""Of a period, by which a sample may be early or late"""
+"""Part of a period by which a sample may be early or late"""
 LATENCIES = (0, 1 * MS, 4 * MS, 12 * MS, 30 * MS)
 MAX_GAP = 100 * MS
 WAIT = 100 * MS
 REST = 24
-"""Samples of the slower stream between a disturbance that has healed and the next one"""
+"""Number of samples of the slower stream between a disturbance that has healed and the next one"""
 ANGLE, LOAD = 0, 1
 
 
@@ -32,33 +32,33 @@ class Arrival(NamedTuple):
     stream: int
     """`ANGLE` or `LOAD`"""
     stamp: int
-    """[ns] by the sensor's clock, or what a fault has made of it"""
+    """Stamp [ns] by the sensor's clock, or by a fault"""
     taken: int
     """True time [ns] at which it was measured"""
     setting: int
-    """How often the sensor's clock had been set"""
+    """Number of times that the sensor's clock had been set"""
     good: bool
-    """Whether its stamp is its clock's"""
+    """Whether the stamp is that of the sensor's clock"""
 
 
 class Sensor:
-    """One stream."""
+    """A sensor with its clock."""
 
     def __init__(self, stream: int, rng: random.Random) -> None:
         self.stream = stream
         (self.period,) = rng.choices(list(PERIODS), list(PERIODS.values()))
         self.latency = rng.choice(LATENCIES)
         self.offset = 0
-        """Of its clock [ns]"""
+        """Offset of the clock [ns]"""
         self.setting = 0
-        """How often that was set"""
+        """Number of times that the clock was set"""
         self.silent_until = 0
-        """True time [ns]"""
+        """True time [ns] until which the sensor is silent"""
         self._rng = rng
         self._next = rng.randrange(self.period)
 
     def sample(self, wrong_by: int = 0) -> Arrival | None:
-        """The next one; None while it is silent."""
+        """Next sample; None while the sensor is silent."""
         taken = self._next + round(self.period * self._rng.uniform(-JITTER, JITTER))
         self._next += self.period
         if taken < self.silent_until:
@@ -67,7 +67,7 @@ class Sensor:
         return Arrival(taken + self.latency, self.stream, stamp, taken, self.setting, wrong_by == 0)
 
     def set_clock(self, offset: int) -> None:
-        """To another offset [ns]."""
+        """Set the clock to another offset [ns]."""
         self.offset, self.setting = offset, self.setting + 1
 
     @property
@@ -77,16 +77,16 @@ class Sensor:
 
 
 class Disturbance(NamedTuple):
-    """When something was wrong."""
+    """An interval in which something was wrong."""
 
     kind: str
     begins: int
-    """True time [ns]"""
+    """True time [ns] of its begin"""
     ends: int
 
 
 class World:
-    """Runs both sensors and lets things go wrong, one after the other."""
+    """Both sensors, and the disturbances that befall them one after the other."""
 
     def __init__(self, seed: int, disturbances: int, crowded: int = 1) -> None:
         """`crowded`: so many disturbances come one upon the other before there is time to heal."""
@@ -108,23 +108,23 @@ class World:
 
     @property
     def now(self) -> int:
-        """True time [ns]."""
+        """True time [ns] up to which both sensors have measured."""
         return max(sensor.now for sensor in self.sensors)
 
     def run_for(self, duration: int) -> None:
-        """Let both sensors measure on."""
+        """Let both sensors measure for a duration [ns]."""
         until = self.now + duration
         for sensor in self.sensors:
             while sensor.now < until:
                 self.emit(sensor)
 
     def emit(self, sensor: Sensor, wrong_by: int = 0) -> None:
-        """One sample."""
+        """Let a sensor send its next sample, with a stamp that is wrong by some [ns]."""
         if arrival := sensor.sample(wrong_by):
             self.arrivals.append(arrival)
 
     def apart(self) -> int:
-        """By how much [ns] a wrong stamp must be off to be seen: no step of a stream, and not the other's present."""
+        """Least error [ns] of a wrong stamp that can be seen: no step of a stream, and not the other's present."""
         latency = abs(self.sensors[0].latency - self.sensors[1].latency)
         return latency + round(3.0 * (1.0 + 2.0 * JITTER) * 2.0 * self.slowest)
 
@@ -140,38 +140,38 @@ class World:
 
 
 def healing_time(sensors: tuple[Sensor, Sensor]) -> int:
-    """Time [ns] within which all must be as before: the largest gap, one sample more, and what is on its way."""
+    """Time [ns] within which all must be as before: the largest gap, one more sample, and what is on its way."""
     return MAX_GAP + 2 * max(s.period for s in sensors) + max(s.latency for s in sensors) + WAIT
 
 
 def ahead(world: World, sensor: Sensor) -> None:
-    """Up to three samples in a row with stamps that lie ahead."""
+    """Disturbance: up to three samples in a row have stamps that lie ahead."""
     by = world.rng.randrange(world.apart(), 10 * SECOND)
     for _ in range(world.rng.randint(1, 3)):
         world.emit(sensor, wrong_by=by)
 
 
 def behind(world: World, sensor: Sensor) -> None:
-    """Likewise behind."""
+    """Disturbance: up to three samples in a row have stamps that lie behind."""
     by = world.rng.randrange(world.apart(), 10 * SECOND)
     for _ in range(world.rng.randint(1, 3)):
         world.emit(sensor, wrong_by=-by)
 
 
 def doubled(world: World, sensor: Sensor) -> None:
-    """A stamp twice."""
+    """Disturbance: a sample repeats a stamp."""
     last = next(a for a in reversed(world.arrivals) if a.stream == sensor.stream)
     world.arrivals.append(last._replace(good=False))
 
 
 def pause(world: World, sensor: Sensor) -> None:
-    """A stream is silent for a while."""
+    """Disturbance: a stream is silent for a while."""
     sensor.silent_until = world.now + world.rng.randrange(MAX_GAP // 5, 5 * MAX_GAP)
     world.run_for(sensor.silent_until - world.now)
 
 
 def pause_of_both(world: World, _sensor: Sensor) -> None:
-    """Both are."""
+    """Disturbance: both streams are silent for a while."""
     until = world.now + world.rng.randrange(MAX_GAP // 5, 5 * MAX_GAP)
     for sensor in world.sensors:
         sensor.silent_until = until
@@ -179,7 +179,7 @@ def pause_of_both(world: World, _sensor: Sensor) -> None:
 
 
 def step(world: World, sensor: Sensor) -> None:
-    """The clock of one stream is set, to be set right again later."""
+    """Disturbance: the clock of one stream is set, to be set right again later."""
     right, by = sensor.offset, _jump(world)
     sensor.set_clock(right + by)
     world.run_for(world.rng.randrange(2 * MAX_GAP, 8 * MAX_GAP))
@@ -187,7 +187,7 @@ def step(world: World, sensor: Sensor) -> None:
 
 
 def step_of_both(world: World, sensor: Sensor) -> None:
-    """Simulated time jumps, or a bag begins anew: one stream a little before the other, or at once."""
+    """Disturbance: simulated time jumps, or a bag begins anew; one stream a little before the other, or at once."""
     by = _jump(world)
     sensor.set_clock(sensor.offset + by)
     world.run_for(world.rng.choice((0, 0, MAX_GAP // 10, 3 * MAX_GAP)))
@@ -196,7 +196,7 @@ def step_of_both(world: World, sensor: Sensor) -> None:
 
 
 def restart(world: World, sensor: Sensor) -> None:
-    """A sensor begins anew with another clock, and gets the right time later."""
+    """Disturbance: a sensor begins anew with another clock, and gets the right time later."""
     right, by = sensor.offset, _jump(world)
     sensor.set_clock(right + by)
     sensor.silent_until = world.now + world.rng.randrange(MAX_GAP, 5 * MAX_GAP)
@@ -205,7 +205,7 @@ def restart(world: World, sensor: Sensor) -> None:
 
 
 def two_publishers(world: World, sensor: Sensor) -> None:
-    """Somebody else publishes on the topic too, with a clock of its own."""
+    """Disturbance: another node publishes on the topic too, with a clock of its own."""
     by = world.rng.choice((-1, 1)) * world.rng.randrange(2 * MAX_GAP, 10 * SECOND)
     turns = world.rng.randint(5, 60)
     for _ in range(turns):
@@ -218,7 +218,7 @@ def two_publishers(world: World, sensor: Sensor) -> None:
 
 
 def drift(world: World, sensor: Sensor) -> None:
-    """A clock runs too fast or too slowly for a while."""
+    """Disturbance: a clock runs too fast or too slowly for a while."""
     rate = world.rng.choice((-1, 1)) * world.rng.uniform(0.0, 0.02)
     for _ in range(100):
         sensor.offset += round(rate * sensor.period)
@@ -230,7 +230,7 @@ def drift(world: World, sensor: Sensor) -> None:
 
 
 def nothing(_world: World, _sensor: Sensor) -> None:
-    """All is well."""
+    """No disturbance."""
 
 
 KINDS: dict[str, Callable[[World, Sensor], None]] = {
@@ -242,7 +242,7 @@ KINDS: dict[str, Callable[[World, Sensor], None]] = {
 
 
 def _jump(world: World) -> int:
-    """By how much a clock is set [ns]."""
+    """Time [ns] by which a clock is set."""
     size = round(10 ** world.rng.uniform(math.log10(2 * MS), math.log10(15 * SECOND)))
     return world.rng.choice((-1, 1)) * size
 

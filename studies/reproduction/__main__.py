@@ -15,7 +15,7 @@ from studies.reproduction.sections import COMMAND, TITLE, sections
     "--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets reproduction.md and images/"
 )
 def main(folder: Path) -> None:
-    """Compute, draw and write."""
+    """Compute all numbers, draw the figures and write the page."""
     from studies.reproduction.figures import draw
 
     save(folder / "reproduction.md", TITLE, COMMAND, sections(), machine())

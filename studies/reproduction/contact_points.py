@@ -26,7 +26,7 @@ CAPTION = (
 
 
 def section() -> Section:
-    """Phases by geometry, over the mechanisms."""
+    """Section on the contact points: phases by geometry, over the mechanisms."""
     header = ("phase", "time [s]", "flexion [°]", "load [BW]", "femur", "depth [mm]",
               *(f"x, {name} [mm]" for name in MECHANISMS))  # fmt: skip
     rows = [_line(moment, femur, files) for femur, files in SPHERE_AND_CURVE.items() for moment in phases()]
@@ -45,7 +45,7 @@ def section() -> Section:
 
 
 def curved_section() -> Section:
-    """The general two-body case: a tibia that is curved."""
+    """Section on the general two-body case: a tibia that is curved."""
     header = ("phase", "tibia", "femur", "x [mm]", "y [mm]", "depth [mm]", "depth against the plane [%]")
     rows = [
         _curved_line(moment, tibia, femur)
@@ -85,5 +85,5 @@ def _curved_line(moment: Moment, tibia: str, femur: str) -> list[str]:
 
 
 def _signed(value: float) -> str:
-    """Two decimals without a negative zero."""
+    """Format a number with two decimals, without a negative zero."""
     return f"{round(value, 2) + 0.0:.2f}"

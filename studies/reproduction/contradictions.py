@@ -20,7 +20,7 @@ from studies.reproduction.table1 import cartilage_stiffness
 
 
 def section() -> Section:
-    """The closing table."""
+    """Section with the closing table of contradictions."""
     sphere, curve = second_peak_depths()
     first, second = (load_peak(time) for time in second_stance())
     stiffness = thousands(round(bone_stiffness_needed(), -3))

@@ -1,4 +1,4 @@
-"""What all figures share: the colour-blind safe colours of Okabe & Ito, sizes, storing."""
+"""Common parts of all figures: the colour-blind safe colours of Okabe & Ito, sizes, storing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZE: dict[Any, Any] = {
 }
 WIDTH, DPI = 7.5, 150
 MARKERS = ("v", "s", "o", "D")
-"""Of the four phases, in their order."""
+"""Markers of the four phases, in their order"""
 
 
 def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
@@ -34,12 +34,12 @@ def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tu
 
 
 def heel_strike(axes: Axes, time: float, label: str = "") -> None:
-    """A vertical line at a heel strike [s]."""
+    """Draw a vertical line at a heel strike [s]."""
     axes.axvline(time, color=GREY, linewidth=1.0, linestyle=":", label=label or None)
 
 
 def store(figure: Figure, folder: Path, name: str) -> None:
-    """Write reproduction_NAME.png."""
+    """Write a figure as reproduction_NAME.png."""
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / f"reproduction_{name}.png", dpi=DPI, metadata={"Software": None})
     plt.close(figure)

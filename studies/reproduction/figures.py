@@ -32,7 +32,7 @@ TIME = "time [s]"
 
 
 def force() -> Figure:
-    """Contact force of sphere and curve, and their difference."""
+    """Draw the contact force of sphere and curve, and their difference."""
     figure, (top, bottom) = panels(5.0, 2, sharex=True, height_ratios=(2.4, 1.0))
     time, _, load = gait("right")
     sphere, curve = run(HEALTHY).contact_force, run(HEALTHY, MRI).contact_force
@@ -56,7 +56,7 @@ def force() -> Figure:
 
 
 def depth() -> Figure:
-    """Depth, femoral height and the difference in depth."""
+    """Draw depth, femoral height and the difference in depth."""
     figure, axes = panels(6.4, 3, sharex=True, height_ratios=(1.5, 1.5, 1.0))
     time = gait("right")[0]
     sphere, curve = run(HEALTHY), run(HEALTHY, MRI)
@@ -77,7 +77,7 @@ def depth() -> Figure:
 
 
 def contact_points() -> Figure:
-    """Contact point over time and over flexion."""
+    """Draw the contact point over time and over flexion."""
     figure, (left, right) = panels(4.6, 1, 2, sharey=True)
     time, angle, _ = gait("right")
     flexed = np.argsort(angle)
@@ -100,7 +100,7 @@ def contact_points() -> Figure:
 
 
 def osteoarthritis() -> Figure:
-    """Force and depth over time, and the peak force over the cartilage lost."""
+    """Draw force and depth over time, and the peak force over the lost cartilage."""
     figure, (first, second, third) = panels(7.6, 3, height_ratios=(1.3, 1.3, 1.2))
     time = gait("right")[0]
     knees = (
@@ -140,7 +140,7 @@ def _losses(axes: Axes) -> None:
 
 
 def ringing() -> Figure:
-    """Force less load, and depth, with both forms of the law."""
+    """Draw force less load, and depth, with both forms of the law."""
     figure, (top, bottom) = panels(5.0, 2, sharex=True)
     time, _, load = gait("right", FINE)
     part = within(1.45, 2.2, FINE)
@@ -173,6 +173,6 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 
 
 def draw(folder: Path) -> None:
-    """Write all figures."""
+    """Write all figures into a folder."""
     for name, make in FIGURES.items():
         store(make(), folder, name)

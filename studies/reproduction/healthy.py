@@ -23,9 +23,9 @@ from studies.reproduction.scenes import (
 )
 
 ABSTRACT_DEPTH, TEXT_DEPTH, REDUCTION = 0.795, 0.705, -0.6
-"""[mm], [mm], [%] of the paper."""
+"""Depths [mm] of abstract and text, and the reduction [%], in the paper"""
 OFFSET = 0.997
-"""[mm] of Fig. 7."""
+"""Offset [mm] of Fig. 7"""
 
 CAPTION = (
     "Depth and femoral height of the healthy knee; the height counts from heel strike. The depths of sphere and curve "
@@ -34,7 +34,7 @@ CAPTION = (
 
 
 def force_section() -> Section:
-    """Peaks of the contact force."""
+    """Section on the peaks of the contact force."""
     why = "the load's peak and the femur's inertia"
     rows = [
         compare(f"{name} peak, {femur}", paper, body_weights(peak(time, run(*files).contact_force)), "BW", 3, why)
@@ -55,7 +55,7 @@ def force_section() -> Section:
 
 
 def depth_section() -> Section:
-    """The depth at the second peak, and the femoral height."""
+    """Section on the depth at the second peak, and the femoral height."""
     sphere, curve = second_peak_depths()
     law = "Eq. 10 with Table 1 at this load allows no other value"
     stiffness = "{:.0f} N/mm^1.5 or a load of {:.2f} BW would be needed"
@@ -91,7 +91,7 @@ def second_peak_depths() -> tuple[float, float]:
 
 
 def static_depths() -> tuple[float, float]:
-    """[m] at the paper's two peaks."""
+    """Static depths [m] at the paper's two peaks."""
     first, second = (static_depth(load * BODY_WEIGHT, HEALTHY) for load in PAPER_PEAKS)
     return first, second
 
@@ -103,7 +103,7 @@ def needed(depth: float) -> tuple[float, float]:
 
 
 def height_range(*files: str) -> float:
-    """Of the femoral height [m] over the complete cycle."""
+    """Range of the femoral height [m] over the complete cycle."""
     return float(np.ptp(run(*files).femoral_height[within(*CYCLE)]))
 
 

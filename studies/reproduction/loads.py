@@ -10,13 +10,13 @@ from studies.reproduction.phases import at, load_peaks, peak, second_stance
 from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MM, MRI, body_weights, gait, run
 
 PAPER_PEAKS = (1.81, 2.19)
-"""[BW]"""
+"""Load peaks of the paper [BW]"""
 SUBJECT_WEIGHT = 72.6 * 9.80665
-"""[N] of the scaled model, whose gait it is"""
+"""Weight [N] of the scaled model, whose gait it is"""
 
 
 def section() -> Section:
-    """Load peaks of the right leg."""
+    """Section on the load peaks of the right leg."""
     rows = [
         compare(f"{name} load peak, second stance", paper, load_peak(time), "BW", 3, _why(time, bounds))
         for name, paper, time, bounds in zip(("first", "second"), PAPER_PEAKS, second_stance(), COMPUTED, strict=True)
@@ -38,7 +38,7 @@ def section() -> Section:
 
 
 def both_legs() -> Section:
-    """Peaks of load, force and depth of all stances, healthy and arthritic."""
+    """Section on the peaks of load, force and depth of all stances, healthy and arthritic."""
     header = (
         "leg", "time [s]", "load [BW]", "force, sphere [BW]", "force, curve [BW]", "depth, sphere [mm]",
         "depth, curve [mm]", "osteoarthritis: force, curve [BW]", "osteoarthritis: depth, curve [mm]",

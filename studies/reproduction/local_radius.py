@@ -16,15 +16,15 @@ from studies.reproduction.scenes import HEALTHY, MM, MRI, gait, model, parameter
 WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
 """Flexion angles [deg] at which the fitted part of the profile touches."""
 AROUND = 10.0
-"""The same on both sides of a load peak's angle."""
+"""Flexion [deg] on both sides of a load peak's angle at which the fitted part touches"""
 NOMINAL, TIBIA, PLANE = 0.034, 0.095, math.inf
 """Radii [m] to which the 2500 N/mm^1.5 are taken to belong."""
 REDUCED = 0.994
-"""Depth, curve over sphere, in the paper."""
+"""Ratio of the depths of curve and sphere in the paper"""
 
 
 def section() -> Section:
-    """Static depths at 2.19 BW over the radius."""
+    """Section on static depths at 2.19 BW over the radius."""
     reference = static_depth(PAPER_PEAKS[1] * BODY_WEIGHT, HEALTHY)
     rows = [["sphere", f"{MM * NOMINAL:.1f} mm", *2 * (f"{MM * reference:.4f} mm (reference)",)]]
     for low, high, name in windows():
@@ -49,7 +49,7 @@ def section() -> Section:
 
 
 def windows() -> list[tuple[float, float, str]]:
-    """Ranges of flexion [deg] with what they are."""
+    """Ranges of flexion [deg] with their names."""
     angle = gait("right")[1]
     peaks = [np.degrees(at(time, angle)) for time in second_stance()]
     around = [(round(peak - AROUND), round(peak + AROUND), f" ({name} peak)") for name, peak in

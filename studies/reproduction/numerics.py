@@ -9,15 +9,15 @@ from studies.reproduction.phases import CYCLE
 from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MRI, TOLERANCE, Changes, gait, model, run, static_depth
 
 PAPER_STEP = 1e-12
-"""[s]"""
+"""Time step of the paper [s]"""
 LOAD = 1600.0
-"""[N] at which the contact is linearised."""
+"""Load [N] at which the contact is linearised"""
 TOLERANCES = (1e-6, TOLERANCE)
-"""[m]"""
+"""Tolerances [m]"""
 
 
 def section() -> Section:
-    """Evaluations per sample, by tolerance and knee."""
+    """Section on the evaluations per sample, by tolerance and knee."""
     rows = [_line(name, files, tolerance) for name, files in
             (("healthy, sphere", (HEALTHY,)), ("healthy, fitted curve", (HEALTHY, MRI)),
              ("osteoarthritis, fitted curve", (ARTHRITIC, MRI))) for tolerance in TOLERANCES]  # fmt: skip

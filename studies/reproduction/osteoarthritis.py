@@ -21,13 +21,13 @@ from studies.reproduction.scenes import (
 )
 
 DEPTH, CARTILAGE = 0.521, 0.5
-"""[mm] of the paper."""
+"""Depth and cartilage thickness [mm] of the paper"""
 LOSSES = (0.0, 0.1, 0.2, 0.25, 0.5)
-"""Cartilage lost [mm], for the table; the two that answer a question are computed."""
+"""Lost cartilage [mm] of the table; the two losses that answer a question are computed"""
 
 
 def section() -> Section:
-    """Depth and force at the second peak with the load prescribed."""
+    """Section on depth and force at the second peak with the load prescribed."""
     series, healthy = run(ARTHRITIC, MRI), run(HEALTHY, MRI)
     time = second_stance()[1]
     depth, sphere = (MM * peak(time, knee.penetration_depth) for knee in (series, run(ARTHRITIC)))
@@ -53,7 +53,7 @@ def section() -> Section:
 
 
 def led_section() -> Section:
-    """Peak force when the path is prescribed instead."""
+    """Section on the peak force with the path prescribed."""
     losses = sorted({*LOSSES, break_even(), loss_for_paper()})
     healthy = body_weights(float(run(HEALTHY, MRI).contact_force.max()))
     rows = []
@@ -87,17 +87,17 @@ def largest_force(lost: float) -> float:
 
 
 def break_even() -> float:
-    """Cartilage lost [mm] at which the depth is the one that the arthritic law needs for the same peak force."""
+    """Lost cartilage [mm] at which the depth is the one that the arthritic law needs for the same peak force."""
     return MM * float(run(HEALTHY, MRI).penetration_depth.max() - run(ARTHRITIC, MRI).penetration_depth.max())
 
 
 def loss_for_paper() -> float:
-    """Cartilage lost [mm] with which the largest depth is the paper's."""
+    """Lost cartilage [mm] with which the largest depth is the paper's."""
     return MM * float(run(HEALTHY, MRI).penetration_depth.max()) - DEPTH
 
 
 def arthritic_depth() -> float:
-    """Static depth [m] at 2.19 BW."""
+    """Static depth [m] of the arthritic knee at 2.19 BW."""
     return static_depth(PAPER_PEAKS[1] * BODY_WEIGHT, ARTHRITIC)
 
 

@@ -1,4 +1,4 @@
-"""How numbers and comparisons are written."""
+"""Formats of numbers and comparisons."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ COMPARISON = ("quantity", "paper", "ours", "difference", "why")
 
 
 def compare(quantity: str, paper: float, ours: float, unit: str, digits: int, why: str) -> list[str]:
-    """One line of a comparison; the paper's number keeps the digits that it has."""
+    """Row of a comparison; the paper's number keeps its digits."""
     difference = ours - paper
     shown = f"{signed(difference, digits)} {unit}"
     if unit != "%":
@@ -15,21 +15,21 @@ def compare(quantity: str, paper: float, ours: float, unit: str, digits: int, wh
 
 
 def signed(value: float, digits: int) -> str:
-    """A number with its sign, but none for what rounds to zero."""
+    """Format a number with its sign, and without one if it rounds to zero."""
     rounded = round(value, digits)
     return f"{rounded:+.{digits}f}" if rounded else f"{0.0:.{digits}f}"
 
 
 def unprinted(quantity: str, ours: str, why: str) -> list[str]:
-    """One line about something that the paper gives no number for."""
+    """Row about something that the paper gives no number for."""
     return [quantity, "-", ours, "-", why]
 
 
 def thousands(value: float, digits: int = 0) -> str:
-    """A number with thin groups of three digits."""
+    """Format a number with thin groups of three digits."""
     return f"{value:,.{digits}f}".replace(",", " ")
 
 
 def figure(name: str, caption: str) -> str:
-    """A picture and what it shows."""
+    """Format a picture with its caption."""
     return f"![{caption}](images/reproduction_{name}.png)\n\n*{caption}*"

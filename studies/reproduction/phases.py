@@ -1,4 +1,4 @@
-"""The moments of the gait that the paper names, found in the data."""
+"""Moments of the gait that the paper names, found in the data."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from studies.reproduction.scenes import gait
 
 FLEXED = np.radians(55.0)
 CYCLE = HEEL_STRIKE["right"]
-"""Start and end [s] of the one complete gait cycle."""
+"""Start and end [s] of the one complete gait cycle"""
 APART = 0.2
-"""Least time [s] between two load peaks."""
+"""Least time [s] between two load peaks"""
 AROUND_PEAK = 0.05
-"""How far [s] the contact's peak may lie from the load's."""
+"""Largest time [s] between a peak of the contact and that of the load"""
 
 
 class Moment(NamedTuple):
@@ -66,16 +66,16 @@ def crossings(time: NDArray[np.float64], values: NDArray[np.float64], level: flo
 
 
 def at(moment: float, values: NDArray[Any], side: str = "right") -> float:
-    """A series' value at a time [s]."""
+    """Value of a series at a time [s]."""
     return float(np.interp(moment, gait(side)[0], values))
 
 
 def peak(moment: float, values: NDArray[Any], side: str = "right") -> float:
-    """The largest value of a series around a load peak."""
+    """Largest value of a series around a load peak."""
     return float(values[np.abs(gait(side)[0] - moment) <= AROUND_PEAK].max())
 
 
 def within(start: float, end: float, step: float | None = None) -> NDArray[np.bool_]:
-    """Which samples of the right leg lie in a time range [s]."""
+    """Mask of the samples of the right leg in a time range [s]."""
     time = gait("right", step)[0]
     return np.asarray((time >= start) & (time <= end))

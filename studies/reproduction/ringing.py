@@ -1,4 +1,4 @@
-"""Eq. 12 as printed damps the second layer only: what this does in the first."""
+"""Effects of Eq. 12 as printed, which damps the second layer only, in the first layer."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from studies.reproduction.scenes import ARTHRITIC, BOTH_LAYERS_DAMPED, FINE, MRI
 LAWS: dict[str, Changes] = {"as printed (Eq. 12)": (), "dashpot in both layers": BOTH_LAYERS_DAMPED}
 FEMORA = {"sphere": (ARTHRITIC,), "fitted curve": (ARTHRITIC, MRI)}
 SHORT = 0.05
-"""[s] after heel strike"""
+"""Time [s] after heel strike that is looked at"""
 
 
 def section() -> Section:
-    """Force against load in the first layer, and the jump at its end."""
+    """Section on force against load in the first layer, and the jump at its end."""
     rows = []
     for (femur, files), (name, changes) in product(FEMORA.items(), LAWS.items()):
         series = run(*files, changes=changes, step=FINE)

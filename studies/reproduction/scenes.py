@@ -20,17 +20,17 @@ CONFIG = Path(__file__).parents[2] / "config"
 HEALTHY, ARTHRITIC, MRI = "healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"
 SPHERE_AND_CURVE = {"sphere": (HEALTHY,), "fitted curve": (HEALTHY, MRI)}
 TOLERANCE = 1e-9
-"""Of the depth [m]: the numbers are the model's, not the solver's."""
+"""Tolerance of the depth [m]: the numbers are the model's, not the solver's"""
 FINE = 1e-3
 """Step [s] of the runs that must show ringing; the input between two samples is linear either way."""
 MM, PERCENT = 1e3, 1e2
 N_MM = 1e-3**1.5
-"""N/m^1.5 to N/mm^1.5"""
+"""Factor from N/m^1.5 to N/mm^1.5"""
 
 Changes = tuple[tuple[str, Any], ...]
 """Dotted names of parameters with their values."""
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Time [s], flexion angle [rad], load [N]."""
+"""Time [s], flexion angle [rad] and load [N], shape (n,) each"""
 DISPLACEMENT: Changes = (("drive", "displacement"),)
 BOTH_LAYERS_DAMPED: Changes = (("contact.damp_first_layer", True),)
 CURVED_TIBIAE: dict[str, Changes] = {
@@ -46,7 +46,7 @@ MECHANISMS: dict[str, Changes] = {
 
 @cache
 def gait(side: str, step: float | None = None) -> Series:
-    """A bundled bag, with another step [s] if asked for."""
+    """Series of a bundled bag, with another step [s] if `step` is given."""
     time, angle, load = bags.gait(side)
     if step is None:
         return time, angle, load
@@ -56,13 +56,13 @@ def gait(side: str, step: float | None = None) -> Series:
 
 @cache
 def parameters(*files: str) -> Parameters:
-    """Parameter files, the later one wins."""
+    """Load parameter files, of which later ones overrule earlier ones."""
     return load_parameters([CONFIG / file for file in files])
 
 
 @cache
 def model(*files: str, changes: Changes = ()) -> KneeModel:
-    """The model of some parameter files with changes; compiled if it is the sphere on the plane, which most are."""
+    """Model of some parameter files with changes; compiled if it is the sphere on the plane, which most are."""
     asked = load_parameters({**parameters(*files).model_dump(), "fidelity.tolerance": TOLERANCE, **dict(changes)})
     curved = asked.femur.geometry != "circle" or asked.tibia.geometry != "plane"
     return load_model(asked, compiled=not curved and asked.translation.mechanism == "hinge")
@@ -70,7 +70,7 @@ def model(*files: str, changes: Changes = ()) -> KneeModel:
 
 @cache
 def run(*files: str, side: str = "right", changes: Changes = (), step: float | None = None) -> np.recarray[Any, Any]:
-    """A force-driven run over a bag."""
+    """Run a model over a bag with the load prescribed."""
     return model(*files, changes=changes).run(*gait(side, step))
 
 
@@ -92,5 +92,5 @@ def static_force(depth: float, *files: str) -> float:
 
 
 def body_weights(force: float) -> float:
-    """[N] to the paper's body weights."""
+    """Format a force [N] in the paper's body weights."""
     return force / BODY_WEIGHT

@@ -1,4 +1,4 @@
-"""The report in its order."""
+"""Sections of the report, in its order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table 1 and what follows from it."""
+"""Table 1 of the paper, and its consequences."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MATERIAL = (("contact.stiffness_from", "material"),)
 
 
 def section() -> Section:
-    """Every property of the table, and those that it lacks."""
+    """Section with every property of the table, and those that it lacks."""
     contact = parameters(ARTHRITIC).contact
     femur = parameters(HEALTHY).femur
     rows = [
@@ -43,7 +43,7 @@ def section() -> Section:
 
 
 def bone_stiffness() -> float:
-    """K₂ [N/m^1.5]."""
+    """Stiffness of bone, K₂ [N/m^1.5]."""
     contact = parameters(ARTHRITIC).contact
     radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
     return hertz_stiffness(contact.youngs_modulus_2, contact.poissons_ratio_2, radius)
@@ -57,7 +57,7 @@ def cartilage_stiffness() -> float:
 
 
 def material_depth() -> float:
-    """Static depth [m] at 2.19 BW with that stiffness."""
+    """Static depth [m] at 2.19 BW with the stiffness of Table 1's cartilage."""
     return static_depth(2.19 * BODY_WEIGHT, HEALTHY, changes=MATERIAL)
 
 

@@ -34,19 +34,19 @@ earlier run; memory is the largest.
 
 
 class Measured(NamedTuple):
-    """A way, once."""
+    """Time and memory of one run of a way."""
 
     seconds: float
     processor: float
-    """[s] of all threads"""
+    """Processor time [s] of all threads"""
     memory: float
-    """[MB] the largest"""
+    """Largest resident memory [MB]"""
     read: int
-    """Messages"""
+    """Number of messages read"""
 
 
 def measure(way: str, bag: Path, output: Path) -> Measured:
-    """In this process."""
+    """Run a way in this process, and measure it."""
     begin = time.perf_counter(), time.process_time()
     read = WAYS[way](bag, output)
     seconds, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
@@ -54,7 +54,7 @@ def measure(way: str, bag: Path, output: Path) -> Measured:
 
 
 def measured(way: str, bag: Path, work: Path) -> tuple[Measured, str]:
-    """In a process of its own; and a digest of what it wrote."""
+    """Measure a way in a process of its own; return a digest of what it wrote, too."""
     output = work / "out"
     command = [sys.executable, "-m", "studies.throughput", "--way", way, "--work", str(output), "--bag", str(bag)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -74,7 +74,7 @@ def measured(way: str, bag: Path, work: Path) -> tuple[Measured, str]:
 @click.option("--way", type=click.Choice(list(WAYS)), hidden=True)
 @click.option("--bag", type=click.Path(path_type=Path), hidden=True)
 def main(output: Path, ticks: int, rounds: int, work: Path | None, way: str | None, bag: Path | None) -> None:
-    """Measure, or be one of the processes that are measured."""
+    """Measure all ways, or, with the hidden options, be one of the processes that are measured."""
     if way and work and bag:
         click.echo(json.dumps(measure(way, bag, work)))
         return
@@ -83,7 +83,7 @@ def main(output: Path, ticks: int, rounds: int, work: Path | None, way: str | No
 
 
 def report(output: Path, ticks: int, rounds: int, work: Path) -> None:
-    """All ways in turns, and the page."""
+    """Measure all ways in turns, and write the page."""
     bag, warm = work / "bag.mcap", work / "warm.mcap"
     make_bag(bag, ticks)
     make_bag(warm, 60_000)

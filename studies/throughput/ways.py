@@ -1,4 +1,4 @@
-"""What is measured: `solve`, and what the two libraries for bags need for its messages without computing anything.
+"""The ways that are measured: `solve`, and the two libraries for bags with its messages but without computations.
 
 Each gives the number of messages that it has read.
 """
@@ -38,17 +38,17 @@ from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 
 RATE = 1000
-"""[Hz] of angle and force"""
+"""Rate of angle and force [Hz]"""
 PARAMETERS = share_folder() / "config" / "healthy.yaml"
 FORCES = f"/{JOINT_REACTION_FORCE}"
-"""With each message of this topic a tick is answered"""
+"""Topic of the forces, each of which is answered by a tick"""
 Way = Callable[[Path, Path], int]
 Message = tuple[str, int, bytes]
 """Topic, log time [ns] and bytes"""
 
 
 def make_bag(path: Path, ticks: int) -> None:
-    """The gait of the right leg, on and on."""
+    """Write a bag of the right leg's gait, over and over, with a number of ticks."""
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
@@ -58,7 +58,7 @@ def make_bag(path: Path, ticks: int) -> None:
 
 
 def solve_blocks(bag: Path, output: Path) -> int:
-    """`solve` as it is."""
+    """Run `solve` as it is."""
     told = [0]
 
     def advance(done: int, _total: int) -> None:
@@ -69,7 +69,7 @@ def solve_blocks(bag: Path, output: Path) -> int:
 
 
 def solve_one_by_one(bag: Path, output: Path) -> int:
-    """`solve` where no block can be taken at once."""
+    """Run `solve` without taking any block at once."""
 
     def refuse(_run: Run, _block: Batch) -> bool:
         return False
@@ -79,12 +79,12 @@ def solve_one_by_one(bag: Path, output: Path) -> int:
 
 
 def read_by_mcap(bag: Path, _output: Path) -> int:
-    """Nothing is decoded."""
+    """Read a bag by mcap, without decoding."""
     return sum(1 for _ in messages_by_mcap(bag))
 
 
 def copy_by_mcap(bag: Path, output: Path) -> int:
-    """All that `solve` reads and writes, in chunks as large as its own; the answers' bytes are prepared."""
+    """Read and write by mcap what `solve` does, in chunks of the same size; the answers' bytes are prepared."""
     output.mkdir()
     with (output / "out.mcap").open("wb") as file:
         writer = McapWriter(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
@@ -104,7 +104,7 @@ def copy_by_mcap(bag: Path, output: Path) -> int:
 
 
 def read_by_rosbags(bag: Path, _output: Path) -> int:
-    """With its decoding."""
+    """Read a bag by rosbags, and decode it."""
     with AnyReader([bag], default_typestore=typestore()) as reader:
         read = 0
         for connection, _, data in reader.messages():
@@ -114,7 +114,7 @@ def read_by_rosbags(bag: Path, _output: Path) -> int:
 
 
 def copy_by_rosbags(bag: Path, output: Path) -> int:
-    """All that `solve` reads and writes; the inputs are decoded, and the answers' bytes are prepared."""
+    """Read and write by rosbags what `solve` does; inputs are decoded, and the answers' bytes are prepared."""
     writer = Rosbag2Writer(output, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with AnyReader([bag], default_typestore=typestore()) as reader, writer:
@@ -132,14 +132,14 @@ def copy_by_rosbags(bag: Path, output: Path) -> int:
 
 
 def messages_by_mcap(bag: Path) -> Iterable[Message]:
-    """In the order of time."""
+    """Messages of a bag in the order of time, read by mcap."""
     with bag.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
             yield channel.topic, message.log_time, message.data
 
 
 def with_answers(message: Message) -> list[Message]:
-    """A message, and what is written behind it."""
+    """A message, followed by the answers that are written behind it."""
     topic, time, _ = message
     if topic != FORCES:
         return [message]
@@ -147,7 +147,7 @@ def with_answers(message: Message) -> list[Message]:
 
 
 def prepared() -> list[tuple[str, bytes]]:
-    """An answer and its wrench."""
+    """An answer and its wrench, serialised, with their topics."""
     row, frame = blank(1).tobytes(), "tibia_r"
     wrench = encode_answer_wrench(0, frame, row)
     return [(f"/{KNEE_CONTACT}", encode_answer(0, frame, row)), (f"/{KNEE_CONTACT_WRENCH}", wrench)]

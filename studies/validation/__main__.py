@@ -20,7 +20,7 @@ from studies.validation.sections import COMMAND, TITLE, sections
 )
 @click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets validation.md and images/")
 def main(data: Path | None, folder: Path) -> None:
-    """Compare, draw and write; nothing without the data."""
+    """Compare with the data, draw, and write the page; without the data, do nothing."""
     if data is None or not is_there(data):
         click.echo(f"no measurements of the instrumented knee in {data or '(no folder given)'}: nothing is made")
         return

@@ -12,42 +12,42 @@ from knee_contact_ros.tools.shares.trials import Trial
 
 Floats = NDArray[np.float64]
 BODY_WEIGHT = 654.3
-"""[N]"""
+"""Body weight [N]"""
 TRIALS = {"overground": "ngait_og5", "treadmill": "ngait_tm_fast1"}
 MEDIAL = {"am_n": 0.9871, "pm_n": 0.9683, "al_n": 0.0387, "pl_n": 0.0211}
-"""What the tray's cells say of the medial force: its published regression"""
+"""Weights of the tray's cells in the medial force: its published regression"""
 ON_PLATE = 30.0
-"""[N] of vertical ground reaction, above the noise of the plates in swing (19 and 23 N)"""
+"""Vertical ground reaction [N] of a foot on the plate, above the noise of the plates in swing (19 and 23 N)"""
 
 
 class Measured(NamedTuple):
-    """What was measured in a trial, at the cells' samples, shape (n,)."""
+    """Measured series of a trial, at the cells' samples, shape (n,)."""
 
     name: str
     time: Floats
-    """[s]"""
+    """Times [s]"""
     flexion: Floats
-    """[rad] inverse kinematics of markers"""
+    """Flexion angle [rad] by inverse kinematics of markers"""
     total: Floats
-    """[N] sum of the cells"""
+    """Total force [N], the sum of the cells"""
     medial: Floats
-    """[N]"""
+    """Medial force [N]"""
     front: Floats
-    """[1] part of the two medial cells that the anterior one bears"""
+    """Part of the two medial cells' force that the anterior one bears [1]"""
     moment: Floats
-    """[N m] of inverse dynamics about x of the tibia, what acts on it from above: adduction positive"""
+    """Moment of inverse dynamics [N m] about x of the tibia, acting on it from above: adduction positive"""
     plate_time: Floats
-    """[s]"""
+    """Times of the plates' samples [s]"""
     plate: Floats
-    """[N] vertical ground reaction of this leg"""
+    """Vertical ground reaction of this leg [N]"""
 
     @property
     def trial(self) -> Trial:
-        """As `fit-share` takes it."""
+        """The trial in the form that `fit-share` takes."""
         return Trial(self.name, self.flexion, self.total / BODY_WEIGHT, self.medial / BODY_WEIGHT, BODY_WEIGHT)
 
     def contacts(self) -> tuple[list[float], list[float]]:
-        """Times [s] of heel strikes and toe-offs on the plate, but for what lasted from the beginning or to the end."""
+        """Times [s] of heel strikes and toe-offs on the plate, without contacts that the trial's ends cut off."""
         on = self.plate > ON_PLATE
         changes = [
             self.plate_time[1:][now & ~before].tolist()
@@ -62,7 +62,7 @@ def is_there(folder: Path) -> bool:
 
 
 def read(folder: Path) -> list[Measured]:
-    """Both trials, each where cells and motion were measured."""
+    """Read both trials, each where cells and motion were measured."""
     return [_read(folder, name, stem) for name, stem in TRIALS.items()]
 
 

@@ -12,7 +12,7 @@ from studies.validation.data import BODY_WEIGHT, ON_PLATE, Measured
 
 NANOSECONDS, MS = 1e9, 1e3
 NEAR = 0.2
-"""[s] within which an event is that of the plate"""
+"""Largest time [s] between an event and that of the plate"""
 
 
 def found_in(measured: Measured) -> dict[str, list[float]]:
@@ -36,7 +36,7 @@ def errors_of(found: Sequence[float], plate: Sequence[float]) -> list[float]:
 
 
 def section(trials: Sequence[Measured]) -> Section:
-    """How far events lie from those of the plates, and which were missed."""
+    """Section on how far events lie from those of the plates, and which were missed."""
     rows = []
     for measured in trials:
         within = measured.time[0], measured.time[-1]

@@ -1,4 +1,4 @@
-"""Published scores beside ours, with what each of them predicts from what."""
+"""Published scores beside ours, with their inputs and outputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROWS = (
 
 
 def section(ours: tuple[float, float]) -> Section:
-    """The table; `ours` are the RMS errors [BW] of the medial force with a table of the other trial."""
+    """Section with the table; `ours` are RMS errors [BW] of the medial force with a table of the other trial."""
     low, high = sorted(ours)
     mine = (
         "ours, `measured_share` (above)", "**the measured total force** and flexion; fitted to another trial of the "

@@ -1,4 +1,4 @@
-"""The page's pictures."""
+"""Pictures of the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from studies.validation.data import BODY_WEIGHT, Floats, Measured
 from studies.validation.shares import answers, in_stance
 
 SHOWN = 3.0
-"""[s] of a trial"""
+"""Time [s] of a trial that is drawn"""
 BLACK = "#000000"
 STYLES = {
     "`fixed_share` 0.5": ("one half", GREY, "--"),
@@ -70,7 +70,7 @@ def _stances(axes: Axes, time: Floats, on: Floats) -> None:
 
 
 def _share(trials: Sequence[Measured], path: Path) -> None:
-    """The shipped table over what was measured."""
+    """Draw the shipped table over the measured shares."""
     name = "share_medial.csv"
     table = read_share_table(name, find_file(name).read_text(encoding="utf-8"))
     figure, axes = panels(3.4, 1, len(trials), sharey=True)

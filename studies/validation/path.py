@@ -17,7 +17,7 @@ KNEES = {
     "MRI femur on a measured plateau, table of translation (`mri_knee.yaml`)": ["mri_knee"],
 }
 LOADED = 0.5
-"""[BW] of medial force from which on its place means something"""
+"""Medial force [BW] above which its measured place is meaningful"""
 
 
 def path(measured: Measured, names: Sequence[str]) -> Floats:
@@ -28,7 +28,7 @@ def path(measured: Measured, names: Sequence[str]) -> Floats:
 
 
 def section(trials: Sequence[Measured]) -> Section:
-    """Range of the path, and how it goes with the cells'."""
+    """Section on the range of the path, and its correlation with the cells'."""
     rows = []
     for measured in trials:
         loaded = measured.medial > LOADED * BODY_WEIGHT

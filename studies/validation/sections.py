@@ -1,4 +1,4 @@
-"""The page in its order."""
+"""Sections of the page, in its order."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def left_out(trials: Sequence[Measured]) -> tuple[float, float]:
 
 
 def introduction(trials: Sequence[Measured]) -> str:
-    """Whose knee, and what is compared."""
+    """Section that introduces the person and the comparison."""
     told = "; ".join(
         f"{each.name} ({len(each.time)} samples over {each.time[-1] - each.time[0]:.1f} s, total force up to "
         f"{each.total.max():.0f} N, medial up to {each.medial.max():.0f} N)"
@@ -57,7 +57,7 @@ def introduction(trials: Sequence[Measured]) -> str:
 
 
 def limits(trials: Sequence[Measured]) -> str:
-    """What must not be concluded."""
+    """Section on what must not be concluded."""
     most = max(map(shares.through_the_model, trials))
     return "\n".join(
         (

@@ -18,34 +18,34 @@ from studies.validation.data import BODY_WEIGHT, ON_PLATE, Floats, Measured
 
 MS = 1e3
 LARGEST_MOMENT = 80.0
-"""[N m] of inverse dynamics that a knee in walking may have; what is beyond comes from a change of plates"""
+"""Largest plausible moment of inverse dynamics [N m] in walking; larger ones come from a change of plates"""
 PEAK_WITHIN = 0.5
-"""Part of a stance on either side of its middle in which a peak is looked for"""
+"""Part of a stance on either side of its middle in which a peak is searched"""
 SAMPLE = 1.0 / 120.0
-"""[s] of the cells"""
+"""Time [s] between two samples of the cells"""
 
 
 class Answer(NamedTuple):
-    """What a share model says of a trial."""
+    """Medial force of a trial by a share model."""
 
     name: str
     medial: Floats
-    """[N]"""
+    """Medial force [N]"""
     seen: bool = False
     """Whether the trial itself was used to make it"""
 
 
 class Peak(NamedTuple):
-    """A peak of the medial force in a stance."""
+    """Errors of a peak of the medial force in a stance."""
 
     error: float
-    """[N] ours less measured"""
+    """Our peak less the measured one [N]"""
     late: float
-    """[s] likewise"""
+    """Time of our peak less that of the measured one [s]"""
 
 
 def answers(measured: Measured, others: Sequence[Measured]) -> list[Answer]:
-    """What every share model says of a trial; `others` are what may be fitted to."""
+    """Medial forces of a trial by every share model; models may be fitted to `others` only."""
     known = [other.trial for other in others]
     table = MeasuredShare(fit(known), BODY_WEIGHT)
     return [
@@ -58,12 +58,12 @@ def answers(measured: Measured, others: Sequence[Measured]) -> list[Answer]:
 
 
 def shipped(measured: Measured) -> Floats:
-    """The medial force [N] by the shipped table."""
+    """Medial force [N] by the shipped table."""
     return rule_of(measured, {"load.compartment": "measured_share"})
 
 
 def rule_of(measured: Measured, values: dict[str, object]) -> Floats:
-    """The medial force [N] by the rule that parameters name."""
+    """Medial force [N] by the rule that parameters name."""
     parameters = load_parameters({"body_weight": BODY_WEIGHT} | values)
     rule = COMPARTMENTS[parameters.load.compartment](parameters, curve_texts(parameters, {}))
     return np.asarray(rule(measured.total, measured.moment, measured.flexion))
@@ -75,7 +75,7 @@ def rms(error: Floats) -> float:
 
 
 def peaks(measured: Measured, medial: Floats) -> list[Peak]:
-    """The largest medial force in either half of every whole stance that the plate saw."""
+    """Errors of the largest medial force in either half of every whole stance that the plate saw."""
     strikes, leaves = measured.contacts()
     found = []
     for begin in strikes:
@@ -92,7 +92,7 @@ def peaks(measured: Measured, medial: Floats) -> list[Peak]:
 
 
 def section(trials: Sequence[Measured]) -> Section:
-    """RMS and r of both compartments."""
+    """Section on RMS error and r of both compartments."""
     rows = []
     for place, measured in enumerate(trials):
         others = [*trials[:place], *trials[place + 1 :]]
@@ -137,7 +137,7 @@ def section(trials: Sequence[Measured]) -> Section:
 
 
 def peak_section(trials: Sequence[Measured]) -> Section:
-    """Errors of the peaks in size and time."""
+    """Section on the errors of the peaks in size and time."""
     rows = []
     for place, measured in enumerate(trials):
         others = [*trials[:place], *trials[place + 1 :]]
@@ -161,7 +161,7 @@ def peak_section(trials: Sequence[Measured]) -> Section:
 
 
 def moment_section(trials: Sequence[Measured]) -> Section:
-    """What the frontal moment of inverse dynamics has to do with the split."""
+    """Section on how the frontal moment of inverse dynamics relates to the split."""
     rows = []
     for measured in trials:
         stance = (np.abs(measured.moment) <= LARGEST_MOMENT) & (measured.total > 0.5 * BODY_WEIGHT)

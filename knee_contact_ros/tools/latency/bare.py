@@ -28,11 +28,11 @@ SPIN_PERIOD = 0.1
 
 EVENTS, SINGLE, BYTES = "events", "single", "bytes"
 STAMP = slice(4, 12)
-"""Where the stamp lies in a message that begins with a header"""
+"""Bytes of the stamp in a message that begins with a header"""
 
 
 class Ordinary:
-    """Messages as objects: every force is answered with numbers of its own and of the last angle."""
+    """A node on message objects: it answers every force with numbers of its own and of the last angle."""
 
     def __init__(self, node: Node) -> None:
         self.angle = 0.0
@@ -42,11 +42,11 @@ class Ordinary:
         node.create_subscription(WrenchStamped, JOINT_REACTION_FORCE, self.on_force, INPUT_QOS)
 
     def on_joint_state(self, message: Any) -> None:
-        """Remember the angle."""
+        """Remember the flexion angle of a JointState."""
         self.angle = message.position[0]
 
     def on_force(self, message: Any) -> None:
-        """Answer with all fields filled."""
+        """Answer a WrenchStamped with a contact whose fields are all filled, and with a wrench."""
         force, angle = message.wrench.force, self.angle
         load = -0.5 * force.y
         contact = KneeContact(
@@ -75,7 +75,7 @@ class Ordinary:
 
 
 class Bytes:
-    """Messages as bytes: every force is answered with prepared ones that carry its stamp."""
+    """A node on serialised messages: it answers every force with prepared bytes that carry the force's stamp."""
 
     def __init__(self, node: Node) -> None:
         self.contact = node.create_publisher(KneeContact, KNEE_CONTACT, OUTPUT_QOS)
@@ -86,17 +86,17 @@ class Bytes:
         node.create_subscription(WrenchStamped, JOINT_REACTION_FORCE, self.on_force, INPUT_QOS, raw=True)
 
     def on_joint_state(self, data: bytes) -> None:
-        """Take it and no more."""
+        """Receive a serialised JointState and do nothing."""
 
     def on_force(self, data: bytes) -> None:
-        """Answer."""
+        """Answer a serialised WrenchStamped with both prepared messages."""
         start = self.header + data[STAMP]
         self.contact.publish(start + self.contact_rest)
         self.wrench.publish(start + self.wrench_rest)
 
 
 def prepared() -> tuple[bytes, bytes]:
-    """An answer and its wrench."""
+    """Serialise a contact and its wrench, stamped 0."""
     from knee_contact_ros.core.types import blank
     from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 
@@ -105,10 +105,10 @@ def prepared() -> tuple[bytes, bytes]:
 
 
 def main(kind: str) -> None:
-    """Run a bare node of a kind."""
-    asked: list[int] = []
+    """Run a bare node of a kind (`EVENTS`, `SINGLE` or `BYTES`) until a signal ends it."""
+    signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _frame: asked.append(number))
+        signal.signal(number, lambda number, _frame: signals.append(number))
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_bare")
     answering = (Bytes if kind == BYTES else Ordinary)(node)
@@ -118,7 +118,7 @@ def main(kind: str) -> None:
     else:
         executor = executor_of(node)
     try:
-        while not asked:
+        while not signals:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
     finally:
         del answering

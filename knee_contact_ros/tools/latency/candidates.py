@@ -1,8 +1,7 @@
-"""What is measured: our node as it is, and bare nodes beside it."""
+"""The nodes that are measured: ours as it is, and bare nodes beside it."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -22,30 +21,25 @@ DRAWS = " and draws to a Rerun file" if viewer() else ""
 
 
 class Candidate(NamedTuple):
-    """A node."""
+    """A node that is measured."""
 
     name: str
     about: str
     start: Callable[[Path, float], AbstractContextManager[Child]]
-    """Its process, with its files in a folder and some time [s] to end"""
-
-
-def start_ours(parameters: list[Path], work: Path, patience: float) -> AbstractContextManager[Child]:
-    """Our node, recording to MCAP, and drawing to a Rerun file if Rerun is installed."""
-    return node_process(parameters, work, patience)
+    """Starts its process, with its files in a folder and a time [s] within which it must end"""
 
 
 def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
-    """A bare node."""
+    """Start a bare node of a kind of `bare`."""
     return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
 
 
 OURS = Candidate(
-    "this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", partial(start_ours, [PARAMETERS])
+    "this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", partial(node_process, [PARAMETERS])
 )
 BOTH = Candidate(
     "this node, both", "the same with both compartments (and both_compartments.yaml)",
-    partial(start_ours, [PARAMETERS, share_folder() / "config" / "both_compartments.yaml"]),
+    partial(node_process, [PARAMETERS, share_folder() / "config" / "both_compartments.yaml"]),
 )  # fmt: skip
 BARE = Candidate(
     "bare", f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
@@ -63,7 +57,7 @@ CANDIDATES = (OURS, BOTH, BARE, SINGLE, BYTES)
 
 @contextmanager
 def running(candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE) -> Iterator[Child]:
-    """A candidate that answers, in a process of its own; its files are in `work` until it has ended.
+    """Run a candidate in a process of its own until it answers; its files are in `work` until it has ended.
 
     Raises:
         UsageError: it failed.
@@ -77,11 +71,6 @@ def running(candidate: Candidate, driver: Driver, work: Path, patience: float = 
 
 
 def rotated(candidates: tuple[Candidate, ...], number: int) -> tuple[Candidate, ...]:
-    """The order of a round, from 0 on: each time another one is first."""
+    """Order of the candidates in a round, counted from 0: each time another one is first."""
     first = number % len(candidates)
     return candidates[first:] + candidates[:first]
-
-
-def forget(work: Path) -> None:
-    """Remove a candidate's files."""
-    shutil.rmtree(work)

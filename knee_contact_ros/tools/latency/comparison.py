@@ -1,19 +1,20 @@
-"""Latency at a given rate: all candidates in turn, round after round."""
+"""Latency at a given rate: all candidates in turns, round after round."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from knee_contact_ros.tools.latency.candidates import BARE, CANDIDATES, OURS, Candidate, forget, rotated, running
+from knee_contact_ros.tools.latency.candidates import BARE, CANDIDATES, OURS, Candidate, rotated, running
 from knee_contact_ros.tools.latency.driver import Driver, Run
 from knee_contact_ros.tools.latency.figures import Figures, figures, ratios
 from knee_contact_ros.tools.latency.report import Cell, Page, Sheet, milliseconds, ratio
 from knee_contact_ros.tools.latency.usage import Taken, between, snapshot
 
 WARM_UP = 1.0
-"""How long [s] a node is fed before anything counts"""
+"""Time [s] that a node is fed before anything counts"""
 ALL = "all"
 INTRODUCTION = """
 Latency is from just before a force is published to the receipt of its answer, both by the clock of the one process that
@@ -29,23 +30,23 @@ CPU = "CPU time per sample is that of the node's process, and behind the plus th
 
 
 class Part(NamedTuple):
-    """One candidate in one round."""
+    """Run of one candidate in one round."""
 
     round: int
-    """From 1 on"""
+    """Number of the round, counted from 1"""
     candidate: Candidate
     run: Run
     taken: Taken
-    """By the node, and others"""
+    """Processor time of the node and of others"""
 
 
 class Line(NamedTuple):
-    """What the CSV file has for a candidate in a round, or in all of them."""
+    """Row of the CSV file: a candidate in one round, or in all rounds."""
 
     candidate: str
     round: str
     rate: float
-    """[Hz]"""
+    """Samples per second [Hz]"""
     published: int
     lost: int
     median_ms: float
@@ -53,20 +54,20 @@ class Line(NamedTuple):
     p999_ms: float
     max_ms: float
     cpu_us: float
-    """Per sample, of the node's process"""
+    """Processor time [µs] per sample of the node's process"""
     cpu_children_us: float
     slip_median_ms: float
     slip_p99_ms: float
     slip_p999_ms: float
     slip_max_ms: float
     others_percent: float
-    """Of the machine's processor time"""
+    """Share of the machine's processor time that other processes took"""
 
 
 def compare(
     driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: Callable[[int, int], None]
 ) -> list[Part]:
-    """All candidates, `duration` [s] at `rate` [Hz] per round; `advance` is told how many runs are done.
+    """Run all candidates at `rate` [Hz] for `duration` [s] per round; `advance` takes the runs done and their number.
 
     Raises:
         UsageError: a node failed.
@@ -81,33 +82,33 @@ def compare(
 
 
 def measured(driver: Driver, work: Path, candidate: Candidate, number: int, rate: float, duration: float) -> Part:
-    """One run."""
+    """Run one candidate in one round."""
     with running(candidate, driver, work) as node:
         driver.run(rate, round(WARM_UP * rate))
         before = snapshot(node.process.pid)
         run = driver.run(rate, round(duration * rate))
         after = snapshot(node.process.pid)
-    forget(work)
+    shutil.rmtree(work)
     return Part(number, candidate, run, between(before, after))
 
 
 def pooled(parts: Iterable[Part], candidate: Candidate) -> list[Part]:
-    """The parts of a candidate."""
+    """Parts of a candidate."""
     return [part for part in parts if part.candidate == candidate]
 
 
 def latencies(parts: Iterable[Part]) -> list[int]:
-    """[ns] of all parts."""
+    """Latencies [ns] of all parts."""
     return [latency for part in parts for latency in part.run.latencies]
 
 
 def slips(parts: Iterable[Part]) -> list[int]:
-    """[ns] of all parts."""
+    """Times [ns] by which samples were published late, of all parts."""
     return [slip for part in parts for slip in part.run.slips]
 
 
 def line(parts: Sequence[Part], rate: float) -> Line:
-    """A row of figures of one part, or of a candidate's parts in all rounds."""
+    """Row of the CSV file for one part, or for a candidate's parts in all rounds."""
     published = sum(part.run.published for part in parts)
     return Line(
         parts[0].candidate.name,
@@ -124,34 +125,35 @@ def line(parts: Sequence[Part], rate: float) -> Line:
 
 
 def lines(parts: Sequence[Part], rate: float) -> list[Line]:
-    """A row for every part, then, if there is more than one round, one for every candidate."""
+    """Rows of the CSV file: one for every part and, if there are several rounds, one for every candidate."""
     of_candidates = [pooled(parts, candidate) for candidate in CANDIDATES]
-    found = [line([part], rate) for each in of_candidates for part in each]
-    return found + [line(each, rate) for each in of_candidates if len(each) > 1]
+    single = [line([part], rate) for each in of_candidates for part in each]
+    return single + [line(each, rate) for each in of_candidates if len(each) > 1]
 
 
 def page(parts: Sequence[Part], rate: float, duration: float) -> Page:
-    """What the study says."""
+    """Page of the comparison, with its data."""
     about: list[list[Cell]] = [[candidate.name, candidate.about] for candidate in CANDIDATES]
+    summary = [line(pooled(parts, candidate), rate) for candidate in CANDIDATES]
     introduction = INTRODUCTION.strip().format(rate=rate, duration=duration)
     return Page(
         "Latency",
         introduction,
         (
             Sheet("Candidates", ("candidate", "what it does"), about, prose=True),
-            latency_sheet([line(pooled(parts, candidate), rate) for candidate in CANDIDATES]),
+            latency_sheet(summary),
             ratio_sheet(parts),
-            slip_sheet([line(pooled(parts, candidate), rate) for candidate in CANDIDATES]),
+            slip_sheet(summary),
         ),
         Line._fields,
         lines(parts, rate),
     )
 
 
-def latency_sheet(found: Sequence[Line]) -> Sheet:
-    """A row per candidate."""
+def latency_sheet(summary: Sequence[Line]) -> Sheet:
+    """Table of latencies, losses and processor times: a row per candidate."""
     rows: list[list[Cell]] = []
-    for each in found:
+    for each in summary:
         times = [milliseconds(time) for time in (each.median_ms, each.p99_ms, each.p999_ms, each.max_ms)]
         children = f" + {each.cpu_children_us:.0f}" if each.cpu_children_us else ""
         rows.append([each.candidate, *times, str(each.lost), f"{each.cpu_us:.0f}{children}"])
@@ -160,7 +162,7 @@ def latency_sheet(found: Sequence[Line]) -> Sheet:
 
 
 def ratio_sheet(parts: Sequence[Part]) -> Sheet:
-    """Every candidate over the bare node: round by round for ours, all rounds together for the others."""
+    """Table of ratios to the bare node: round by round for ours, all rounds together for the others."""
     rows: list[list[Cell]] = []
     numbers = sorted({part.round for part in parts})
     for number in numbers if len(numbers) > 1 else ():
@@ -173,19 +175,19 @@ def ratio_sheet(parts: Sequence[Part]) -> Sheet:
 
 
 def over_bare(parts: Sequence[Part], candidate: Candidate) -> Figures:
-    """Figures of a candidate over those of the bare node."""
+    """Figures of a candidate's latency over those of the bare node."""
     return ratios(figures(latencies(pooled(parts, candidate))), figures(latencies(pooled(parts, BARE))))
 
 
-def ratio_cells(found: Figures) -> list[Cell]:
-    """The largest is one sample's chance: it is left out."""
-    return [ratio(each) for each in found[:3]]
+def ratio_cells(relative: Figures) -> list[Cell]:
+    """Cells of the ratios, without the largest latency, which is one sample's chance."""
+    return [ratio(each) for each in relative[:3]]
 
 
-def slip_sheet(found: Sequence[Line]) -> Sheet:
-    """A row per candidate."""
+def slip_sheet(summary: Sequence[Line]) -> Sheet:
+    """Table of how late samples were published: a row per candidate."""
     rows: list[list[Cell]] = []
-    for each in found:
+    for each in summary:
         times = (each.slip_median_ms, each.slip_p99_ms, each.slip_p999_ms, each.slip_max_ms)
         rows.append([each.candidate, *map(milliseconds, times), f"{each.others_percent:.0f}"])
     return Sheet("The measuring process", ("late by [ms]", "median", "p99", "p99.9", "max", "others [%]"), rows, SLIPS)

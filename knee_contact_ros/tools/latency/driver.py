@@ -9,7 +9,7 @@ import gc
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
 import rclpy
@@ -27,55 +27,55 @@ from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.tools.latency.samples import Sample, samples
 
 START = 300.0
-"""How long [s] a node may take to appear; ours may have to compile first"""
+"""Time [s] within which a node must answer; ours may have to compile first"""
 DISAPPEARANCE = 60.0
-"""How long [s] a node may be seen after its end"""
+"""Time [s] within which an ended node must disappear from the ROS graph"""
 LAST_ANSWERS = 1.0
-"""How long [s] nothing must come before what is missing is lost"""
+"""Time [s] without an answer after which the missing ones count as lost"""
 CHECK = 0.05
-"""How often [s] to look while waiting"""
+"""Time [s] between two checks of a condition that is waited for"""
 KNOCK_RATE = 100.0
-"""[Hz] of the samples that find out whether a node hears and is heard"""
+"""Rate [Hz] of the samples that find out whether a node hears and is heard"""
 QOS = QoSProfile(depth=10_000)
-"""What a busy receiver has not taken yet must not be lost here."""
+"""QoS profile of the driver: what a busy receiver has not taken yet must not be lost here"""
 
 
 class Run(NamedTuple):
-    """What became of a number of samples at some rate."""
+    """Outcome of a number of samples that were published at some rate."""
 
     published: int
     latencies: list[int]
-    """[ns] from just before publishing a force to receiving its answer, in the order of the answers"""
+    """Times [ns] from just before publishing a force to receiving its answer, in the order of the answers"""
     slips: list[int]
-    """[ns] by which this process was late in publishing"""
+    """Times [ns] by which this process was late in publishing"""
     sending: float
-    """[s] from the first to the last publishing"""
+    """Time [s] from the first to the last publishing"""
     tail: float
-    """[s] from the last publishing to the last answer"""
+    """Time [s] from the last publishing to the last answer"""
 
     @property
     def lost(self) -> int:
-        """Samples without an answer."""
+        """Number of samples without an answer."""
         return self.published - len(self.latencies)
 
     @property
     def published_rate(self) -> float:
-        """How many a second [Hz] were published."""
+        """Rate [Hz] at which samples were published."""
         return (self.published - 1) / self.sending
 
 
 class Feed(NamedTuple):
-    """What a driver publishes."""
+    """Topics and samples that a driver publishes."""
 
     force_topic: str = JOINT_REACTION_FORCE
     samples: Callable[[float, int], Iterator[Sample]] = samples
-    """At a rate [Hz], from a stamp [ns] on"""
+    """Builds samples at a rate [Hz], stamped from a stamp [ns] on"""
     peers: tuple[int, int, int] = (1, 1, 1)
-    """Who is to listen to angles and forces, and who to answer"""
+    """Numbers of subscribers to angles and to forces, and of publishers of answers, once the node is there"""
 
 
 class Driver:
-    """Publishes samples and listens to answers."""
+    """Node of the measuring process, which publishes samples and receives the answers."""
 
     def __init__(self, node: Node, executor: Any, feed: Feed = Feed()) -> None:  # noqa: B008  (it cannot change)
         self._node = node
@@ -91,7 +91,7 @@ class Driver:
         self._spinning = self._interrupted = False
 
     def wait_for_node(self, check: Callable[[], None]) -> None:
-        """Wait until the one node is there and answers; `check` raises if it has died.
+        """Wait until the one node is there and answers; `check` raises if the node has ended.
 
         Raises:
             UsageError: it does not answer in time.
@@ -159,13 +159,13 @@ class Driver:
             self._last = now
 
     def _wait_for_answers(self) -> None:
-        """Until all are there, or nothing has come for a while."""
+        """Wait until all answers are there, or nothing has come for `LAST_ANSWERS`."""
         since = time.perf_counter_ns()
         while self._waiting and time.perf_counter_ns() - max(since, self._last) < LAST_ANSWERS * 1e9:
             self._spin(CHECK)
 
     def _knock(self) -> bool:
-        """Whether a sample is answered."""
+        """Publish one sample, and return whether it is answered."""
         self._waiting, self._latencies = {}, []
         self._publish_all(self._feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
         end = time.monotonic() + 2.0 * CHECK
@@ -174,12 +174,12 @@ class Driver:
         return bool(self._latencies)
 
     def _peers(self) -> list[int]:
-        """Who listens to the two inputs, and who speaks."""
+        """Count the subscribers to both inputs, and the publishers of answers."""
         listening = [publisher.get_subscription_count() for publisher in (self._angle, self._force)]
         return [*listening, self._node.count_publishers(KNEE_CONTACT)]
 
     def _spin(self, seconds: float) -> None:
-        """Handle an event; Ctrl-C meanwhile counts behind it, for the executor logs what is raised within."""
+        """Handle one event; Ctrl-C meanwhile is raised behind it, for the executor logs what is raised within."""
         self._spinning = True
         self._executor.spin_once(timeout_sec=seconds)
         self._spinning = False
@@ -187,7 +187,7 @@ class Driver:
             raise KeyboardInterrupt
 
     def on_interrupt(self, _number: int, _frame: object) -> None:
-        """Take SIGINT."""
+        """Handle SIGINT."""
         self._interrupted = True
         if not self._spinning:
             raise KeyboardInterrupt
@@ -196,14 +196,9 @@ class Driver:
 AnyDriver = TypeVar("AnyDriver", bound=Driver)
 
 
-def driver() -> AbstractContextManager[Driver]:
-    """The driver, in the ROS graph that the environment tells."""
-    return joined(Driver)
-
-
 @contextmanager
 def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
-    """A driver of some kind, likewise."""
+    """Join the ROS graph of the environment with a driver of a kind, which handles SIGINT until it leaves."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_latency")
     executor = executor_of(node)

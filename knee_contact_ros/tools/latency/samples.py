@@ -1,4 +1,4 @@
-"""What the nodes are fed with: the bundled gait at any rate, forth and back without a leap, for ever."""
+"""Samples that the nodes are fed with: the bundled gait at any rate, forth and back without a leap, for ever."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.parameters.schema import Knee, Load
 
 _START = struct.Struct("<4siI")
-"""How each message begins: representation and stamp; the rest does not depend on the stamp"""
+"""Beginning of each message: representation and stamp; the rest does not depend on the stamp"""
 
 
 class Sample(NamedTuple):
-    """An angle and a force of one moment."""
+    """An angle and a force with the same stamp, serialised."""
 
     stamp: int
-    """[ns]"""
+    """Stamp [ns]"""
     angle: bytes
-    """A JointState"""
+    """Serialised JointState"""
     force: bytes
-    """A WrenchStamped"""
+    """Serialised WrenchStamped"""
 
 
 def samples(rate: float, first: int) -> Iterator[Sample]:
-    """Samples at `rate` [Hz], stamped from `first` [ns] on."""
+    """Samples at `rate` [Hz] without end, stamped from `first` [ns] on."""
     stamp, step = first, round(SECOND / rate)
     for angle, force in cycle(rests(rate)):
         start = _START.pack(b"\x00\x01\x00\x00", *divmod(stamp, SECOND))
@@ -40,16 +40,16 @@ def samples(rate: float, first: int) -> Iterator[Sample]:
 
 @lru_cache(maxsize=2)
 def rests(rate: float) -> list[tuple[bytes, bytes]]:
-    """Both messages behind their stamps, for the whole way forth and back at `rate` [Hz]."""
+    """Both messages without their beginnings, for one way forth and back at `rate` [Hz]."""
     time, angle, load = gait("right")
     velocity, axial = np.gradient(angle, time), -load / Load().share
     length = float(time[-1] - time[0])
     passed = np.arange(round(2.0 * length * rate)) / rate
     at = time[0] + np.minimum(passed, 2.0 * length - passed)
-    found = []
+    messages = []
     columns = [np.interp(at, time, each).tolist() for each in (angle, velocity, axial)]
     for position, speed, force in zip(*columns, strict=True):
         state = JointState(0, "", (Knee().joint_name,), (position,), (speed,), ())
         wrench = WrenchStamped(0, "tibia_r", (0.0, force, 0.0), (0.0, 0.0, 0.0))
-        found.append((encode_joint_state(state)[_START.size :], encode_wrench_stamped(wrench)[_START.size :]))
-    return found
+        messages.append((encode_joint_state(state)[_START.size :], encode_wrench_stamped(wrench)[_START.size :]))
+    return messages

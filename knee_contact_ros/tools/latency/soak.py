@@ -1,7 +1,8 @@
-"""A long run of our node alone: what it holds in memory, and whether it recorded what its samples give offline."""
+"""A long run of our node alone: its memory, and whether its recording equals what its samples give offline."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -12,18 +13,18 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import RECORDING
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, forget, running
+from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, running
 from knee_contact_ros.tools.latency.driver import Driver
 from knee_contact_ros.tools.latency.figures import figures
 from knee_contact_ros.tools.latency.report import Cell, Page, Sheet, milliseconds
 from knee_contact_ros.tools.latency.usage import Usage, between, snapshot
 
 PERIOD = 10_000
-"""Ticks from one look at the memory to the next"""
+"""Ticks between two looks at the memory"""
 WARM_UP = 50_000
 """Ticks after which memory must not grow"""
 PATIENCE = 1200.0
-"""How long [s] the node may take to complete its files"""
+"""Time [s] within which the node must complete its files"""
 MB = 1e6
 NODE = "node"
 Advance = Callable[[int, int], None]
@@ -35,34 +36,34 @@ bytes of its `knee_contact` messages are compared.
 
 
 class Moment(NamedTuple):
-    """After a number of ticks."""
+    """Memory, losses and latencies after a number of ticks."""
 
     ticks: int
     resident_mb: float
-    """Of the node's process"""
+    """Resident memory [MB] of the node's process"""
     children: tuple[Usage, ...]
-    """Its child processes"""
+    """The node's child processes"""
     lost: int
-    """So far"""
+    """Samples without an answer so far"""
     published_rate: float
-    """[Hz] since the moment before, as the other figures"""
+    """Rate [Hz] since the moment before, as all further fields"""
     median_ms: float
     p99_ms: float
     p999_ms: float
     max_ms: float
     others_percent: float
-    """What others took of the machine meanwhile"""
+    """Share of the machine's processor time that other processes took"""
 
 
 class Comparison(NamedTuple):
-    """A recording beside the same samples computed offline."""
+    """Differences between a recording and the same samples computed offline."""
 
     recorded: int
-    """Answers in the recording"""
+    """Number of answers in the recording"""
     computed: int
-    """Answers offline"""
+    """Number of answers offline"""
     different: int
-    """Answers whose bytes or stamps differ, or that one of the two lacks"""
+    """Number of answers whose bytes or stamps differ, or that one of the two lacks"""
 
 
 def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> list[Moment]:
@@ -93,21 +94,21 @@ def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advan
 
 
 def computed_again(work: Path, advance: Advance) -> Comparison:
-    """Compute the recording offline and compare.
+    """Compute the recording offline, compare both, and remove the files.
 
     Raises:
         UsageError: the recording cannot be used.
     """
     recording, offline = work / NODE / RECORDING, work / "offline.mcap"
     solve(recording, load_parameters([PARAMETERS]), offline, advance)
-    found = compare(recording, offline)
+    comparison = compare(recording, offline)
     offline.unlink()
-    forget(work / NODE)
-    return found
+    shutil.rmtree(work / NODE)
+    return comparison
 
 
 def compare(recording: Path, offline: Path) -> Comparison:
-    """Compare all answers of two recordings."""
+    """Compare all answers of two recordings, in their order."""
     types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
     recorded = computed = different = 0
     with BagReader(recording, types) as one, BagReader(offline, types) as other:
@@ -124,7 +125,7 @@ def warm(moments: Sequence[Moment]) -> Sequence[Moment]:
 
 
 def page(rate: float, moments: Sequence[Moment], compared: Comparison) -> Page:
-    """What the study says."""
+    """Page of the long run, with its data."""
     counted, last = warm(moments), moments[-1]
     first, largest = counted[0].resident_mb, max(moment.resident_mb for moment in counted)
     rows: list[list[Cell]] = [
@@ -148,5 +149,5 @@ def page(rate: float, moments: Sequence[Moment], compared: Comparison) -> Page:
 
 
 def in_short(children: Sequence[Usage]) -> str:
-    """Number of each process, and its memory [MB]."""
+    """Format the process number and memory [MB] of every child process."""
     return ", ".join(f"{child.process}: {child.resident / MB:.1f}" for child in children)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -10,27 +11,27 @@ from statistics import mean, median
 from typing import NamedTuple
 
 from knee_contact_ros.system.processes import Child
-from knee_contact_ros.tools.latency.candidates import BARE, CANDIDATES, Candidate, forget, rotated, running
+from knee_contact_ros.tools.latency.candidates import BARE, CANDIDATES, Candidate, rotated, running
 from knee_contact_ros.tools.latency.driver import Driver, Run
 from knee_contact_ros.tools.latency.figures import figures
 from knee_contact_ros.tools.latency.report import Cell, Page, Sheet, ratio
 from knee_contact_ros.tools.latency.usage import between, snapshot
 
 FIRST = 500.0
-"""[Hz]"""
+"""Rate [Hz] at which a search begins"""
 FACTOR = 1.25
-"""From a rate to the next one"""
+"""Ratio of each rate to the one before"""
 BISECTIONS = 2
 STEP = 3.0
-"""How long [s] a rate is tried"""
+"""Time [s] for which a rate is tried"""
 TRIES = 2
-"""A rate is not sustained if it fails so often in a row: the machine has other things to do at times."""
+"""Failures in a row after which a rate is not sustained: the machine has other things to do at times"""
 SOON = 0.05
-"""[s] within which the median sample and the last one must be answered"""
+"""Time [s] within which the median sample and the last one must be answered"""
 PUNCTUAL = 0.98
-"""Share of the rate that must have been published"""
+"""Share of a rate at which samples must have been published"""
 HIGHEST = 100_000.0
-"""[Hz] No machine gets there; so that the search ends"""
+"""Rate [Hz] that no machine reaches, at which the search ends"""
 SUSTAINED, NODE, SENDER = "sustained", "node", "sender"
 INTRODUCTION = """
 A rate is sustained if every sample of {step:g} s is answered, the last one and the median one within {soon:g} ms, and
@@ -42,26 +43,26 @@ more). A candidate is started anew for every round.
 
 
 class Step(NamedTuple):
-    """One rate tried."""
+    """One attempt at a rate."""
 
     round: int
     candidate: str
     rate: float
-    """[Hz] asked for"""
+    """Rate [Hz] at which samples were due"""
     published_rate: float
-    """[Hz]"""
+    """Rate [Hz] at which samples were published"""
     published: int
     lost: int
     median_ms: float
     tail_ms: float
-    """From the last publishing to the last answer"""
+    """Time [ms] from the last publishing to the last answer"""
     verdict: str
     others_percent: float
-    """What others took of the machine meanwhile"""
+    """Share of the machine's processor time that other processes took"""
 
 
 def search(attempt: Callable[[float], Step]) -> list[Step]:
-    """All steps of a search for the highest rate [Hz]."""
+    """Search the highest sustained rate [Hz], and return all attempts."""
     steps, low, rate = [], 0.0, FIRST
     while rate < HIGHEST:
         tried = several(attempt, rate)
@@ -81,7 +82,7 @@ def search(attempt: Callable[[float], Step]) -> list[Step]:
 
 
 def several(attempt: Callable[[float], Step], rate: float) -> list[Step]:
-    """Attempts at a rate until it is sustained, or has failed often enough."""
+    """Try a rate [Hz] until it is sustained, or has failed `TRIES` times."""
     steps: list[Step] = []
     while len(steps) < TRIES and not (steps and steps[-1].verdict == SUSTAINED):
         steps.append(attempt(rate))
@@ -89,7 +90,7 @@ def several(attempt: Callable[[float], Step], rate: float) -> list[Step]:
 
 
 def judged(run: Run, rate: float) -> str:
-    """What became of a rate [Hz]."""
+    """Verdict on a run at a rate [Hz]: `SUSTAINED`, or whether `NODE` or `SENDER` was the limit."""
     if run.published_rate < PUNCTUAL * rate:
         return SENDER
     keeps_up = run.tail <= SOON and 1e-3 * figures(run.latencies).median <= SOON
@@ -97,7 +98,7 @@ def judged(run: Run, rate: float) -> str:
 
 
 def attempt_at(driver: Driver, node: Child, candidate: Candidate, number: int, rate: float) -> Step:
-    """Try a rate [Hz]."""
+    """Try a rate [Hz] once with a node that is running."""
     before = snapshot(node.process.pid)
     run = driver.run(rate, round(STEP * rate))
     taken = between(before, snapshot(node.process.pid))
@@ -108,7 +109,7 @@ def attempt_at(driver: Driver, node: Child, candidate: Candidate, number: int, r
 
 
 def find_rates(driver: Driver, work: Path, rounds: int, advance: Callable[[int, int], None]) -> list[Step]:
-    """All candidates in turn, round after round; `advance` is told how many searches are done.
+    """Search the rates of all candidates, round after round; `advance` takes the searches done and their number.
 
     Raises:
         UsageError: a node failed.
@@ -120,18 +121,18 @@ def find_rates(driver: Driver, work: Path, rounds: int, advance: Callable[[int, 
             with running(candidate, driver, work / "node") as node:
                 driver.run(FIRST, round(FIRST))
                 steps += search(partial(attempt_at, driver, node, candidate, number + 1))
-            forget(work / "node")
+            shutil.rmtree(work / "node")
     return steps
 
 
 def highest(steps: Iterable[Step], candidate: Candidate, number: int) -> float:
-    """The highest rate [Hz] that a candidate sustained in a round; 0 if there is none."""
+    """Highest rate [Hz] that a candidate sustained in a round; 0 if there is none."""
     mine = [step for step in steps if step.candidate == candidate.name and step.round == number]
     return max((step.rate for step in mine if step.verdict == SUSTAINED), default=0.0)
 
 
 def limit(steps: Iterable[Step], candidate: Candidate, number: int) -> str:
-    """What was behind the lowest rate that a candidate did not sustain in a round: of one attempt or of both."""
+    """Verdicts on the lowest rate that a candidate did not sustain in a round."""
     best = highest(steps, candidate, number)
     mine = [step for step in steps if step.candidate == candidate.name and step.round == number and step.rate > best]
     lowest = min((step.rate for step in mine), default=0.0)
@@ -139,7 +140,7 @@ def limit(steps: Iterable[Step], candidate: Candidate, number: int) -> str:
 
 
 def page(steps: Sequence[Step]) -> Page:
-    """What the study says."""
+    """Page of the sustained rates, with its data."""
     numbers = sorted({step.round for step in steps})
     rows: list[list[Cell]] = []
     for candidate in CANDIDATES:

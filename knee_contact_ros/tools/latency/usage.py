@@ -1,4 +1,4 @@
-"""What processes take, as the kernel tells in /proc."""
+"""Processor time and memory of processes, read from /proc."""
 
 from __future__ import annotations
 
@@ -12,61 +12,61 @@ PROC = Path("/proc")
 
 
 class Usage(NamedTuple):
-    """What one process uses."""
+    """Processor time and memory of one process."""
 
     process: int
     parent: int
     cpu: float
-    """[s] of all its threads, in user and system mode"""
+    """Processor time [s] of all its threads, in user and system mode"""
     cpu_ended: float
-    """[s] of those of its children that have ended"""
+    """Processor time [s] of those of its children that have ended"""
     resident: int
-    """[B]"""
+    """Resident memory [B]"""
 
 
 class Snapshot(NamedTuple):
-    """What a process, its children, and the whole machine have used so far."""
+    """Processor time and memory of a process, its children, and the whole machine so far."""
 
     family: list[Usage]
     """The process, then its children, their children and so on"""
     cpu_of_all: float
-    """[s] What a process took that has ended is its parent's"""
+    """Processor time [s] of all processes; that of an ended process is its parent's"""
     own: float
-    """CPU time [s] of this process"""
+    """Processor time [s] of this process"""
     at: float
-    """[s]"""
+    """Time [s] of the snapshot, by a clock of its own"""
 
 
 class Taken(NamedTuple):
-    """Between two snapshots; only of processes that were there all the time."""
+    """Processor time between two snapshots, of processes that existed all the time."""
 
     cpu: float
-    """[s] of the process"""
+    """Processor time [s] of the process"""
     cpu_children: float
-    """[s] of its children together"""
+    """Processor time [s] of its children together"""
     others: float
-    """[s] of all processes but these and this one"""
+    """Processor time [s] of all processes but these and this one"""
     machine: float
-    """[s] that all processors together had"""
+    """Processor time [s] that the machine had in all"""
 
     @property
     def others_percent(self) -> float:
-        """What others took of the machine."""
+        """Share of the machine's processor time that other processes took."""
         return 1e2 * self.others / self.machine
 
 
 def snapshot(process: int) -> Snapshot:
-    """What a process has taken so far, and all; nothing is said of a process that has ended."""
-    found = processes()
-    family = [process] if process in found else []
+    """Take a snapshot of a process and of the machine; a process that has ended has no family."""
+    usages = processes()
+    family = [process] if process in usages else []
     for member in family:  # it grows meanwhile
-        family += sorted(number for number, usage in found.items() if usage.parent == member)
-    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in found.values())
-    return Snapshot([found[member] for member in family], cpu_of_all, process_time(), perf_counter())
+        family += sorted(number for number, usage in usages.items() if usage.parent == member)
+    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in usages.values())
+    return Snapshot([usages[member] for member in family], cpu_of_all, process_time(), perf_counter())
 
 
 def between(before: Snapshot, after: Snapshot) -> Taken:
-    """What was taken from one snapshot to a later one."""
+    """Compute what was used from one snapshot to a later one."""
     earlier = {usage.process: usage.cpu for usage in before.family}
     cpu = [usage.cpu - earlier[usage.process] for usage in after.family if usage.process in earlier] or [0.0]
     others = after.cpu_of_all - before.cpu_of_all - (after.own - before.own) - sum(cpu)
@@ -75,17 +75,17 @@ def between(before: Snapshot, after: Snapshot) -> Taken:
 
 
 def processes() -> dict[int, Usage]:
-    """All processes by their numbers."""
-    found = {}
+    """Usage of all processes, by their numbers."""
+    usages = {}
     for folder in PROC.iterdir():
         if folder.name.isdigit():
             with suppress(OSError):  # it has ended meanwhile
-                found[int(folder.name)] = read(int(folder.name))
-    return found
+                usages[int(folder.name)] = read(int(folder.name))
+    return usages
 
 
 def read(process: int) -> Usage:
-    """What a process takes.
+    """Read the usage of a process.
 
     Raises:
         OSError: no such process.

@@ -1,4 +1,4 @@
-"""What an error costs: the cheapest runs."""
+"""The frontier of work and precision: the cheapest runs that reach an error."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from knee_contact_ros.tools.work_precision.ours import NAME
 from knee_contact_ros.tools.work_precision.solver import LOOP, MODES, STREAM, WHOLE
 from knee_contact_ros.tools.work_precision.study import Row
 
+ASKED = 1e-8
+"""Error [m] at which tables, targets and the picture compare times"""
 COUNTED = {WHOLE: MODES, LOOP: (LOOP, STREAM), STREAM: (STREAM,)}
-"""What counts for a way of running: who knows less, or is called more often, may do so where that is the cheaper way"""
+"""Modes whose runs count for a mode: a solver may know less, or be called more often, where that is cheaper"""
 
 
 def of(rows: Iterable[Row], problem: str, mode: str) -> list[Row]:
-    """The runs of a problem that count for a way of running: a streamed run also is a whole run."""
+    """Runs of a problem that count for a mode and did not fail; a streamed run also counts as a whole run."""
     return [row for row in rows if row.problem == problem and row.mode in COUNTED[mode] and not row.failure]
 
 
@@ -26,7 +28,8 @@ def quickest(rows: Iterable[Row], error: float) -> Row | None:
 
 def cheapest(rows: Iterable[Row], error: float) -> float:
     """Time per tick [µs] of the cheapest run with at most this error [m]; nan if there is none."""
-    return min((row.microseconds_per_tick for row in rows if row.error <= error), default=math.nan)
+    row = quickest(rows, error)
+    return row.microseconds_per_tick if row else math.nan
 
 
 def best_error(rows: Iterable[Row]) -> float:
@@ -34,22 +37,13 @@ def best_error(rows: Iterable[Row]) -> float:
     return min((row.error for row in rows), default=math.nan)
 
 
-def envelope(rows: Sequence[Row]) -> list[tuple[float, float]]:
-    """Errors [m] and times per tick [µs] of the runs that no other run beats in both, by falling error."""
-    points: list[tuple[float, float]] = []
-    for row in sorted(rows, key=lambda each: (each.microseconds_per_tick, each.error)):
-        if not points or row.error < points[-1][0]:
-            points.append((row.error, row.microseconds_per_tick))
-    return points
-
-
 def line_name(row: Row) -> str:
-    """Whose line a run belongs to: one per peer, and one per level of ours."""
+    """Name of the line that a run belongs to: there is one per peer, and one per level of ours."""
     return row.solver if row.peer == NAME else row.peer
 
 
 def line_names(rows: Iterable[Row]) -> list[str]:
-    """All of them, ours first."""
+    """Names of the lines of some runs, ours first."""
     names = dict.fromkeys(line_name(row) for row in rows)
     return sorted(names, key=lambda name: not is_ours(name))
 
@@ -60,11 +54,11 @@ def is_ours(name: str) -> bool:
 
 
 def growth(rows: Sequence[Row], coarse: float, fine: float) -> float:
-    """Exponent p of cost = error^-p between two errors [m], from the envelope; nan if one is not reached."""
+    """Exponent p of cost = error^-p between two errors [m], by the cheapest runs; nan if one is not reached."""
     ratio = cheapest(rows, fine) / cheapest(rows, coarse)
     return math.log(ratio) / math.log(coarse / fine)
 
 
 def multiple(ratio: float) -> str:
-    """A ratio with two digits: 6.1x, 42x, 1300x."""
+    """Format a ratio with two digits: 6.1x, 42x, 1300x."""
     return f"{float(f'{ratio:.2g}'):g}x"

@@ -1,22 +1,91 @@
-"""The motion as first-order equations of the state (depth [m], rate [m/s]), for solvers that take a Python function."""
+"""The contact law and the motion in plain Python, as a user writes them for a solver that takes a Python function.
+
+The motion is first-order equations of the state: depth [m] and rate [m/s].
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from knee_contact_ros.tools.work_precision.law import Load, contact_force, force_gradient
-from knee_contact_ros.tools.work_precision.problems import Problem
+import numpy as np
 
+from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
+
+Force = Callable[[float, float], float]
+"""From depth [m] and its rate [m/s] to the force [N], never below 0"""
+Gradient = Callable[[float, float], tuple[float, float]]
+"""From depth [m] and its rate [m/s] to the force's derivatives by depth [N/m] and by rate [N s/m]"""
+Load = Callable[[float], float]
+"""From time [s] to the load [N]"""
 State = Sequence[float]
 Motion = Callable[[float, State], tuple[float, float]]
 Matrix = list[list[float]]
 Jacobian = Callable[[float, State], Matrix]
 
 DEPTH_SCALE, RATE_SCALE = 1e-3, 1e-1
-"""What an absolute tolerance is relative to [m], [m/s]: depths and rates that occur"""
+"""Depth [m] and rate [m/s] to which absolute tolerances are relative: those that occur"""
 RATE_UNIT = DEPTH_SCALE / RATE_SCALE
-"""[s]: a rate times this has the depth's scale, for tools that take one absolute tolerance for all"""
+"""Time [s] that scales rates to depths, for tools that take one absolute tolerance for all of the state"""
+
+
+def contact_force(problem: Problem) -> Force:
+    """Build the contact law of a problem: 0 N when apart, and 0 N where the formula would pull."""
+    stiffness, damping = problem.stiffness, problem.damping
+
+    def one_layer(depth: float, rate: float) -> float:
+        if depth <= 0.0:
+            return 0.0
+        force = stiffness * depth**EXPONENT + damping * rate
+        return force if force > 0.0 else 0.0
+
+    if not problem.layered:
+        return one_layer
+    begin, base, stiffness_2 = problem.layer_depth, problem.layer_force, problem.stiffness_2
+    damping_1 = problem.first_damping
+
+    def two_layers(depth: float, rate: float) -> float:
+        if depth <= 0.0:
+            return 0.0
+        if depth <= begin:
+            force = stiffness * depth**EXPONENT + damping_1 * rate
+        else:
+            force = base + stiffness_2 * (depth - begin) ** EXPONENT + damping * rate
+        return force if force > 0.0 else 0.0
+
+    return two_layers
+
+
+def force_gradient(problem: Problem) -> Gradient:
+    """Build the derivatives of the contact law of a problem; they are 0 where the force is 0."""
+    force, begin = contact_force(problem), problem.layer_depth
+    damping_1, damping = problem.first_damping, problem.damping
+    slope_1, slope_2, power = EXPONENT * problem.stiffness, EXPONENT * problem.stiffness_2, EXPONENT - 1.0
+
+    def gradient(depth: float, rate: float) -> tuple[float, float]:
+        if force(depth, rate) <= 0.0:
+            return 0.0, 0.0
+        if depth <= begin:
+            return slope_1 * depth**power, damping_1
+        return slope_2 * (depth - begin) ** power, damping
+
+    return gradient
+
+
+def load_at(problem: Problem) -> Load:
+    """Build the load at any time: linear between the ticks, from tables."""
+    times: list[float] = problem.time.tolist()
+    loads: list[float] = problem.load.tolist()
+    slopes: list[float] = (np.diff(problem.load) / np.diff(problem.time)).tolist()
+    last = len(slopes) - 1
+
+    def load(time: float) -> float:
+        i = bisect_right(times, time) - 1
+        i = 0 if i < 0 else last if i > last else i
+        return loads[i] + slopes[i] * (time - times[i])
+
+    return load
 
 
 def absolute_tolerances(tolerance: float) -> list[float]:
@@ -25,7 +94,7 @@ def absolute_tolerances(tolerance: float) -> list[float]:
 
 
 def motion(problem: Problem, load: Load) -> Motion:
-    """The right-hand side."""
+    """Build the right-hand side of a problem under a load."""
     force, inverse_mass = contact_force(problem), 1.0 / problem.mass
 
     def right_hand_side(time: float, state: State) -> tuple[float, float]:
@@ -36,7 +105,7 @@ def motion(problem: Problem, load: Load) -> Motion:
 
 
 def jacobian(problem: Problem) -> Jacobian:
-    """Its derivative by the state."""
+    """Build the derivative of the right-hand side of a problem by the state."""
     gradient, inverse_mass = force_gradient(problem), 1.0 / problem.mass
 
     def derivative(_time: float, state: State) -> Matrix:
@@ -47,23 +116,23 @@ def jacobian(problem: Problem) -> Jacobian:
 
 
 class Ramp:
-    """A load that knows the current tick only: what a streaming solver is given."""
+    """A load that knows the current tick only, for streaming solvers."""
 
     def __init__(self) -> None:
         self._begin, self._load, self._slope = 0.0, 0.0, 0.0
 
     def set(self, tick: Tick) -> None:
-        """From the beginning of a tick to its end."""
+        """Set the load to run from a tick's first load to its last."""
         self._begin, self._load = tick.begin, tick.start_load
         self._slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
 
     def __call__(self, time: float) -> float:
-        """The load [N]."""
+        """The load [N] at a time [s]."""
         return self._load + self._slope * (time - self._begin)
 
 
 class Tick(NamedTuple):
-    """From one sample to the next."""
+    """The interval from one sample to the next."""
 
     begin: float
     end: float
@@ -74,6 +143,6 @@ class Tick(NamedTuple):
 
 
 def ticks(problem: Problem) -> list[Tick]:
-    """One sample after another, length n - 1."""
+    """Ticks of a problem, length n - 1."""
     times, loads = problem.time.tolist(), problem.load.tolist()
     return [Tick(*row) for row in zip(times, times[1:], loads, loads[1:], strict=False)]

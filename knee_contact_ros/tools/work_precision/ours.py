@@ -1,7 +1,8 @@
-"""This package in the form in which the study takes every solver."""
+"""This package's solvers in the form in which the study takes every solver."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, half_decades, stopwatch
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, half_decades, stopwatch
 
 NAME = "knee-contact"
 LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
@@ -22,74 +23,63 @@ LAW = (
 
 
 def solvers() -> list[Solver]:
-    """One per level."""
+    """One solver per level."""
     settings = half_decades(4, 12)
     return [
-        Solver(solver_name(level), NAME, LAW, settings, whole(level), stream(level), loop(level)) for level in LEVELS
+        Solver(solver_name(level), NAME, LAW, settings, *(partial(run, level) for run in (whole, stream, loop)))
+        for level in LEVELS
     ]
 
 
 def solver_name(level: str) -> str:
-    """As it appears in the tables."""
+    """Name of a level in the tables."""
     return f"{NAME} {level}"
 
 
-def whole(level: str) -> Run:
-    """`KneeModel.run`."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        model, angle = model_of(problem, level, setting), np.zeros_like(problem.time)
-        model.run(problem.time[:2], angle[:2], problem.load[:2])  # compiles
-        with stopwatch() as watch:
-            series = model.run(problem.time, angle, problem.load)
-        depth = np.asarray(series.penetration_depth - series.gap)
-        return Outcome(depth, watch.seconds, float(series.evaluations.sum()))
-
-    return run
+def whole(level: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with `KneeModel.run`."""
+    model, angle = model_of(problem, level, setting), np.zeros_like(problem.time)
+    model.run(problem.time[:2], angle[:2], problem.load[:2])  # compiles
+    with stopwatch() as watch:
+        series = model.run(problem.time, angle, problem.load)
+    depth = np.asarray(series.penetration_depth - series.gap)
+    return Outcome(depth, watch.seconds, float(series.evaluations.sum()))
 
 
-def stream(level: str) -> Run:
-    """`Stream.advance`."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        model = model_of(problem, level, setting)
-        ticks = model.stream()  # compiles
-        stamps = stamps_of(problem)
-        samples = list(zip(stamps.tolist(), problem.load.tolist(), strict=True))
-        depths: list[float] = []
-        depth, gap = (ticks.answer[name] for name in ("penetration_depth", "gap"))
-        with stopwatch() as watch:
-            for stamp, load in samples:
-                ticks.advance(stamp, 0.0, load)
-                depths.append(depth.item() - gap.item())
-        evaluations = model.stream().advance_all(stamps, np.zeros_like(problem.time), problem.load, None)["evaluations"]
-        return Outcome(np.array(depths), watch.seconds, float(evaluations.sum()))
-
-    return run
+def stream(level: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with a call of `Stream.advance` for every sample."""
+    model = model_of(problem, level, setting)
+    ticks = model.stream()  # compiles
+    stamps = stamps_of(problem)
+    samples = list(zip(stamps.tolist(), problem.load.tolist(), strict=True))
+    depths: list[float] = []
+    depth, gap = (ticks.answer[name] for name in ("penetration_depth", "gap"))
+    with stopwatch() as watch:
+        for stamp, load in samples:
+            ticks.advance(stamp, 0.0, load)
+            depths.append(depth.item() - gap.item())
+    evaluations = model.stream().advance_all(stamps, np.zeros_like(problem.time), problem.load, None)["evaluations"]
+    return Outcome(np.array(depths), watch.seconds, float(evaluations.sum()))
 
 
-def loop(level: str) -> Run:
-    """`Stream.advance_all`, which gives the records that `Stream.advance` gives."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        model, stamps, angle = model_of(problem, level, setting), stamps_of(problem), np.zeros_like(problem.time)
-        model.stream().advance_all(stamps[:2], angle[:2], problem.load[:2], None)  # compiles
-        ticks = model.stream()
-        with stopwatch() as watch:
-            answers = ticks.advance_all(stamps, angle, problem.load, None)
-            depth = answers["penetration_depth"] - answers["gap"]
-        return Outcome(depth, watch.seconds, float(answers["evaluations"].sum()))
-
-    return run
+def loop(level: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with `Stream.advance_all`, which gives the records that `Stream.advance` gives."""
+    model, stamps, angle = model_of(problem, level, setting), stamps_of(problem), np.zeros_like(problem.time)
+    model.stream().advance_all(stamps[:2], angle[:2], problem.load[:2], None)  # compiles
+    ticks = model.stream()
+    with stopwatch() as watch:
+        answers = ticks.advance_all(stamps, angle, problem.load, None)
+        depth = answers["penetration_depth"] - answers["gap"]
+    return Outcome(depth, watch.seconds, float(answers["evaluations"].sum()))
 
 
 def stamps_of(problem: Problem) -> NDArray[np.int64]:
-    """Time in whole nanoseconds, as ROS has it."""
+    """Stamps of a problem in whole nanoseconds, as ROS has them, shape (n,)."""
     return np.round(problem.time * 1e9).astype(np.int64)
 
 
 def model_of(problem: Problem, level: str, setting: Setting) -> KneeModel:
-    """The problem as a parameter file would describe it."""
+    """Build the model of a problem from the parameters that a file would hold."""
     law: dict[str, Any] = {"law": "kelvin_voigt"}
     if problem.layered:
         law = {

@@ -5,27 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from knee_contact_ros.tools.work_precision.law import Load
-from knee_contact_ros.tools.work_precision.motion import Motion, State
+from knee_contact_ros.tools.work_precision.motion import Load, Motion, State
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 
 Value = Callable[[float, State], float]
 
 
 class Piece(NamedTuple):
-    """Where the law is smooth."""
+    """A region of the state in which the law is smooth."""
 
     layer: int
-    """-1: apart"""
+    """Index of the layer; -1 when apart"""
     pressing: bool
-    """Else the formula would pull, and the force is 0"""
+    """Whether the force is the formula's; else the formula would pull, and the force is 0"""
 
 
 class End(NamedTuple):
-    """What ends a piece: a value that passes through 0."""
+    """An end of a piece: where a value passes through 0."""
 
     direction: int
-    """1: upwards"""
+    """1 if the value passes upwards, -1 downwards"""
     value: Value
     behind: Callable[[float, float], Piece]
     """The piece behind it at a depth [m] and rate [m/s]"""
@@ -36,14 +35,12 @@ class Pieces:
 
     def __init__(self, problem: Problem, load: Load) -> None:
         self._load, self._inverse_mass = load, 1.0 / problem.mass
-        damping_1 = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
-        self._layers = [(0.0, 0.0, problem.stiffness, damping_1)]
+        self._layers = [(0.0, 0.0, problem.stiffness, problem.first_damping)]
         if problem.layered:
-            base = problem.stiffness * problem.layer_depth**EXPONENT
-            self._layers.append((problem.layer_depth, base, problem.stiffness_2, problem.damping))
+            self._layers.append((problem.layer_depth, problem.layer_force, problem.stiffness_2, problem.damping))
 
     def formula(self, layer: int) -> Callable[[float, float], float]:
-        """The layer's force without the clamp; its derivatives do not jump at the layer's beginning."""
+        """Build a layer's force [N] without the clamp; its derivatives do not jump at the layer's beginning."""
         begin, base, stiffness, damping = self._layers[layer]
 
         def force(depth: float, rate: float) -> float:
@@ -61,7 +58,7 @@ class Pieces:
         return self.at(sum(begin < depth for begin, *_ in self._layers) - 1, depth, 0.0)
 
     def motion(self, piece: Piece) -> Motion:
-        """The right-hand side within a piece."""
+        """Build the right-hand side within a piece."""
         load, inverse_mass = self._load, self._inverse_mass
         if not piece.pressing:
             return lambda time, state: (state[1], load(time) * inverse_mass)
@@ -74,7 +71,7 @@ class Pieces:
         return right_hand_side
 
     def ends(self, piece: Piece) -> list[End]:
-        """What to watch within a piece."""
+        """List the ends of a piece."""
         ends = []
         layer = piece.layer
         if layer >= 0:
@@ -91,5 +88,5 @@ class Pieces:
 
 
 def through(begin: float) -> Value:
-    """Depth relative to a layer's beginning [m]."""
+    """Build the value that is the depth relative to a layer's beginning [m]."""
     return lambda _time, state: state[0] - begin

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.tools.work_precision import frontier
+from knee_contact_ros.tools.work_precision.frontier import ASKED
 from knee_contact_ros.tools.work_precision.ours import NAME
 from knee_contact_ros.tools.work_precision.peers import COMPILED
 from knee_contact_ros.tools.work_precision.problems import EVENTFUL, SMOOTH
@@ -20,8 +21,6 @@ COLOURS = {"CyRK": "#0072B2", "numbalsoda": "#D55E00", "diffrax": "#009E73"}
 """Okabe and Ito's, which colour-blind readers tell apart; all others share a grey"""
 GREY = "0.62"
 MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
-ASKED = 1e-8
-"""Error [m] that the tables go by"""
 WAYS = {STREAM: "each sample when it arrives", LOOP: "tick by tick, samples in memory", WHOLE: "whole series known"}
 KINDS = {"smooth": SMOOTH, "with events": EVENTFUL}
 ERRORS = np.logspace(-5, -11, 25)
@@ -34,7 +33,7 @@ KEY = (
 
 
 class Curve(NamedTuple):
-    """What errors cost with a tool."""
+    """Time per tick over the error that a tool reaches."""
 
     errors: list[float]
     """[m], falling"""
@@ -42,12 +41,12 @@ class Curve(NamedTuple):
     """[µs] per tick"""
 
     def at(self, error: float) -> float:
-        """Time [µs] at one of the errors; nan if that is not reached."""
+        """Time [µs] at an error [m]; nan if that is not one of the errors."""
         return next((time for each, time in zip(*self, strict=True) if math.isclose(each, error)), math.nan)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Write the picture."""
+    """Draw all panels and write the picture to a file."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,27 +57,27 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(kinds), len(WAYS), sharex=True, sharey=True, squeeze=False)
     for line, (kind, problems) in zip(axes, kinds.items(), strict=True):
-        for axis, (mode, way) in zip(line, WAYS.items(), strict=True):
+        for axis, (mode, title) in zip(line, WAYS.items(), strict=True):
             panel(axis, curves(rows, problems, mode))
-            axis.set_title(f"{way}\n", fontsize=10.5, fontweight="bold", loc="left")
+            axis.set_title(f"{title}\n", fontsize=10.5, fontweight="bold", loc="left")
         line[0].set_ylabel(f"{kind}: time per tick [µs]", fontweight="bold")
     for axis in axes[-1]:
         axis.set_xlabel("largest error of the depth")
     legend(figure, axes)
-    asked = "; ".join(f"{kind}: {' · '.join(names)}" for kind, names in kinds.items())
-    figure.supxlabel(KEY.format(problems=asked), fontsize=8, x=0.01, ha="left")
+    listed = "; ".join(f"{kind}: {' · '.join(names)}" for kind, names in kinds.items())
+    figure.supxlabel(KEY.format(problems=listed), fontsize=8, x=0.01, ha="left")
     figure.savefig(path, dpi=120)
 
 
 def curves(rows: Sequence[Row], problems: Sequence[str], mode: str) -> dict[str, Curve]:
-    """By tool, ours last: the geometric mean of some problems, as far as all of them are solved."""
+    """Curves by tool, ours last: geometric means over some problems, at the errors that all of them reach."""
     names = dict.fromkeys(row.peer for row in rows)
-    found = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
-    return {name: found[name] for name in sorted(found, key=lambda name: name == NAME) if found[name].errors}
+    by_tool = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
+    return {name: by_tool[name] for name in sorted(by_tool, key=lambda name: name == NAME) if by_tool[name].errors}
 
 
 def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
-    """Of one tool."""
+    """The curve of one tool's rows."""
     runs = [frontier.of(rows, problem, mode) for problem in problems]
     times = [[frontier.cheapest(each, error * (1.0 + 1e-9)) for each in runs] for error in ERRORS]
     means = [float(np.exp(np.mean(np.log(each)))) for each in times]
@@ -86,11 +85,11 @@ def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
     return Curve([float(ERRORS[i]) for i in reached], [means[i] for i in reached])
 
 
-def panel(axis: Any, found: dict[str, Curve]) -> None:
-    """One question."""
+def panel(axis: Any, by_tool: dict[str, Curve]) -> None:
+    """Draw one panel: the curves of all tools."""
     from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
-    for name, (errors, times) in found.items():
+    for name, (errors, times) in by_tool.items():
         axis.plot(
             errors, times, label=name, markevery=(min(MARK_FIRST.get(name, 0), len(times) - 1), 6), **style_of(name)
         )
@@ -107,13 +106,13 @@ def panel(axis: Any, found: dict[str, Curve]) -> None:
     axis.set_axisbelow(True)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
-    say_nearest(axis, found)
+    label_quickest_peer(axis, by_tool)
 
 
-def say_nearest(axis: Any, found: dict[str, Curve]) -> None:
-    """At the error asked for: the quickest of the others, and its time over ours."""
-    ours = found.get(NAME, Curve([], [])).at(ASKED)
-    times = {name: each.at(ASKED) for name, each in found.items() if name != NAME}
+def label_quickest_peer(axis: Any, by_tool: dict[str, Curve]) -> None:
+    """Write the quickest peer at `ASKED` and its time over ours above a panel."""
+    ours = by_tool.get(NAME, Curve([], [])).at(ASKED)
+    times = {name: each.at(ASKED) for name, each in by_tool.items() if name != NAME}
     times = {name: time for name, time in times.items() if not math.isnan(time)}
     if math.isnan(ours) or not times:
         return
@@ -124,11 +123,11 @@ def say_nearest(axis: Any, found: dict[str, Curve]) -> None:
 
 
 MARK_FIRST = {"SciPy": 0, "CVODE": 1, "MuJoCo": 2, "Exudyn": 3, "Drake": 4, "OpenSim": 5}
-"""Marks do not lie upon one another"""
+"""Index of the first marker of a curve, so that markers do not lie upon one another"""
 
 
 def style_of(name: str) -> dict[str, Any]:
-    """Ours black and bold, compiled peers in colour, the others grey."""
+    """Line style of a tool: ours black and bold, compiled peers in colour, the others grey."""
     if name == NAME:
         return {"color": "black", "linewidth": 4.0, "zorder": 6, "solid_capstyle": "round"}
     if name in COMPILED:
@@ -137,7 +136,7 @@ def style_of(name: str) -> dict[str, Any]:
 
 
 def legend(figure: Any, axes: Any) -> None:
-    """Above the panels, ours first."""
+    """Draw the legend above the panels, ours first."""
     labelled = [axis.get_legend_handles_labels() for axis in axes.ravel()]
     handles = {name: handle for pair in labelled for handle, name in zip(*pair, strict=True)}
     order = sorted(handles, key=lambda name: (name != NAME, name not in COMPILED))

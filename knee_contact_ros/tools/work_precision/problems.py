@@ -24,7 +24,7 @@ EVENTFUL = ("lift-off", "osteoarthritis", "impact")
 
 
 class Problem(NamedTuple):
-    """What is asked; the answer is the signed depth at every tick, from rest under the first load."""
+    """A knee and its load; the solution is the signed depth at every tick, from rest under the first load."""
 
     name: str
     about: str
@@ -50,9 +50,19 @@ class Problem(NamedTuple):
         """Whether there is a second layer."""
         return math.isfinite(self.layer_depth)
 
+    @property
+    def first_damping(self) -> float:
+        """Damping of the first layer [N s/m]."""
+        return self.damping if self.damp_first_layer or not self.layered else 0.0
+
+    @property
+    def layer_force(self) -> float:
+        """Force of the first layer's spring [N] where the second layer begins; infinite if there is none."""
+        return float(self.stiffness * self.layer_depth**EXPONENT)
+
 
 def problems() -> list[Problem]:
-    """All of them."""
+    """List the problems of the study."""
     one_second = np.arange(1001, dtype=np.float64) * 1e-3
     walk = gait_like(one_second)
     return [
@@ -68,7 +78,7 @@ def problems() -> list[Problem]:
 
 
 def find_problems(names: tuple[str, ...] = ()) -> list[Problem]:
-    """The problems with these names, or all.
+    """List the problems with these names, or all problems if there are no names.
 
     Raises:
         KeyError: no such name.
@@ -78,32 +88,32 @@ def find_problems(names: tuple[str, ...] = ()) -> list[Problem]:
 
 
 def gait_like(time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two peaks over the base [N], the second one the larger, at any times [s], shape (n,)."""
+    """Load [N], shape (n,), with two peaks over a base, the second one larger, at any times [s], shape (n,)."""
     return BASE + 1100.0 * bump(time, 0.28, 0.09) + (PEAK - BASE) * bump(time, 0.66, 0.11)
 
 
 def tensile(time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Gait with a dip to -80 N between the peaks [N], shape (n,)."""
+    """Load [N] of gait with a dip to -80 N between the peaks, shape (n,)."""
     return gait_like(time) - 302.0 * bump(time, 0.46, 0.025)
 
 
 def crossing(time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From 300 to 1500 N and back four times a second [N], shape (n,): 884 N is where bone begins."""
+    """Load [N] from 300 to 1500 N and back four times a second, shape (n,); bone begins at 884 N."""
     return 900.0 - 600.0 * np.cos(8.0 * math.pi * time)
 
 
 def thrown(time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """300 N, then pulled with as much for 20 ms, then pressed with 900 N [N], shape (n,)."""
+    """Load [N] of 300 N, then a pull as large for 20 ms, then 900 N, shape (n,)."""
     return np.interp(time, (0.0, 0.05, 0.06, 0.08, 0.09, 1.0), (300.0, 300.0, -300.0, -300.0, 900.0, 900.0))
 
 
 def bump(time: NDArray[np.float64], centre: float, width: float) -> NDArray[np.float64]:
-    """A Gaussian of height 1."""
+    """Gaussian of height 1 with a centre and a width [s], at times [s], shape (n,)."""
     bell: NDArray[np.float64] = np.exp(-(((time - centre) / width) ** 2))
     return bell
 
 
 def recorded(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Time since the first stamp [s] and load [N] of a bundled bag, shape (n,) each."""
+    """Time since the first stamp [s] and load [N] of the bundled bag of a side, shape (n,) each."""
     time, _, load = gait(side)
     return np.round(time - time[0], 9), load

@@ -28,11 +28,14 @@ Event = Callable[[float, NDArray[np.float64]], float]
 
 
 class Scene(NamedTuple):
-    """A knee and what it goes through; no tension."""
+    """A knee and the series of angles and loads that it goes through; the contact never pulls."""
 
     time: NDArray[np.float64]
+    """[s], shape (n,)"""
     angle: NDArray[np.float64]
+    """[rad], shape (n,)"""
     load: NDArray[np.float64]
+    """[N], shape (n,)"""
     layers: Layers
     mass: float
     femur: Femur
@@ -41,24 +44,24 @@ class Scene(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What the reference says at every tick, shape (n,) each."""
+    """Reference solution at every tick, shape (n,) each."""
 
     depth: NDArray[np.float64]
-    """Signed: penetration > 0, gap < 0 [m]"""
+    """Signed depth [m]: penetration > 0, gap < 0"""
     force: NDArray[np.float64]
-    """Of the contact, along its normal [N]"""
+    """Contact force along its normal [N]"""
     state: NDArray[np.float64]
-    """The first of the femur's two numbers: depth or height [m]"""
+    """First of the femur's two numbers: depth or height [m]"""
 
 
 class _Mode(NamedTuple):
     layer: int
-    """-1 apart"""
+    """Index of the layer; -1 when apart"""
     pressing: bool
 
 
 class _Tick(NamedTuple):
-    """What is prescribed from one stamp to the next."""
+    """Angle, its rate, load and its rate, prescribed from one stamp to the next."""
 
     angle: float
     turn: float
@@ -67,7 +70,7 @@ class _Tick(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Where a solution stands."""
+    """State of a solution at a time within a tick."""
 
     s: float
     state: State
@@ -81,11 +84,15 @@ def solve(scene: Scene) -> NDArray[np.float64]:
 
 
 def answers(scene: Scene) -> Answers:
-    """All that is known at every tick, from the static start under the first load."""
+    """Solve a scene from the static start under the first load.
+
+    Raises:
+        RuntimeError: SciPy fails, or a tick has more than `MAX_EVENTS` events.
+    """
     depth = static_depth(scene)
     layer = sum(begin < depth for begin, _ in scene.layers) - 1
     point = _Point(0.0, scene.femur.start(depth, scene.angle[0]), _mode_in(scene.layers, layer, depth, 0.0, 0.0), 0.0)
-    found = [(depth, _force(scene.layers, point, depth, 0.0), point.state[0])]
+    rows = [(depth, _force(scene.layers, point, depth, 0.0), point.state[0])]
     turn = 0.0
     for i in range(1, len(scene.time)):
         duration = scene.time[i] - scene.time[i - 1]
@@ -103,8 +110,8 @@ def answers(scene: Scene) -> Answers:
             if events > MAX_EVENTS:
                 raise RuntimeError(f"more than {MAX_EVENTS} events in tick {i}")
         depth, rate = scene.femur.contact(point.state, scene.angle[i], turn)
-        found.append((depth, _force(scene.layers, point, depth, rate), point.state[0]))
-    return Answers(*np.array(found).T)
+        rows.append((depth, _force(scene.layers, point, depth, rate), point.state[0]))
+    return Answers(*np.array(rows).T)
 
 
 def _force(layers: Layers, point: _Point, depth: float, rate: float) -> float:
@@ -163,15 +170,15 @@ def _behind(layers: Layers, mode: _Mode, hit: str, contact: State, impact: float
 def _events(
     layers: Layers, mode: _Mode, impact: float, contact: Callable[[float, NDArray[np.float64]], State]
 ) -> dict[str, Event]:
-    """What ends a mode: the layer's two ends, and the force's change of sign."""
-    found: dict[str, Event] = {}
+    """Events that end a mode: the layer's two ends, and the force's change of sign."""
+    events: dict[str, Event] = {}
 
     def watch(name: str, direction: float, value: Callable[[float, float], float]) -> None:
         def event(s: float, z: NDArray[np.float64]) -> float:
             return value(*contact(s, z))
 
         event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-        found[name] = event
+        events[name] = event
 
     if mode.layer >= 0:
         begin, force = layers[mode.layer]
@@ -180,7 +187,7 @@ def _events(
     if mode.layer + 1 < len(layers):
         end = layers[mode.layer + 1][0]
         watch("below", 1.0, lambda depth, _rate: depth - end)
-    return found
+    return events
 
 
 def _mode_in(layers: Layers, layer: int, depth: float, rate: float, impact: float) -> _Mode:

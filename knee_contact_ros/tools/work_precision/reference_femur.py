@@ -14,10 +14,10 @@ Pose = Callable[[float, float, float], tuple[float, float, float]]
 
 
 class Femur(Protocol):
-    """What moves: two numbers."""
+    """A femur whose state is two numbers: a depth or height [m], and its rate [m/s]."""
 
     def start(self, depth: float, angle: float) -> State:
-        """At rest at a depth [m] and an angle [rad]; the rate of the depth is 0 once the femur turns."""
+        """State at rest at a depth [m] and an angle [rad]; the rate of the depth is 0 once the femur turns."""
         ...
 
     def turned(self, state: State, angle: float, before: float, after: float) -> State:
@@ -25,7 +25,7 @@ class Femur(Protocol):
         ...
 
     def contact(self, state: State, angle: float, turn: float) -> State:
-        """Depth [m] and its rate [m/s]."""
+        """Depth [m] and its rate [m/s] of a state at an angle [rad] and its rate [rad/s]."""
         ...
 
     def motion(self, state: State, angle: float, turn: float, force: float, load: float) -> State:
@@ -88,7 +88,7 @@ def circle(_angle: float) -> tuple[float, float, float]:
 
 
 def ellipse(a: float, b: float) -> Surface:
-    """Support of an ellipse with half axes a (anterior) and b (superior) [m]."""
+    """Build the support of an ellipse with half axes a (anterior) and b (superior) [m]."""
 
     def surface(angle: float) -> tuple[float, float, float]:
         sine, cosine = math.sin(angle), math.cos(angle)
@@ -100,7 +100,7 @@ def ellipse(a: float, b: float) -> Surface:
 
 
 def circle_in_circle(radius: float, tibial_radius: float, translation: float) -> Pose:
-    """A circle in a concave one, carried forwards by `translation` [m] x sin(angle): by the distance of the centres."""
+    """Build the pose of a circle in a concave one, carried forwards by `translation` [m] x sin(angle)."""
 
     def pose(angle: float, turn: float, height: float) -> tuple[float, float, float]:
         x, x_rate = translation * math.sin(angle), translation * math.cos(angle) * turn
@@ -112,7 +112,7 @@ def circle_in_circle(radius: float, tibial_radius: float, translation: float) ->
 
 
 def ellipse_on_slope(a: float, b: float, slope: float, translation: float) -> Pose:
-    """An ellipse on an inclined plane, carried forwards likewise."""
+    """Build the pose of an ellipse on an inclined plane, carried forwards by `translation` [m] x sin(angle)."""
     support = ellipse(a, b)
 
     def pose(angle: float, turn: float, height: float) -> tuple[float, float, float]:

@@ -11,19 +11,19 @@ Layers = Sequence[tuple[float, Force]]
 
 
 def power(stiffness: float, exponent: float, depth: float) -> float:
-    """K δⁿ, 0 for δ <= 0."""
+    """Force K δⁿ [N] of a depth δ [m]; 0 for δ <= 0."""
     return stiffness * depth**exponent if depth > 0.0 else 0.0
 
 
 def kelvin_voigt(stiffness: float, exponent: float, damping: float) -> Layers:
-    """Eq. 10 of the paper."""
+    """Layers of Kelvin and Voigt's law, Eq. 10 of the paper."""
     return [(0.0, lambda depth, rate, _impact: power(stiffness, exponent, depth) + damping * rate)]
 
 
 def two_layer(
     stiffness: float, exponent: float, damping: float, layer_depth: float, stiffness_2: float, damped: bool
 ) -> Layers:
-    """Eq. 12 of the paper, with the dashpot in both layers if `damped`."""
+    """Layers of the two-layer law, Eq. 12 of the paper, with the dashpot in both layers if `damped`."""
     above = damping if damped else 0.0
     base = stiffness * layer_depth**exponent
     return [
@@ -36,7 +36,7 @@ def two_layer(
 
 
 def impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> Layers:
-    """K δⁿ (1 + D δ̇ / v₀), with v₀ the speed of the touch, or the least one."""
+    """Layers of the force K δⁿ (1 + D δ̇ / v₀), with v₀ the speed at first touch, or the least one [m/s]."""
 
     def force(depth: float, rate: float, impact: float) -> float:
         return power(stiffness, exponent, depth) * (1.0 + loss * rate / max(impact, least_impact_speed))

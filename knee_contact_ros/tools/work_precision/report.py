@@ -11,14 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.tools.work_precision import frontier, targets
+from knee_contact_ros.tools.work_precision.frontier import ASKED
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import LOOP, STREAM, WHOLE, Solver
 from knee_contact_ros.tools.work_precision.steadiness import Moment
 from knee_contact_ros.tools.work_precision.study import Row
 from knee_contact_ros.tools.work_precision.timing import summed_up
 
-ASKED = 1e-8
-"""Error [m] that the tables go by"""
 LEVELS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Errors [m] of the frontiers"""
 TITLES = {
@@ -68,7 +67,7 @@ Table = list[list[str]]
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:
-    """Every run."""
+    """Write all rows as a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(Row._fields)
@@ -76,7 +75,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 
 
 class Study(NamedTuple):
-    """What the page is about."""
+    """All that the page shows."""
 
     problems: Sequence[Problem]
     solvers: Sequence[Solver]
@@ -84,7 +83,7 @@ class Study(NamedTuple):
     """A sentence for every peer that is not installed"""
     rows: Sequence[Row]
     yardsticks: Sequence[float]
-    """Times of the same piece of work in every turn"""
+    """Times [s] of the same piece of work in every turn"""
     moments: Sequence[Moment]
     repeat: int
     command: str
@@ -92,7 +91,7 @@ class Study(NamedTuple):
 
 
 def write_page(path: Path, study: Study) -> None:
-    """The page."""
+    """Write the page of a study."""
     problems, rows = [problem.name for problem in study.problems], study.rows
     parts = ["# Work and precision", f"Made by `{study.command}` on {study.machine}."]
     parts += [INTRODUCTION.format(repeat=study.repeat, noise=noise(study)).strip(), SEE]
@@ -106,7 +105,7 @@ def write_page(path: Path, study: Study) -> None:
         parts += [table(("target", *problems), judgement)]
     for mode, title in TITLES.items():
         parts += [f"## {title}: time per tick at an error of {power_of_ten(ASKED)} m or less", HOW_TO_READ]
-        parts += [table(("solver", *problems), asked_for(rows, problems, mode))]
+        parts += [table(("solver", *problems), times_at_asked(rows, problems, mode))]
     for problem in problems:
         header = ("error [m] at most", *(power_of_ten(level) for level in LEVELS))
         for mode, title in ((mode, TITLES[mode]) for mode in (WHOLE, STREAM)):
@@ -127,42 +126,42 @@ def write_page(path: Path, study: Study) -> None:
 
 
 def noise(study: Study) -> str:
-    """What the machine did to the times: the yardstick's turns, and how far those of the runs lie apart."""
+    """A sentence on the machine's noise: how far the turns of the yardstick and those of the runs lie apart."""
     yardsticks = summed_up(study.yardsticks)
-    said = (
+    text = (
         f"The machine's noise: a fixed loop of plain Python, timed {yardsticks.turns} times in between, took up to "
         f"{max(study.yardsticks) / yardsticks.least:.2f} times its least"
     )
     spreads = [row.spread_percent for row in study.rows if row.turns > 1]
     if not spreads:
-        return f"{said}."
+        return f"{text}."
     middle, most = np.percentile(spreads, [50, 90])
     return (
-        f"{said}; from its fastest to its slowest turn, a run's time differs by {middle:.0f} % in the median, and by "
+        f"{text}; from its fastest to its slowest turn, a run's time differs by {middle:.0f} % in the median, and by "
         f"{most:.0f} % or less in nine of ten runs (`trade.csv`: `median_microseconds`, `spread_percent`, `turns`)."
     )
 
 
 def power_of_ten(error: float) -> str:
-    """An error as 1e-8."""
+    """Format an error as 1e-8."""
     return f"{error:.0e}".replace("e-0", "e-")
 
 
 def table(header: Sequence[str], rows: Table) -> str:
-    """In Markdown."""
+    """Format a table in Markdown."""
     from tabulate import tabulate
 
     return tabulate(rows, header, tablefmt="pipe", disable_numparse=True)
 
 
 def laws(solvers: Sequence[Solver]) -> Table:
-    """A line for all solvers that express the law in the same way."""
+    """Lines of the table of laws: one for all solvers that express the law in the same way."""
     return [[", ".join(each.name for each in solvers if each.law == law), law]
             for law in dict.fromkeys(each.law for each in solvers)]  # fmt: skip
 
 
 def against_the_quickest(rows: Sequence[Row], problems: Sequence[str]) -> Table:
-    """A line per problem, a column per way to run: the quickest of the others, its time over ours, and both times."""
+    """Lines of a table: one per problem, with the quickest peer of each mode, its time over ours, and both times."""
     lines = []
     for problem in problems:
         cells = []
@@ -179,8 +178,8 @@ def against_the_quickest(rows: Sequence[Row], problems: Sequence[str]) -> Table:
     return lines if any(cell != "-" for _, *cells in lines for cell in cells) else []
 
 
-def asked_for(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Table:
-    """A line per solver, a column per problem: time per tick at the error asked for, or the error reached."""
+def times_at_asked(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Table:
+    """Lines of a table: one per solver, with the time per tick at `ASKED` for every problem, or the error reached."""
     lines = []
     for solver in dict.fromkeys(row.solver for row in rows):
         mine = [row for row in rows if row.solver == solver]
@@ -190,7 +189,7 @@ def asked_for(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Table:
 
 
 def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> str:
-    """Time and ratio, or the error reached, of some of the rows."""
+    """Format time and ratio to ours of some of the rows, or the error reached."""
     runs = frontier.of(mine, problem, mode)
     time = frontier.cheapest(runs, ASKED)
     if not math.isnan(time):
@@ -199,7 +198,7 @@ def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> s
 
 
 def short_cell(rows: Sequence[Row], name: str, problem: str, mode: str) -> str:
-    """For the terminal: ours in µs, others as a multiple of ours, or the error reached."""
+    """Format a cell for the terminal: ours in µs, others as a multiple of ours, or the error reached."""
     runs = [row for row in frontier.of(rows, problem, mode) if frontier.line_name(row) == name]
     time, ours = frontier.cheapest(runs, ASKED), our_time(rows, problem, mode, ASKED)
     if math.isnan(time):
@@ -208,17 +207,17 @@ def short_cell(rows: Sequence[Row], name: str, problem: str, mode: str) -> str:
 
 
 def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:
-    """Time per tick [µs] of the cheapest of our levels."""
+    """Time per tick [µs] of the cheapest of our levels at an error [m]; nan if none reaches it."""
     return frontier.cheapest([row for row in frontier.of(rows, problem, mode) if frontier.is_ours(row.solver)], error)
 
 
 def with_ratio(time: float, ours: float) -> str:
-    """A time as such and as a multiple of ours."""
+    """Format a time [µs], with its multiple of ours in brackets if ours is known."""
     return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({frontier.multiple(time / ours)})"
 
 
 def frontiers(rows: Sequence[Row], problem: str, mode: str) -> Table:
-    """A line per peer and per level of ours, a column per error: time per tick of its cheapest run."""
+    """Lines of a table: one per peer and per level of ours, with the cheapest time per tick at each error."""
     runs = frontier.of(rows, problem, mode)
     lines = []
     for name in frontier.line_names(runs):
@@ -229,7 +228,7 @@ def frontiers(rows: Sequence[Row], problem: str, mode: str) -> Table:
 
 
 def long_runs(moments: Sequence[Moment]) -> Table:
-    """A line per moment."""
+    """Lines of the table of long runs: one per moment."""
     return [
         [each.level, str(each.ticks), f"{each.microseconds_per_tick:.3g}", f"{each.kilobytes:.1f}"] for each in moments
     ]

@@ -1,4 +1,4 @@
-"""The command's work: choose, measure, write, show."""
+"""The work of `knee-contact trade`: choose problems and solvers, measure, write, and show."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
 
 
 def known_problems(names: tuple[str, ...]) -> list[Problem]:
-    """The problems of these names.
+    """List the problems of these names.
 
     Raises:
         UsageError: no such problem.
@@ -74,21 +74,21 @@ def known_problems(names: tuple[str, ...]) -> list[Problem]:
 
 
 def available() -> tuple[list[Entry], list[str]]:
-    """Ours and those of every peer that is installed; a sentence for every peer that is not."""
-    found, absent = entries(ours.__name__), []
+    """List our solvers and those of every installed peer, and a sentence for every peer that is not installed."""
+    candidates, absent = entries(ours.__name__), []
     for peer in PEERS:
         if peer.installed:
-            found += peer.entries()
+            candidates += peer.entries()
         else:
             absent.append(not_installed(peer.name, peer.extra))
-    return found, absent
+    return candidates, absent
 
 
 def matching(candidates: Sequence[Entry], names: tuple[str, ...]) -> list[Entry]:
-    """The solvers whose names begin with one of these.
+    """List the solvers whose names begin with one of these, or all solvers if there are no names.
 
     Raises:
-        UsageError: a name that begins none.
+        UsageError: no solver's name begins so.
     """
     for name in names:
         if not any(begins(entry, name) for entry in candidates):
@@ -103,7 +103,7 @@ def begins(entry: Entry, name: str) -> bool:
 
 
 def short_table(rows: Sequence[Row], chosen: Sequence[Problem], mode: str) -> Table:
-    """A line per level of ours and per peer, a column per problem."""
+    """Build the terminal's table: a line per level of ours and per peer, a column per problem."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for problem in chosen:
@@ -114,7 +114,7 @@ def short_table(rows: Sequence[Row], chosen: Sequence[Problem], mode: str) -> Ta
 
 
 def batched(rows: Sequence[Row], chosen: Sequence[Problem], mode: str, width: int) -> Iterator[Table]:
-    """Tables with as many problems side by side as there is room for, at least one."""
+    """Tables with as many problems side by side as fit a width in columns, at least one."""
     beside: list[Problem] = []
     for problem in chosen:
         if beside and natural_width(short_table(rows, [*beside, problem], mode)) > width:
@@ -126,13 +126,13 @@ def batched(rows: Sequence[Row], chosen: Sequence[Problem], mode: str, width: in
 
 
 def show(rows: Sequence[Row], chosen: Sequence[Problem], absent: Sequence[str], files: Sequence[Path]) -> None:
-    """Print the cheapest time of ours and of every peer at the error asked for, and where the files are."""
+    """Print the cheapest time of ours and of every peer at `ASKED`, and where the files are."""
     console = Console()
     width = console.width if console.is_terminal else WIDTH
     wide = Console(width=max(width, WIDTH))
-    asked = f"time per tick at {report.power_of_ten(report.ASKED)} m or less; peers as a multiple of ours"
+    subtitle = f"time per tick at {report.power_of_ten(frontier.ASKED)} m or less; peers as a multiple of ours"
     for mode, title in report.TITLES.items():
-        console.print(f"{title}: {asked}", highlight=False, soft_wrap=True)
+        console.print(f"{title}: {subtitle}", highlight=False, soft_wrap=True)
         for table in batched(rows, chosen, mode, width):
             wide.print(table)
     for sentence in absent:

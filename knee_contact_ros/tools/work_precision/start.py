@@ -1,4 +1,4 @@
-"""Where every run starts, and where it should go: the reference solution of a problem."""
+"""Start and reference solution of a problem."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circl
 
 
 def scene(problem: Problem) -> reference.Scene:
-    """The problem as the reference solver takes it."""
+    """Describe a problem in the form that the reference solver takes."""
     layers = (
         laws.two_layer(problem.stiffness, EXPONENT, problem.damping, problem.layer_depth, problem.stiffness_2,
                        problem.damp_first_layer)
@@ -25,10 +25,10 @@ def scene(problem: Problem) -> reference.Scene:
 
 
 def start_depth(problem: Problem) -> float:
-    """Depth [m] at rest under the first load."""
+    """Depth [m] of a problem at rest under the first load."""
     return reference.static_depth(scene(problem))
 
 
 def exact_depth(problem: Problem) -> NDArray[np.float64]:
-    """Signed depth [m] at every tick, shape (n,)."""
+    """Signed depth [m] of a problem at every tick by the reference solver, shape (n,)."""
     return reference.solve(scene(problem))

@@ -1,4 +1,4 @@
-"""Whether a run stays as quick and as small as it began: gait over and over, tick by tick."""
+"""Time and memory of a long run, tick by tick: whether it stays as quick and as small as it began."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from knee_contact_ros.tools.work_precision.problems import find_problems
 from knee_contact_ros.tools.work_precision.solver import Setting, stopwatch
 
 TICKS = (1000, 3000, 10000)
-"""Into a run, at 1 kHz"""
+"""Moments of a run, as numbers of ticks at 1 kHz"""
 SETTING = Setting("1e-8", 1e-8)
 WALKS = 3
-"""Of each level; the quickest counts"""
+"""Number of runs of each level; the quickest counts"""
 MILLISECOND = 1_000_000
 """[ns]"""
 
 
 class Moment(NamedTuple):
-    """How a run does after a while."""
+    """Time and memory of a run after a number of ticks."""
 
     level: str
     ticks: int
     microseconds_per_tick: float
-    """Since the moment before"""
+    """Time per tick since the moment before"""
     kilobytes: float
-    """Held by the run"""
+    """Memory held by the run"""
 
 
 def moments(level: str) -> list[Moment]:
-    """Time and memory at some moments of a run; the memory is that of a second run, because tracing takes time."""
+    """Measure a level at every moment; the memory is that of a second run, because tracing takes time."""
     (problem,) = find_problems(("gait",))
     model, loads = model_of(problem, level, SETTING), problem.load[:-1].tolist()
     walks = [times(model.stream(), loads) for _ in range(WALKS)]
@@ -42,18 +42,18 @@ def moments(level: str) -> list[Moment]:
 
 
 def times(stream: Stream, loads: list[float]) -> list[float]:
-    """Microseconds per tick up to every moment."""
-    found, begin = [], 0
+    """Time per tick [µs] up to every moment."""
+    microseconds, begin = [], 0
     for end in TICKS:
         with stopwatch() as watch:
             walk(stream, begin, end, loads)
-        found.append(1e6 * watch.seconds / (end - begin))
+        microseconds.append(1e6 * watch.seconds / (end - begin))
         begin = end
-    return found
+    return microseconds
 
 
 def memory(stream: Stream, loads: list[float]) -> list[float]:
-    """What a run holds [kB] at every moment."""
+    """Memory that a run holds [kB] at every moment."""
     held, begin = [], 0
     tracemalloc.start()
     try:
@@ -68,6 +68,6 @@ def memory(stream: Stream, loads: list[float]) -> list[float]:
 
 
 def walk(stream: Stream, begin: int, end: int, loads: list[float]) -> None:
-    """Some ticks of gait."""
+    """Advance a stream by the ticks from `begin` to `end`, with loads [N] over and over."""
     for i in range(begin, end):
         stream.tick_ns(i * MILLISECOND, 0.0, loads[i % len(loads)])

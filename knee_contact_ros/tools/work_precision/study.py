@@ -1,9 +1,10 @@
-"""Every solver on every problem at every setting, in both ways of running; timed in turns."""
+"""Measure every solver on every problem at every setting, in all modes; timed in turns."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ MOST_LOSSES = 2
 
 
 class Row(NamedTuple):
-    """One solver on one problem at one setting, run in one way."""
+    """Error and time of one solver on one problem at one setting, in one mode."""
 
     problem: str
     solver: str
@@ -38,20 +39,21 @@ class Row(NamedTuple):
     error: float
     """Largest |signed depth - reference| [m] over all ticks; nan if the run failed"""
     microseconds_per_tick: float
-    """Of the fastest turn; nan if the run failed"""
+    """Time of the fastest turn; nan if the run failed"""
     evaluations_per_tick: float
-    """Of the contact force; nan if the tool does not tell"""
+    """Evaluations of the contact force; nan if the tool does not count them"""
     median_microseconds: float = math.nan
-    """Of all turns"""
+    """Median time per tick of all turns"""
     spread_percent: float = math.nan
-    """From the fastest to the slowest turn, as a part of the median"""
+    """Time between the fastest and the slowest turn, as a part of the median"""
     turns: int = 0
+    """Number of turns in which it was timed"""
     failure: str = ""
-    """Why the run failed"""
+    """Why the run failed; empty if it did not"""
 
 
 class Run:
-    """A row in the making."""
+    """A run that is timed in several turns, and becomes a row."""
 
     def __init__(self, row: Row, task: Task) -> None:
         self.task, self.turns = task, list[float]()
@@ -59,7 +61,7 @@ class Run:
 
     @property
     def row(self) -> Row:
-        """What is known so far."""
+        """The row by the turns so far."""
         if self._row.failure:
             return self._row
         per_tick = 1e6 / (len(self.task.problem.time) - 1)
@@ -70,16 +72,16 @@ class Run:
         )  # fmt: skip
 
     def due(self, turn: int, most: int) -> bool:
-        """Whether it is timed in a turn, counted from 0."""
+        """Whether it is timed in a turn, counted from 0, out of `most` turns."""
         return not self._row.failure and turn < turns_for(self.turns[0], most)
 
 
 class Measured(NamedTuple):
-    """What a study has found."""
+    """Rows of a study, and the yardsticks of the machine's noise."""
 
     rows: list[Row]
     yardsticks: list[float]
-    """Seconds of the same piece of work in every turn of every peer"""
+    """Time [s] of the same piece of work in every turn of every peer"""
 
 
 def measure(
@@ -88,55 +90,43 @@ def measure(
     turns: int,
     advance: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Measured:
-    """All rows; `advance` is told how much of how much is done.
+    """Measure all rows, in turns; `advance` is called with the steps done and their number.
 
-    In the first of the turns every solver goes from its coarsest setting to the finest that counts; in the others what
-    it did is timed again, tool by tool.
+    In the first turn every solver goes from its coarsest setting to the finest that counts; in the others these runs
+    are timed again, tool by tool.
     """
     exact = {problem.name: exact_depth(problem) for problem in problems}
     workers = {entry.solver.peer: Worker() for entry in entries}
     runs: list[Run] = []
     yardsticks: list[float] = []
-    steps = Steps(len(problems) * len(entries) + (turns - 1) * len(workers), advance)
+    done, total = count(1), len(problems) * len(entries) + (turns - 1) * len(workers)
     try:
         for peer, worker in workers.items():
             yardsticks.append(time_yardstick(worker, problems[0]))
-            for entry in (each for each in entries if each.solver.peer == peer):
+            for entry in (entry for entry in entries if entry.solver.peer == peer):
                 for problem in problems:
                     for mode in MODES:
                         runs += sweep(worker, entry, problem, exact[problem.name], mode)
-                    steps.done()
+                    advance(next(done), total)
         for turn in range(1, turns):
             for peer, worker in workers.items():
                 yardsticks.append(time_yardstick(worker, problems[0]))
                 time_again(worker, (run for run in runs if run.row.peer == peer and run.due(turn, turns)))
-                steps.done()
+                advance(next(done), total)
     finally:
         for worker in workers.values():
             worker.stop()
     return Measured([run.row for run in runs], yardsticks)
 
 
-class Steps:
-    """Counts what is done."""
-
-    def __init__(self, total: int, advance: Callable[[int, int], None]) -> None:
-        self._done, self._total, self._advance = 0, total, advance
-
-    def done(self) -> None:
-        """One more."""
-        self._done += 1
-        self._advance(self._done, self._total)
-
-
 def time_yardstick(worker: Worker, problem: Problem) -> float:
-    """Seconds of the yardstick in a worker's process."""
+    """Time [s] of the yardstick in a worker's process."""
     task = Task(yardstick.__name__, yardstick.NAME, WHOLE, problem, yardstick.SETTING)
     return worker.run(task, LIMIT).seconds
 
 
 def time_again(worker: Worker, runs: Iterable[Run]) -> None:
-    """One turn more for each; what fails now keeps the turns that it has."""
+    """Time every run once more; a run that fails now keeps the turns that it has."""
     for run in runs:
         try:
             run.turns.append(worker.run(run.task, LIMIT).seconds)
@@ -145,9 +135,9 @@ def time_again(worker: Worker, runs: Iterable[Run]) -> None:
 
 
 def sweep(worker: Worker, entry: Entry, problem: Problem, exact: NDArray[np.float64], mode: str) -> Iterator[Run]:
-    """From the coarsest setting to the first one that is fine or slow enough."""
+    """Run a solver from its coarsest setting to the first one that is fine or slow enough."""
     solver, ticks = entry.solver, len(problem.time) - 1
-    if solver.way(mode) is None:
+    if solver.run_in(mode) is None:
         return
     losses = 0
     for setting in solver.settings:
@@ -175,7 +165,7 @@ def sweep(worker: Worker, entry: Entry, problem: Problem, exact: NDArray[np.floa
 
 
 def what_failed(outcome: Outcome, exact: NDArray[np.float64]) -> str:
-    """Why an outcome is none; empty if it is one."""
+    """Why an outcome does not count as one; empty if it does."""
     if outcome.note:
         return " ".join(outcome.note.split())
     if outcome.depth.shape != exact.shape:

@@ -1,8 +1,9 @@
-"""What the package wants to reach, as ratios of this run."""
+"""What the package aims to reach, as ratios of one run of the study, and whether it does."""
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -12,93 +13,72 @@ from knee_contact_ros.tools.work_precision.problems import EVENTFUL, SMOOTH
 from knee_contact_ros.tools.work_precision.solver import LOOP, STREAM, WHOLE
 from knee_contact_ros.tools.work_precision.study import Row
 
-ASKED, FINEST, COARSE = 1e-8, 1e-10, 1e-6
-"""Errors [m]: at which times are compared; that must be reachable; from which to that one the cost's growth is taken"""
+FINEST, COARSE = 1e-10, 1e-6
+"""Errors [m]: that must be reachable; from which to the finest the cost's growth is taken"""
 LEVELS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
 GROWTH = 0.25
 ALL = SMOOTH + EVENTFUL
 
 
 class Target(NamedTuple):
-    """Something to reach on some problems."""
+    """A bound for a value that is measured on some problems."""
 
     what: str
     problems: Sequence[str]
     value: Callable[[Sequence[Row], str], float]
-    enough: Callable[[float], bool]
+    """From all rows and a problem's name"""
+    bound: float
+    holds: Callable[[float, float], bool] = operator.ge
+    """Compares the value with the bound"""
     form: Callable[[float], str] = frontier.multiple
 
 
-power = "{:.0e}".format
-
-
 def targets() -> list[Target]:
-    """All of them."""
+    """List all targets."""
     compiled = [
         Target(f"{what}: {times:g}x less time than the best of {', '.join(COMPILED)}", ALL,
-               faster(COMPILED, mode), at_least(times))
+               faster(COMPILED, mode), times)
         for what, mode, times in (("tick by tick, a call each", STREAM, 10.0), ("tick by tick in a loop", LOOP, 10.0),
                                   ("whole run", WHOLE, 5.0))
     ]  # fmt: skip
     return [
         *compiled,
-        Target(
-            "tick by tick: 1000x less time than SciPy's best",
-            ALL,
-            faster(("SciPy",), STREAM),
-            at_least(1000.0),
-        ),
-        Target("tick by tick: 100x less time than CVODE", ALL, faster(("CVODE",), STREAM), at_least(100.0)),
-        Target("whole run: 50x less time than the best peer", SMOOTH, faster((), WHOLE), at_least(50.0)),
-        Target("whole run: the fastest at every error; least lead", EVENTFUL, least_lead, at_least(1.0)),
-        Target(
-            "1e-10 m is reachable; smallest error [m]",
-            ALL,
-            smallest_error,
-            at_most(FINEST),
-            "{:.0e}".format,
-        ),
-        Target("cost grows like error^-p, p at most 1/4", ALL, growth, at_most(GROWTH), "{:.2f}".format),
+        Target("tick by tick: 1000x less time than SciPy's best", ALL, faster(("SciPy",), STREAM), 1000.0),
+        Target("tick by tick: 100x less time than CVODE", ALL, faster(("CVODE",), STREAM), 100.0),
+        Target("whole run: 50x less time than the best peer", SMOOTH, faster((), WHOLE), 50.0),
+        Target("whole run: the fastest at every error; least lead", EVENTFUL, least_lead, 1.0),
+        Target("1e-10 m is reachable; smallest error [m]", ALL, smallest_error, FINEST, operator.le, "{:.0e}".format),
+        Target("cost grows like error^-p, p at most 1/4", ALL, growth, GROWTH, operator.le, "{:.2f}".format),
     ]
 
 
 def judged(rows: Sequence[Row], problems: Sequence[str]) -> list[list[str]]:
-    """A line per target, a column per problem: the value, and whether it is enough."""
+    """Judge every target: a line per target, a column per problem with the value and whether the bound holds."""
     lines = []
     for target in targets():
         cells = []
         for problem in problems:
             value = target.value(rows, problem) if problem in target.problems else math.nan
-            said = "yes" if target.enough(value) else "no"
-            cells.append("-" if math.isnan(value) else f"{target.form(value)}, {said}")
+            verdict = "yes" if target.holds(value, target.bound) else "no"
+            cells.append("-" if math.isnan(value) else f"{target.form(value)}, {verdict}")
         if any(cell != "-" for cell in cells):
             lines.append([target.what, *cells])
     return lines
 
 
-def at_least(bound: float) -> Callable[[float], bool]:
-    """Enough if it is this much or more."""
-    return lambda value: value >= bound
-
-
-def at_most(bound: float) -> Callable[[float], bool]:
-    """Enough if it is this much or less."""
-    return lambda value: value <= bound
-
-
 def faster(peers: Sequence[str], mode: str) -> Callable[[Sequence[Row], str], float]:
-    """How many times our time the cheapest run of some peers takes, or of any (empty), at the error asked for."""
+    """Build the value of how many times our time the quickest of some peers takes; no peers: of all of them."""
 
     def value(rows: Sequence[Row], problem: str) -> float:
         ours, theirs = split(frontier.of(rows, problem, mode))
         theirs = [row for row in theirs if not peers or row.peer in peers]
-        return frontier.cheapest(theirs, ASKED) / frontier.cheapest(ours, ASKED)
+        return frontier.cheapest(theirs, frontier.ASKED) / frontier.cheapest(ours, frontier.ASKED)
 
     return value
 
 
 def least_lead(rows: Sequence[Row], problem: str) -> float:
-    """Our lead over the best peer at the error where that is the closest to us; 0 if only a peer reaches an error."""
+    """Least ratio of the best peer's time to ours over all errors; 0 if only a peer reaches an error."""
     ours, theirs = split(frontier.of(rows, problem, WHOLE))
     leads = []
     for level in LEVELS:
@@ -109,16 +89,16 @@ def least_lead(rows: Sequence[Row], problem: str) -> float:
 
 
 def smallest_error(rows: Sequence[Row], problem: str) -> float:
-    """The smallest error of ours [m]."""
+    """Smallest error [m] that ours reaches."""
     return frontier.best_error(split(frontier.of(rows, problem, WHOLE))[0])
 
 
 def growth(rows: Sequence[Row], problem: str) -> float:
-    """The exponent of our cost."""
+    """Exponent with which our cost grows as the error falls."""
     return frontier.growth(split(frontier.of(rows, problem, WHOLE))[0], COARSE, FINEST)
 
 
 def split(rows: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """Ours and theirs."""
+    """Split rows into ours and those of the peers."""
     ours = [row for row in rows if frontier.is_ours(row.solver)]
     return ours, [row for row in rows if not frontier.is_ours(row.solver)]

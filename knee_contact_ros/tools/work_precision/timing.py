@@ -1,4 +1,4 @@
-"""How often a run is timed, and what its times come to.
+"""How often a run is timed, and the statistics of its times.
 
 A machine has phases of seconds to minutes in which everything takes half as long again: its other processors are busy,
 or the host of a virtual machine is. One look measures the phase, so all runs are timed in turns, minutes apart.
@@ -21,27 +21,27 @@ SLICE = 0.05
 
 
 class Times(NamedTuple):
-    """What the turns of a run come to."""
+    """Statistics of a run's times in all turns."""
 
     least: float
-    """In the units of the turns"""
+    """In the unit of the turns, as the median"""
     median: float
     spread_percent: float
-    """From the quickest to the slowest turn, as a part of the median"""
+    """Time between the quickest and the slowest turn, as a part of the median"""
     turns: int
 
 
 def turns_for(seconds: float, most: int) -> int:
-    """In how many turns a run of `seconds` is timed, `most` being asked for."""
+    """Number of turns in which a run of `seconds` [s] is timed, at most `most`."""
     return min(most, max(LEAST_TURNS, int(ENOUGH / seconds) if seconds > 0.0 else most))
 
 
 def runs_for(seconds: float) -> int:
-    """How many runs of `seconds` a turn has."""
+    """Number of runs of `seconds` [s] that a turn has."""
     return min(RUNS, max(1, int(SLICE / seconds))) if seconds > 0.0 else RUNS
 
 
 def summed_up(turns: Sequence[float]) -> Times:
-    """The times of all turns, at least one, in any unit."""
+    """Statistics of the times of all turns, of which there is at least one, in any unit."""
     median = statistics.median(turns)
     return Times(min(turns), median, 100.0 * (max(turns) - min(turns)) / median, len(turns))

@@ -1,4 +1,4 @@
-"""A process of its own for a tool: it may hang or end the process, and must not load what another one loads."""
+"""A process of its own for each tool: a tool may hang or end its process, and must not load what another one loads."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ READY = "ready"
 
 
 class Task(NamedTuple):
-    """One run."""
+    """One run to be done in another process."""
 
     driver: str
-    """Module with a function `solvers`"""
+    """Name of a module with a function `solvers`"""
     solver: str
+    """Name of one of these solvers"""
     mode: str
-    """Of `solver.MODES`"""
+    """One of `solver.MODES`"""
     problem: Problem
     setting: Setting
 
 
 class FailedRunError(Exception):
-    """Says in a line why there is no outcome."""
+    """There is no outcome; the message is one line that says why."""
 
 
 class GivenUpError(FailedRunError):
@@ -47,14 +48,14 @@ class LostProcessError(FailedRunError):
 
 
 class Worker:
-    """Runs tasks in a process that is started anew if it was lost."""
+    """Runs tasks in a process, which is started again when it was lost."""
 
     def __init__(self) -> None:
         self._process: Process | None = None
         self._connection: Connection | None = None
 
     def run(self, task: Task, limit: float) -> Outcome:
-        """The outcome of a task.
+        """Run a task and return its outcome.
 
         Raises:
             GivenUpError: no outcome within `limit` [s], and a little for the start.
@@ -114,9 +115,10 @@ def serve(connection: Connection) -> None:
 
 
 def best(task: Task) -> Outcome:
-    """The fastest of some runs, one after another; a long run is not repeated."""
-    solver: Solver = next(each for each in import_module(task.driver).solvers() if each.name == task.solver)
-    run = solver.way(task.mode)
+    """Do a task some times, one after another, and return the fastest outcome; a long run is not repeated."""
+    solvers: list[Solver] = import_module(task.driver).solvers()
+    solver = next(solver for solver in solvers if solver.name == task.solver)
+    run = solver.run_in(task.mode)
     assert run is not None  # noqa: S101 - for the type checker
     gc.collect()
     gc.freeze()  # a compiler's objects take 0.1 s to look through, for every task
@@ -124,14 +126,14 @@ def best(task: Task) -> Outcome:
     try:
         outcome = run(task.problem, task.setting)
         for _ in range(runs_for(outcome.seconds) - 1):
-            outcome = min(outcome, run(task.problem, task.setting), key=lambda each: each.seconds)
+            outcome = min(outcome, run(task.problem, task.setting), key=lambda one: one.seconds)
     finally:
         gc.enable()
     return outcome
 
 
 def pin() -> None:
-    """Stay on one processor, where the system lets a process choose."""
+    """Keep this process on one processor, where the system lets a process choose."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 

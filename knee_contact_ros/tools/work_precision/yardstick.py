@@ -1,4 +1,4 @@
-"""A fixed piece of work in the form of a solver: what its time does in a study is what the machine did."""
+"""A fixed piece of work in the form of a solver: changes of its time are the machine's noise."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ ADDITIONS = 100_000
 
 
 def solvers() -> list[Solver]:
-    """The one there is."""
+    """The one solver: the yardstick."""
     return [Solver(NAME, NAME, "none", [SETTING], run, None)]
 
 
 def run(_problem: Problem, _setting: Setting) -> Outcome:
-    """Add numbers in plain Python, some milliseconds long."""
+    """Add numbers in plain Python for some milliseconds."""
     total = 0.0
     with stopwatch() as watch:
         for number in range(ADDITIONS):

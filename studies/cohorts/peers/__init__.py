@@ -11,14 +11,14 @@ from studies.cohorts.method import Method
 
 
 class Peer(NamedTuple):
-    """A tool: what it is called here, the module it is imported as, its name on PyPI, the module that drives it."""
+    """A tool: its name here, the module it is imported as, its name on PyPI, and the module that drives it."""
 
     name: str
     module: str
     distribution: str
     driver: str
     how: str
-    """How the problem is put to it"""
+    """How the study uses it, for the page"""
 
     @property
     def installed(self) -> bool:
@@ -27,13 +27,12 @@ class Peer(NamedTuple):
 
     @property
     def version(self) -> str:
-        """Of the tool, or that there is none."""
+        """Version of the tool, or a word for its absence."""
         return installed_version(self.distribution) or ("as it is here" if self.installed else "not installed")
 
     def methods(self) -> list[Method]:
-        """Its ways to run a cohort."""
-        found: list[Method] = import_module(self.driver).methods()
-        return found
+        """List the methods of the tool."""
+        return import_module(self.driver).methods()  # type: ignore[no-any-return]
 
 
 OURS = Peer(

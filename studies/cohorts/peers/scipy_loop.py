@@ -22,7 +22,7 @@ Motion = Callable[..., Any]
 
 
 def methods() -> list[Method]:
-    """LSODA by `odeint` and an explicit method by `solve_ivp`; plain and compiled right-hand sides."""
+    """List LSODA by `odeint` and an explicit method by `solve_ivp`, with plain and with compiled right-hand sides."""
     found = []
     for how, compile_it in (("plain Python", False), ("Numba", True)):
         make = partial(_lsoda, compile_it=compile_it)
@@ -33,7 +33,7 @@ def methods() -> list[Method]:
 
 
 def plain(knees: Cohort) -> Motion:
-    """The motion on Python's own numbers."""
+    """Build the right-hand side in plain Python."""
     begin, per_second, last = float(knees.time[0]), 1.0 / knees.tick, knees.ticks - 2
     loads, rises = knees.load.tolist(), np.diff(knees.load).tolist()
 
@@ -48,7 +48,7 @@ def plain(knees: Cohort) -> Motion:
 
 
 def in_numba(knees: Cohort) -> Motion:
-    """The motion compiled."""
+    """Build the right-hand side compiled by Numba."""
     begin, per_second, last = float(knees.time[0]), 1.0 / knees.tick, knees.ticks - 2
     loads, rises = knees.load, np.diff(knees.load)
 
@@ -65,7 +65,7 @@ def in_numba(knees: Cohort) -> Motion:
 
 
 def _knees(knees: Cohort) -> list[tuple[tuple[float, float], tuple[float, float, float]]]:
-    """State and constants of each."""
+    """State at rest and constants of every knee."""
     columns = knees.start.tolist(), knees.stiffness.tolist(), knees.damping.tolist(), (1.0 / knees.mass).tolist()
     return [((start, 0.0), constants) for start, *constants in zip(*columns, strict=True)]  # type: ignore[misc]
 

@@ -20,18 +20,18 @@ Rates = Callable[[Floats, float], Floats]
 
 
 def methods() -> list[Method]:
-    """Two explicit methods: tick by tick with error control, and with equal steps."""
+    """List two explicit methods, tick by tick with error control and with equal steps."""
     found = []
     for how, make in (("NumPy", in_numpy), ("Numba", in_numba)):
         for solver in ("RK45", "DOP853"):
-            anew, equal = (partial(way, solver=solver, make=make) for way in (_anew, _equal_steps))
+            anew, equal = (partial(prepare, solver=solver, make=make) for prepare in (_anew, _equal_steps))
             found.append(Method(TOOL, f"{solver}, tick by tick, {how}", TOLERANCE, anew, TOLERANCES))
             found.append(Method(TOOL, f"{solver}, equal steps, {how}", STEPS, equal, COUNTS))
     return found
 
 
 def in_numpy(knees: Cohort) -> Rates:
-    """The motion of all knees, array by array."""
+    """Build the right-hand side of all knees in NumPy, array by array."""
     stiffness, damping, inverse_mass, cases = knees.stiffness, knees.damping, 1.0 / knees.mass, knees.cases
 
     def rates(state: Floats, load: float) -> Floats:
@@ -53,7 +53,7 @@ def in_numpy(knees: Cohort) -> Rates:
 
 
 def in_numba(knees: Cohort) -> Rates:
-    """The same in one compiled loop."""
+    """Build the right-hand side of all knees as one loop compiled by Numba."""
     stiffness, damping, inverse_mass, cases = knees.stiffness, knees.damping, 1.0 / knees.mass, knees.cases
 
     @njit

@@ -12,7 +12,7 @@ import pytest
 from knee_contact_ros.system.extras import not_installed
 from knee_contact_ros.tools.work_precision import ours
 from knee_contact_ros.tools.work_precision import worker as worker_module
-from knee_contact_ros.tools.work_precision.law import contact_force, force_gradient, load_at
+from knee_contact_ros.tools.work_precision.motion import contact_force, force_gradient, load_at
 from knee_contact_ros.tools.work_precision.peers import PEERS, Entry, entries
 from knee_contact_ros.tools.work_precision.problems import Problem, find_problems
 from knee_contact_ros.tools.work_precision.solver import MODES, STREAM, Setting, Solver
@@ -60,7 +60,7 @@ def workers() -> Iterator[dict[str, Worker]]:
 @pytest.mark.parametrize("mode", MODES)
 def test_the_reference_is_met(workers: dict[str, Worker], entry: Entry, mode: str) -> None:
     solver = entry.solver
-    run = solver.way(mode)
+    run = solver.run_in(mode)
     if run is None:
         pytest.skip("not this way")
     if solver.peer in ABSENT:

@@ -1,4 +1,4 @@
-"""What a user would take instead: one file per tool, each with a function `solvers`."""
+"""What a user would take instead of this package: one module per tool, each with a function `solvers`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Peer(NamedTuple):
     distribution: str
     drivers: tuple[str, ...]
     extra: str = "trade"
-    """Of this package, that brings it"""
+    """Extra of this package that installs it"""
 
     @property
     def installed(self) -> bool:
@@ -25,7 +25,7 @@ class Peer(NamedTuple):
         return find_spec(self.module) is not None
 
     def entries(self) -> list[Entry]:
-        """All of its solvers; imports nothing of the tool."""
+        """List all solvers of the tool, without importing it."""
         return [entry for driver in self.drivers for entry in entries(f"{__name__}.{driver}")]
 
 
@@ -37,7 +37,7 @@ class Entry(NamedTuple):
 
 
 def entries(driver: str) -> list[Entry]:
-    """The solvers of a module."""
+    """List the solvers of a module."""
     return [Entry(driver, solver) for solver in import_module(driver).solvers()]
 
 

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.work_precision.law import Load, contact_force, force_gradient, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, ticks
+from knee_contact_ros.tools.work_precision.motion import (
+    Load,
+    Ramp,
+    absolute_tolerances,
+    contact_force,
+    force_gradient,
+    load_at,
+    ticks,
+)
 from knee_contact_ros.tools.work_precision.problems import Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth
 
 LAW = (
@@ -24,47 +32,40 @@ Vector = NDArray[np.float64]
 
 
 def solvers() -> list[Solver]:
-    """Both multistep methods."""
+    """One solver for each of the two multistep methods."""
     return [
-        Solver(f"CVODE {method}", "CVODE", LAW, tolerances(*range(4, 14)), whole(method), stream(method))
+        Solver(f"CVODE {method}", "CVODE", LAW, tolerances(*range(4, 14)), partial(whole, method),
+               partial(stream, method))
         for method in ("BDF", "Adams")
-    ]
+    ]  # fmt: skip
 
 
-def whole(method: str) -> Run:
-    """One call, output at every tick."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        solver = make(problem, load_at(problem), method, setting)
-        state = np.array([start_depth(problem), 0.0])
-        with stopwatch() as watch:
-            answer = solver.solve(problem.time, state)
-        return Outcome(answer.y[:, 0], watch.seconds, answer.nfev, "" if answer.success else answer.message)
-
-    return run
+def whole(method: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem in one call, with output at every tick."""
+    solver = make(problem, load_at(problem), method, setting)
+    state = np.array([start_depth(problem), 0.0])
+    with stopwatch() as watch:
+        answer = solver.solve(problem.time, state)
+    return Outcome(answer.y[:, 0], watch.seconds, answer.nfev, "" if answer.success else answer.message)
 
 
-def stream(method: str) -> Run:
-    """One step to every tick; `tstop` keeps the solver from looking beyond it."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        ramp, depth, samples = Ramp(), start_depth(problem), ticks(problem)
-        ramp.set(samples[0])
-        solver, depths, evaluations = make(problem, ramp, method, setting), [depth], math.nan
-        with stopwatch() as watch:
-            solver.init_step(samples[0].begin, np.array([depth, 0.0]))
-            for tick in samples:
-                ramp.set(tick)
-                answer = solver.step(tick.end, tstop=tick.end)
-                depths.append(float(answer.y[0]))
-            evaluations = answer.nfev
-        return Outcome(np.array(depths), watch.seconds, evaluations)
-
-    return run
+def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with one step to every tick; `tstop` keeps the solver from looking beyond it."""
+    ramp, depth, samples = Ramp(), start_depth(problem), ticks(problem)
+    ramp.set(samples[0])
+    solver, depths, evaluations = make(problem, ramp, method, setting), [depth], math.nan
+    with stopwatch() as watch:
+        solver.init_step(samples[0].begin, np.array([depth, 0.0]))
+        for tick in samples:
+            ramp.set(tick)
+            answer = solver.step(tick.end, tstop=tick.end)
+            depths.append(float(answer.y[0]))
+        evaluations = answer.nfev
+    return Outcome(np.array(depths), watch.seconds, evaluations)
 
 
 def make(problem: Problem, load: Load, method: str, setting: Setting) -> Any:
-    """The solver with the problem in it."""
+    """Build the solver of a problem under a load."""
     from sksundae.cvode import CVODE
 
     return CVODE(
@@ -78,7 +79,7 @@ def make(problem: Problem, load: Load, method: str, setting: Setting) -> Any:
 
 
 def right_hand_side(problem: Problem, load: Load) -> Callable[[float, Vector, Vector], None]:
-    """Fills the state's rate of change."""
+    """Build the function that fills in the state's rate of change [m/s, m/s^2]."""
     force, inverse_mass = contact_force(problem), 1.0 / problem.mass
 
     def motion(time: float, state: Vector, change: Vector) -> None:
@@ -90,7 +91,7 @@ def right_hand_side(problem: Problem, load: Load) -> Callable[[float, Vector, Ve
 
 
 def derivative(problem: Problem) -> Callable[[float, Vector, Vector, Vector], None]:
-    """Fills the Jacobian."""
+    """Build the function that fills in the Jacobian."""
     gradient, inverse_mass = force_gradient(problem), 1.0 / problem.mass
 
     def jacobian(_time: float, state: Vector, _change: Vector, matrix: Vector) -> None:

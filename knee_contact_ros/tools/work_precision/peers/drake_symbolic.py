@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.tools.work_precision.motion import ticks
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth
 
 LAW = (
@@ -22,48 +23,41 @@ LARGEST_STEP = 0.01
 def solvers() -> list[Solver]:
     """Drake's schemes with error control that are the cheapest at some error."""
     return [
-        Solver(f"Drake {name}", "Drake", LAW, tolerances(*range(3, 13)), whole(scheme), stream(scheme))
+        Solver(f"Drake {name}", "Drake", LAW, tolerances(*range(3, 13)), partial(whole, scheme),
+               partial(stream, scheme))
         for scheme, name in SCHEMES.items()
-    ]
+    ]  # fmt: skip
 
 
-def whole(scheme: str) -> Run:
-    """One call, dense output."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        simulator = simulator_of(with_trajectory(problem), problem, scheme, setting)
-        integrator = simulator.get_mutable_integrator()
-        with stopwatch() as watch:
-            integrator.StartDenseIntegration()
-            simulator.AdvanceTo(problem.time[-1])
-            depth = integrator.StopDenseIntegration().vector_values(problem.time)[0]
-        return Outcome(depth, watch.seconds, integrator.get_num_derivative_evaluations())
-
-    return run
+def whole(scheme: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem in one call with dense output."""
+    simulator = simulator_of(with_trajectory(problem), problem, scheme, setting)
+    integrator = simulator.get_mutable_integrator()
+    with stopwatch() as watch:
+        integrator.StartDenseIntegration()
+        simulator.AdvanceTo(problem.time[-1])
+        depth = integrator.StopDenseIntegration().vector_values(problem.time)[0]
+    return Outcome(depth, watch.seconds, integrator.get_num_derivative_evaluations())
 
 
-def stream(scheme: str) -> Run:
-    """One call per tick."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        simulator = simulator_of(with_ramp(problem), problem, scheme, setting)
-        context = simulator.get_mutable_context()
-        ramp, state = context.get_mutable_numeric_parameter(0), context.get_continuous_state_vector()
-        samples, depths = ticks(problem), [start_depth(problem)]
-        with stopwatch() as watch:
-            for tick in samples:
-                slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
-                ramp.SetFromVector((tick.start_load, slope, tick.begin))
-                simulator.AdvanceTo(tick.end)
-                depths.append(state[0])
-        evaluations = simulator.get_integrator().get_num_derivative_evaluations()
-        return Outcome(np.array(depths), watch.seconds, evaluations)
-
-    return run
+def stream(scheme: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with one call per tick."""
+    simulator = simulator_of(with_ramp(problem), problem, scheme, setting)
+    context = simulator.get_mutable_context()
+    ramp, state = context.get_mutable_numeric_parameter(0), context.get_continuous_state_vector()
+    samples, depths = ticks(problem), [start_depth(problem)]
+    with stopwatch() as watch:
+        for tick in samples:
+            slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
+            ramp.SetFromVector((tick.start_load, slope, tick.begin))
+            simulator.AdvanceTo(tick.end)
+            depths.append(state[0])
+    evaluations = simulator.get_integrator().get_num_derivative_evaluations()
+    return Outcome(np.array(depths), watch.seconds, evaluations)
 
 
 def simulator_of(system: Any, problem: Problem, scheme: str, setting: Setting) -> Any:
-    """Ready to start, at rest under the first load."""
+    """Build a simulator of a system that is ready to start, at rest under the first load."""
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
     simulator = Simulator(system)
@@ -75,7 +69,7 @@ def simulator_of(system: Any, problem: Problem, scheme: str, setting: Setting) -
 
 
 def with_trajectory(problem: Problem) -> Any:
-    """The whole load is known."""
+    """Build the system whose load is known over the whole series."""
     from pydrake.symbolic import Variable
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import SymbolicVectorSystem, TrajectorySource
@@ -91,7 +85,7 @@ def with_trajectory(problem: Problem) -> Any:
 
 
 def with_ramp(problem: Problem) -> Any:
-    """The load is a ramp from its value at the beginning of a tick; three parameters."""
+    """Build the system whose load is a ramp with three parameters: value [N], slope [N/s] and begin [s] of a tick."""
     from pydrake.symbolic import Variable
     from pydrake.systems.primitives import SymbolicVectorSystem
 
@@ -105,16 +99,14 @@ def with_ramp(problem: Problem) -> Any:
 
 
 def force(problem: Problem, depth: Any, rate: Any) -> Any:
-    """The clamped law in Drake's symbols."""
+    """Force of the clamped law [N] in Drake's symbols."""
     from pydrake import symbolic
 
     def power(value: Any) -> Any:
         return symbolic.pow(symbolic.max(value, 0.0), EXPONENT)
 
-    damping_1 = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
-    pushing = problem.stiffness * power(depth) + damping_1 * rate
+    pushing = problem.stiffness * power(depth) + problem.first_damping * rate
     if problem.layered:
-        base = problem.stiffness * problem.layer_depth**EXPONENT
-        below = base + problem.stiffness_2 * power(depth - problem.layer_depth) + problem.damping * rate
+        below = problem.layer_force + problem.stiffness_2 * power(depth - problem.layer_depth) + problem.damping * rate
         pushing = symbolic.if_then_else(depth <= problem.layer_depth, pushing, below)
     return symbolic.if_then_else(depth > 0.0, symbolic.max(pushing, 0.0), 0.0)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.tools.work_precision.motion import Tick, ticks
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, steps_per_tick, stopwatch
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, steps_per_tick, stopwatch
 from knee_contact_ros.tools.work_precision.start import start_depth
 
 LAW = (
@@ -25,35 +26,34 @@ NEWTON = (1e-10, 1e-12)
 
 
 def solvers() -> list[Solver]:
-    """Explicit and implicit; generalised-alpha with a spectral radius of 1 is the trapezoidal rule."""
+    """One solver per method; generalised-alpha with a spectral radius of 1 is the trapezoidal rule."""
     settings = steps_per_tick(1, 2, 5, 10, 20, 50, 100, 200)
-    return [Solver(f"Exudyn {name}", "Exudyn", LAW, settings, None, stream(method)) for method, name in NAMES.items()]
+    return [
+        Solver(f"Exudyn {name}", "Exudyn", LAW, settings, None, partial(stream, method))
+        for method, name in NAMES.items()
+    ]
 
 
-def stream(method: str) -> Run:
-    """One call; its Python function takes every sample when its turn has come."""
+def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem in one call, whose Python function takes every sample when its turn has come."""
+    import exudyn
 
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        import exudyn
-
-        exudyn.config.printToConsole = False
-        count = int(setting.value)
-        samples = ticks(problem)
-        scene = Scene(problem, ramped=method in STAGES)
-        scene.system.SetPreStepUserFunction(scene.feeder(samples, count))
-        scene.system.Assemble()
-        settings = simulation(exudyn, problem, count * len(samples))
-        kind = getattr(exudyn.DynamicSolverType, method)
-        with stopwatch() as watch:
-            scene.system.SolveDynamic(settings, solverType=kind)
-        rows = np.array(scene.system.GetSensorStoredData(scene.sensor))
-        return Outcome(rows[:, 1], watch.seconds, len(samples) * count * STAGES.get(method, math.nan))
-
-    return run
+    exudyn.config.printToConsole = False
+    count = int(setting.value)
+    samples = ticks(problem)
+    scene = Scene(problem, ramped=method in STAGES)
+    scene.system.SetPreStepUserFunction(scene.feeder(samples, count))
+    scene.system.Assemble()
+    settings = simulation(exudyn, problem, count * len(samples))
+    kind = getattr(exudyn.DynamicSolverType, method)
+    with stopwatch() as watch:
+        scene.system.SolveDynamic(settings, solverType=kind)
+    rows = np.array(scene.system.GetSensorStoredData(scene.sensor))
+    return Outcome(rows[:, 1], watch.seconds, len(samples) * count * STAGES.get(method, math.nan))
 
 
 class Scene:
-    """The model; the load is a ramp for every tick, or for implicit steps a value for every step: that at its end."""
+    """The model of a problem; its load is a ramp for every tick, or for implicit steps the value at a step's end."""
 
     def __init__(self, problem: Problem, ramped: bool) -> None:
         import exudyn
@@ -97,7 +97,7 @@ class Scene:
         )  # fmt: skip
 
     def feeder(self, samples: list[Tick], count: int) -> Callable[[Any, float], bool]:
-        """Called before every step: hands in a tick's sample at its first step."""
+        """Build the function that is called before every step and hands in a tick's sample at its first step."""
         lines, ramped = [line(tick) for tick in samples], self._ramp != 0
         constant, slope, step = 0.0, 0.0, 0
 
@@ -117,13 +117,13 @@ class Scene:
 
 
 def line(tick: Tick) -> tuple[float, float]:
-    """Load [N] at time 0, and its slope [N/s]."""
+    """Load [N] at time 0 of the line through a tick, and its slope [N/s]."""
     slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
     return tick.start_load - slope * tick.begin, slope
 
 
 def ramp(constant: Any, slope: Any) -> Callable[..., Any]:
-    """A load that is linear in time, in Exudyn's symbols."""
+    """Build a load that is linear in time, in Exudyn's symbols."""
 
     def load_at(mbs: Any, t: Any, load: Any) -> Any:  # noqa: ARG001 - Exudyn goes by these names
         return constant + slope * t
@@ -132,21 +132,19 @@ def ramp(constant: Any, slope: Any) -> Callable[..., Any]:
 
 
 def spring(problem: Problem) -> Callable[..., Any]:
-    """The clamped law in Exudyn's symbols."""
+    """Build the clamped law in Exudyn's symbols."""
     from exudyn import symbolic
 
     begin = problem.layer_depth
-    damping_1 = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
 
     def power(depth: Any) -> Any:
         return symbolic.pow(symbolic.max(depth, 0.0), EXPONENT)
 
     # Exudyn goes by the names of the arguments.
     def force(mbs, t, itemNumber, displacement, velocity, stiffness, damping, offset):  # type: ignore[no-untyped-def]  # noqa: ARG001, N803
-        pushing = problem.stiffness * power(displacement) + damping_1 * velocity
+        pushing = problem.stiffness * power(displacement) + problem.first_damping * velocity
         if problem.layered:
-            base = problem.stiffness * begin**EXPONENT
-            below = base + problem.stiffness_2 * power(displacement - begin) + problem.damping * velocity
+            below = problem.layer_force + problem.stiffness_2 * power(displacement - begin) + problem.damping * velocity
             pushing = symbolic.IfThenElse(displacement <= begin, pushing, below)
         return symbolic.IfThenElse(displacement > 0.0, symbolic.max(pushing, 0.0), symbolic.Real(0.0))
 
@@ -154,7 +152,7 @@ def spring(problem: Problem) -> Callable[..., Any]:
 
 
 def simulation(exudyn: Any, problem: Problem, steps: int) -> Any:
-    """Steps of equal size, no files, output at every tick."""
+    """Settings of a run: steps of equal size, no files, output at every tick."""
     settings = exudyn.SimulationSettings()
     time = settings.timeIntegration
     time.numberOfSteps, time.endTime = steps, float(problem.time[-1])

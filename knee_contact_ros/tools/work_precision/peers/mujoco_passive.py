@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.tools.work_precision.law import Load, contact_force, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, ticks
+from knee_contact_ros.tools.work_precision.motion import Load, Ramp, contact_force, load_at, ticks
 from knee_contact_ros.tools.work_precision.problems import Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, steps_per_tick, stopwatch
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, steps_per_tick, stopwatch
 from knee_contact_ros.tools.work_precision.start import start_depth
 
 LAW = (
@@ -37,26 +37,21 @@ SCENE = """
 def solvers() -> list[Solver]:
     """RK4 and semi-implicit Euler; with a passive force of one's own, implicitfast gives the same as the latter."""
     settings = steps_per_tick(1, 2, 5, 10, 20, 50, 100, 200)
-    return [Solver(f"MuJoCo {name}", "MuJoCo", LAW, settings, whole(name), stream(name)) for name in STAGES]
+    return [
+        Solver(f"MuJoCo {name}", "MuJoCo", LAW, settings, partial(whole, name), partial(stream, name))
+        for name in STAGES
+    ]
 
 
-def whole(integrator: str) -> Run:
-    """The load in tables."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        return advance(problem, setting, integrator, load_at(problem), None)
-
-    return run
+def whole(integrator: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with the load in tables."""
+    return advance(problem, setting, integrator, load_at(problem), None)
 
 
-def stream(integrator: str) -> Run:
-    """The load of the current tick."""
-
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        ramp = Ramp()
-        return advance(problem, setting, integrator, ramp, ramp)
-
-    return run
+def stream(integrator: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with the load of the current tick only."""
+    ramp = Ramp()
+    return advance(problem, setting, integrator, ramp, ramp)
 
 
 def advance(problem: Problem, setting: Setting, integrator: str, load: Load, ramp: Ramp | None) -> Outcome:
@@ -82,7 +77,7 @@ def advance(problem: Problem, setting: Setting, integrator: str, load: Load, ram
 
 
 def passive(problem: Problem, load: Load) -> Callable[[Any, Any], None]:
-    """The callback."""
+    """Build MuJoCo's passive-force callback: load minus contact force [N]."""
     force = contact_force(problem)
 
     def callback(_model: Any, data: Any) -> None:

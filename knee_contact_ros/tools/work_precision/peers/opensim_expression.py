@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
-from knee_contact_ros.tools.work_precision.solver import Outcome, Run, Setting, Solver, stopwatch, tolerances
+from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth
 
 LAW = (
@@ -19,34 +20,31 @@ METHODS = {"CPodes": "CPodes", "RungeKuttaMerson": "RK-Merson", "RungeKutta3": "
 
 
 def solvers() -> list[Solver]:
-    """An implicit multistep method and two explicit ones."""
+    """One solver per method: an implicit multistep method and two explicit ones."""
     settings = tolerances(*range(2, 11))
     return [
-        Solver(f"OpenSim {name}", "OpenSim", LAW, settings, whole(method), None) for method, name in METHODS.items()
+        Solver(f"OpenSim {name}", "OpenSim", LAW, settings, partial(whole, method), None)
+        for method, name in METHODS.items()
     ]
 
 
-def whole(method: str) -> Run:
-    """All of the load in one function; `Manager` gives its answer where it stops, hence one call per tick."""
+def whole(method: str, problem: Problem, setting: Setting) -> Outcome:
+    """Solve the problem with all of the load in one function; `Manager` answers where it stops: one call per tick."""
+    import opensim
 
-    def run(problem: Problem, setting: Setting) -> Outcome:
-        import opensim
-
-        function = opensim.PiecewiseLinearFunction()
-        for time, load in zip(problem.time.tolist(), problem.load.tolist(), strict=True):
-            function.addPoint(time, load)
-        scene = Scene(problem, function)
-        manager = scene.manager(method, setting.value)
-        ends = problem.time[1:].tolist()
-        with stopwatch() as watch:
-            depths = [manager.integrate(end).getQ().get(0) for end in ends]
-        return Outcome(np.array([start_depth(problem), *depths]), watch.seconds, math.nan)
-
-    return run
+    function = opensim.PiecewiseLinearFunction()
+    for time, load in zip(problem.time.tolist(), problem.load.tolist(), strict=True):
+        function.addPoint(time, load)
+    scene = Scene(problem, function)
+    manager = scene.manager(method, setting.value)
+    ends = problem.time[1:].tolist()
+    with stopwatch() as watch:
+        depths = [manager.integrate(end).getQ().get(0) for end in ends]
+    return Outcome(np.array([start_depth(problem), *depths]), watch.seconds, math.nan)
 
 
 class Scene:
-    """The model at rest under the first load; kept as long as its parts are used."""
+    """The model of a problem at rest under the first load; it must be kept as long as its parts are used."""
 
     def __init__(self, problem: Problem, load: Any) -> None:
         import opensim
@@ -72,7 +70,7 @@ class Scene:
         coordinate.setSpeedValue(self._state, 0.0)
 
     def manager(self, method: str, accuracy: float) -> Any:
-        """The integrator, with nothing to write."""
+        """Build the integrator with a method and an accuracy, which writes nothing."""
         import opensim
 
         manager = opensim.Manager(self._model)
@@ -87,11 +85,10 @@ class Scene:
 
 
 def expression(problem: Problem) -> str:
-    """The clamped law as OpenSim's expressions have it: minus the force."""
-    damping_1 = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
-    pushing = f"{problem.stiffness!r}*max(q,0)^{EXPONENT}+{damping_1!r}*qdot"
+    """Minus the force of the clamped law [N], as an expression of OpenSim."""
+    pushing = f"{problem.stiffness!r}*max(q,0)^{EXPONENT}+{problem.first_damping!r}*qdot"
     if problem.layered:
-        base, below = problem.stiffness * problem.layer_depth**EXPONENT, f"q-{problem.layer_depth!r}"
-        second = f"{base!r}+{problem.stiffness_2!r}*max({below},0)^{EXPONENT}+{problem.damping!r}*qdot"
+        below = f"q-{problem.layer_depth!r}"
+        second = f"{problem.layer_force!r}+{problem.stiffness_2!r}*max({below},0)^{EXPONENT}+{problem.damping!r}*qdot"
         pushing = f"(1-step({below}))*({pushing})+step({below})*({second})"
     return f"-step(q)*max(0,{pushing})"

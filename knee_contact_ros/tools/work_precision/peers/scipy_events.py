@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.tools.work_precision.law import Load, load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, State, absolute_tolerances, ticks
+from knee_contact_ros.tools.work_precision.motion import Load, Ramp, State, absolute_tolerances, load_at, ticks
 from knee_contact_ros.tools.work_precision.piecewise import End, Piece, Pieces, Value
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
@@ -23,12 +22,12 @@ EVENTS_PER_CALL = 10_000
 
 
 def solvers() -> list[Solver]:
-    """One."""
+    """The one solver, by the method that is quickest with events."""
     return [Solver(f"SciPy {METHOD}, events", "SciPy", LAW, tolerances(*range(4, 14)), whole, stream)]
 
 
 def whole(problem: Problem, setting: Setting) -> Outcome:
-    """One call per piece of the law, output at every tick."""
+    """Solve the problem with one call per piece of the law, and output at every tick."""
     course = Course(problem, load_at(problem), setting.value)
     with stopwatch() as watch:
         depths = [course.depth, *course.advance(problem.time[0], problem.time[-1], problem.time[1:])]
@@ -36,7 +35,7 @@ def whole(problem: Problem, setting: Setting) -> Outcome:
 
 
 def stream(problem: Problem, setting: Setting) -> Outcome:
-    """One call per tick and piece."""
+    """Solve the problem with one call per tick and piece."""
     ramp = Ramp()
     course = Course(problem, ramp, setting.value)
     depths, samples = [course.depth], ticks(problem)
@@ -49,7 +48,7 @@ def stream(problem: Problem, setting: Setting) -> Outcome:
 
 
 class Course:
-    """A run that goes on from piece to piece."""
+    """The state of a run, which is advanced from piece to piece."""
 
     def __init__(self, problem: Problem, load: Load, tolerance: float) -> None:
         depth = start_depth(problem)
@@ -65,15 +64,15 @@ class Course:
         return float(self._state[0])
 
     def advance(self, begin: float, end: float, output: Any = None) -> list[float]:
-        """From a time to another [s]; the depths at the times asked for, increasing, or none."""
+        """Advance from a time to another [s]; return the depths [m] at the output times [s], which increase, if any."""
         from scipy.integrate import solve_ivp
 
         depths: list[float] = []
         for _ in range(EVENTS_PER_CALL):
             function, ends = self._pieces.motion(self._piece), self._pieces.ends(self._piece)
             events = [event(end) for end in ends]
-            wanted = None if output is None else output[len(depths) :]
-            answer = solve_ivp(function, (begin, end), self._state, t_eval=wanted, events=events, **self._options)
+            stamps = None if output is None else output[len(depths) :]
+            answer = solve_ivp(function, (begin, end), self._state, t_eval=stamps, events=events, **self._options)
             self.evaluations += answer.nfev
             depths += answer.y[0].tolist() if output is not None and len(answer.y) else []
             if answer.status == 1:
@@ -86,7 +85,7 @@ class Course:
         raise RuntimeError(f"more than {EVENTS_PER_CALL} events")
 
     def _pass(self, ends: list[End], answer: Any) -> float:
-        """Go over to the piece behind an event; the time of the event [s]."""
+        """Change to the piece behind an event; return the time of the event [s]."""
         hit = next(i for i, times in enumerate(answer.t_events) if len(times))
         self._state = answer.y_events[hit][-1]
         self._piece = ends[hit].behind(*self._state.tolist())
@@ -94,7 +93,7 @@ class Course:
 
 
 def event(end: End) -> Value:
-    """As `solve_ivp` takes it."""
+    """The end of a piece as an event of `solve_ivp`."""
 
     def value(time: float, state: State) -> float:
         return end.value(time, state)

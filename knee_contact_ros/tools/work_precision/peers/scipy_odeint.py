@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.work_precision.law import load_at
-from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, jacobian, motion, ticks
+from knee_contact_ros.tools.work_precision.motion import Ramp, absolute_tolerances, jacobian, load_at, motion, ticks
 from knee_contact_ros.tools.work_precision.problems import Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, stopwatch, tolerances
 from knee_contact_ros.tools.work_precision.start import start_depth
@@ -23,24 +22,24 @@ SUCCESS = "Integration successful."
 
 
 def solvers() -> list[Solver]:
-    """One."""
+    """The one solver, LSODA."""
     return [Solver("SciPy odeint", "SciPy", LAW, tolerances(*range(4, 14)), whole, stream)]
 
 
 def whole(problem: Problem, setting: Setting) -> Outcome:
-    """One call, output at every tick."""
+    """Solve the problem in one call, with output at every tick."""
     from scipy.integrate import odeint
 
     state, options = [start_depth(problem), 0.0], options_of(problem, setting)
     function = motion(problem, load_at(problem))
     with stopwatch() as watch:
-        answer, told = odeint(function, state, problem.time, full_output=True, **options)
+        answer, info = odeint(function, state, problem.time, full_output=True, **options)
     depth: NDArray[np.float64] = answer[:, 0]
-    return Outcome(depth, watch.seconds, int(told["nfe"][-1]), "" if told["message"] == SUCCESS else told["message"])
+    return Outcome(depth, watch.seconds, int(info["nfe"][-1]), "" if info["message"] == SUCCESS else info["message"])
 
 
 def stream(problem: Problem, setting: Setting) -> Outcome:
-    """One call per tick, which does not step beyond it."""
+    """Solve the problem with one call per tick, which does not step beyond it."""
     from scipy.integrate import odeint
 
     depth, options, ramp = start_depth(problem), options_of(problem, setting), Ramp()
@@ -54,7 +53,7 @@ def stream(problem: Problem, setting: Setting) -> Outcome:
 
 
 def options_of(problem: Problem, setting: Setting) -> dict[str, Any]:
-    """Tolerances, Jacobian, and no early end."""
+    """Options of a call: tolerances, Jacobian, and as many steps as it takes."""
     return {
         "Dfun": jacobian(problem),
         "tfirst": True,

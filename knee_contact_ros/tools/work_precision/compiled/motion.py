@@ -1,7 +1,7 @@
 """The motion compiled by Numba, for tools that call a function by its address: the law and the load, in one place.
 
-A right-hand side finds all of its numbers in one array: the law's (`LAW` of them), then the load's. Its state is depth
-[m] and rate times `RATE_UNIT` [m], so that one absolute tolerance does for both.
+A right-hand side finds all of its numbers in one array: the law's (`LAW` of them), then the load's. Its state is the
+depth [m] and its rate [m/s] times `RATE_UNIT` [s], so that one absolute tolerance [m] fits both.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from knee_contact_ros.tools.work_precision.motion import RATE_UNIT
-from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
+from knee_contact_ros.tools.work_precision.problems import Problem
 
 LAW = 7
 """The law's numbers: K, C, 1/M; of a second layer: its begin [m], the force there [N], K and C"""
@@ -23,7 +23,7 @@ HEAD = LAW + 3
 
 @njit(inline="always")
 def rates(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> None:
-    """Fill in the rates of change of depth [m] and of the scaled rate [m]; K d^1.5 as K d sqrt(d)."""
+    """Fill in the rates of change [m/s] of the depth and of the scaled rate, with one layer; d^1.5 is d sqrt(d)."""
     speed, force = scaled / RATE_UNIT, 0.0
     if depth > 0.0:
         force = max(numbers[0] * depth * np.sqrt(depth) + numbers[1] * speed, 0.0)
@@ -33,7 +33,7 @@ def rates(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> 
 
 @njit(inline="always")
 def rates_in_layers(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> None:
-    """The same with two layers."""
+    """Fill in the rates of change as `rates` does, with two layers."""
     speed, force, below = scaled / RATE_UNIT, 0.0, depth - numbers[3]
     if below > 0.0:
         force = max(numbers[4] + numbers[5] * below * np.sqrt(below) + numbers[6] * speed, 0.0)
@@ -51,7 +51,7 @@ def load_in_tick(time: float, numbers: Any) -> float:
 
 @njit(inline="always")
 def set_ramp(numbers: Any, load: float, slope: float) -> None:
-    """Load [N] at a tick's begin and its rate [N/s]."""
+    """Set the load of a tick: its value [N] at the tick's begin and its slope [N/s]."""
     numbers[LAW], numbers[LAW + 1] = load, slope
 
 
@@ -65,7 +65,7 @@ def load_in_series(time: float, numbers: Any) -> float:
 
 @njit
 def series_numbers(stiffness: float, damping: float, mass: float, time: Any, load: Any) -> Any:
-    """The numbers of a knee of one layer over the whole series."""
+    """Numbers of a knee of one layer for a right-hand side over the whole series."""
     last = len(time) - 1
     numbers = np.zeros(HEAD + 2 * last)
     numbers[0], numbers[1], numbers[2] = stiffness, damping, 1.0 / mass
@@ -77,7 +77,7 @@ def series_numbers(stiffness: float, damping: float, mass: float, time: Any, loa
 
 @njit
 def tick_numbers(stiffness: float, damping: float, mass: float) -> Any:
-    """The numbers of a knee of one layer over one tick, to be given the load's ramp from tick to tick."""
+    """Numbers of a knee of one layer for a right-hand side over one tick; `set_ramp` adds each tick's load."""
     numbers = np.zeros(LAW + 2)
     numbers[0], numbers[1], numbers[2] = stiffness, damping, 1.0 / mass
     return numbers
@@ -85,30 +85,33 @@ def tick_numbers(stiffness: float, damping: float, mass: float) -> Any:
 
 @njit
 def in_tick(rate: Any, time: float, state: Any, numbers: Any) -> None:
-    """Right-hand side over a tick; times [s] count from its begin."""
+    """Right-hand side over a tick with one layer; times [s] count from the tick's begin."""
     rates(rate, state[0], state[1], load_in_tick(time, numbers), numbers)
 
 
 @njit
 def in_tick_in_layers(rate: Any, time: float, state: Any, numbers: Any) -> None:
-    """The same with two layers."""
+    """Right-hand side over a tick with two layers; times [s] count from the tick's begin."""
     rates_in_layers(rate, state[0], state[1], load_in_tick(time, numbers), numbers)
 
 
 @njit
 def in_series(rate: Any, time: float, state: Any, numbers: Any) -> None:
-    """Right-hand side over the series."""
+    """Right-hand side over the series with one layer."""
     rates(rate, state[0], state[1], load_in_series(time, numbers), numbers)
 
 
 @njit
 def in_series_in_layers(rate: Any, time: float, state: Any, numbers: Any) -> None:
-    """The same with two layers."""
+    """Right-hand side over the series with two layers."""
     rates_in_layers(rate, state[0], state[1], load_in_series(time, numbers), numbers)
 
 
 class Motions(NamedTuple):
-    """Right-hand sides of a problem, each `f(rate, time, state, numbers)`, and their numbers."""
+    """Right-hand sides of a problem, over a tick and over the series, and their numbers.
+
+    Each is compiled and called as `f(rate, time, state, numbers)`.
+    """
 
     in_tick: Any
     in_series: Any
@@ -117,13 +120,11 @@ class Motions(NamedTuple):
 
 
 def motions(problem: Problem) -> Motions:
-    """Those that fit a problem: a knee of one layer pays for no second one."""
-    damping = problem.damping if problem.damp_first_layer or not problem.layered else 0.0
-    knee = problem.stiffness, damping, problem.mass
+    """Choose the right-hand sides of a problem: with one layer they compute no second one."""
+    knee = problem.stiffness, problem.first_damping, problem.mass
     tick, series = tick_numbers(*knee), series_numbers(*knee, problem.time, problem.load)
     if not problem.layered:
         return Motions(in_tick, in_series, tick, series)
-    base = problem.stiffness * problem.layer_depth**EXPONENT
     for numbers in (tick, series):
-        numbers[3:LAW] = problem.layer_depth, base, problem.stiffness_2, problem.damping
+        numbers[3:LAW] = problem.layer_depth, problem.layer_force, problem.stiffness_2, problem.damping
     return Motions(in_tick_in_layers, in_series_in_layers, tick, series)

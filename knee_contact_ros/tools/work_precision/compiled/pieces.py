@@ -1,6 +1,6 @@
-"""The motion cut at every event of the law, compiled by Numba, for tools that stop at events in compiled code.
+"""numbalsoda's `solve_ivp` along the motion cut at every event of the law, compiled by Numba.
 
-`piecewise.py` has the same in plain Python. A run has two places behind the numbers of `compiled_motion.py`: the piece,
+`piecewise.py` has the same pieces in plain Python. A run has two places behind the numbers of `motion.py`: the piece,
 and the time [s] at which it began.
 """
 
@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import cfunc, njit, types
+from numbalsoda import lsoda_sig, solve_ivp
 
-from knee_contact_ros.tools.work_precision.compiled_motion import HEAD, LAW, load_in_series
+from knee_contact_ros.tools.work_precision.compiled.motion import HEAD, LAW, load_in_series
 from knee_contact_ros.tools.work_precision.motion import RATE_UNIT
 
 APART, FIRST, SECOND, PULLED_FIRST, PULLED_SECOND = 0, 1, 2, 3, 4
@@ -20,17 +21,18 @@ TOUCH, LAYER, PULL = 0, 1, 2
 """Ends of pieces"""
 INSIDE = 1e-30
 """What an end's value is where a piece begins on it"""
+MOST_EVENTS = 10_000
 
 
 @njit(inline="always")
 def place(numbers: Any) -> int:
-    """Of the piece, behind the loads."""
+    """Index of the piece among the numbers, behind the loads."""
     return HEAD + 2 * (int(numbers[LAW + 2]) + 1)
 
 
 @njit(inline="always")
 def formula(second: bool, depth: float, scaled: float, numbers: Any) -> float:
-    """A layer's force [N] without the clamp."""
+    """Force [N] of the first or second layer without the clamp at 0."""
     below = depth - numbers[3] if second else depth
     spring = below * np.sqrt(below) if below > 0.0 else 0.0
     speed = scaled / RATE_UNIT
@@ -39,9 +41,9 @@ def formula(second: bool, depth: float, scaled: float, numbers: Any) -> float:
     return numbers[0] * spring + numbers[1] * speed  # type: ignore[no-any-return]
 
 
-@njit
-def in_piece(rate: Any, time: float, state: Any, numbers: Any) -> None:
-    """Right-hand side over the series within a piece."""
+@cfunc(lsoda_sig)
+def in_piece(time: float, state: Any, rate: Any, numbers: Any) -> None:
+    """Fill in the rates of change over the series within a piece."""
     piece, force = int(numbers[place(numbers)]), 0.0
     if piece in (FIRST, SECOND):
         force = formula(piece == SECOND, state[0], state[1], numbers)
@@ -49,9 +51,9 @@ def in_piece(rate: Any, time: float, state: Any, numbers: Any) -> None:
     rate[1] = (load_in_series(time, numbers) - force) * numbers[2] * RATE_UNIT
 
 
-@njit
-def ends(values: Any, time: float, state: Any, numbers: Any) -> None:
-    """What ends a piece where it passes through 0: all are positive within it."""
+@cfunc(types.void(types.double, *[types.CPointer(types.double)] * 3))
+def ends(time: float, state: Any, values: Any, numbers: Any) -> None:
+    """Fill in the values that end a piece where they pass through 0; all are positive within it."""
     here, depth = place(numbers), state[0]
     piece = int(numbers[here])
     values[TOUCH], values[LAYER], values[PULL] = 1.0, 1.0, 1.0
@@ -73,7 +75,7 @@ def ends(values: Any, time: float, state: Any, numbers: Any) -> None:
 
 @njit
 def behind(piece: int, end: int, state: Any, numbers: Any) -> int:
-    """The piece behind an end."""
+    """The piece behind an end, at a state on it."""
     if end == TOUCH and piece != APART:
         return APART
     second = piece in (SECOND, PULLED_SECOND)
@@ -85,3 +87,28 @@ def behind(piece: int, end: int, state: Any, numbers: Any) -> int:
     if second:
         return SECOND if pushes else PULLED_SECOND
     return FIRST if pushes else PULLED_FIRST
+
+
+IN_PIECE, ENDS = in_piece.address, ends.address
+
+
+@njit
+def solve(piece: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float) -> Any:
+    """Depth [m] at every stamp [s] of a run that begins in a piece; nan where the run did not get."""
+    depths, here, done = np.full(len(time), np.nan), place(numbers), 1
+    depths[0] = state[0]
+    span = np.array([time[0], time[-1]])
+    for _ in range(MOST_EVENTS):
+        numbers[here], numbers[here + 1] = piece, span[0]
+        answer = solve_ivp(IN_PIECE, span, state, time[done:], n_events=3, event_fcn=ENDS, data=numbers.ctypes.data,
+                           rtol=rtol, atol=atol)  # fmt: skip
+        if not answer.success:
+            break
+        count = len(answer.t)
+        depths[done : done + count] = answer.y[:, 0]
+        done += count
+        if not answer.event_found or done >= len(time):
+            break
+        state, span[0] = answer.y_event.copy(), answer.t_event
+        piece = behind(piece, answer.ind_event, state, numbers)
+    return depths
