@@ -18,6 +18,7 @@ from knee_contact_ros.compiled.keeping import kernel_folder
 from knee_contact_ros.compiled.kernel import is_kept, kernel_of
 from knee_contact_ros.compiled.kernel_folder import DoubtError, KernelFolder
 from knee_contact_ros.compiled.layout import kind_of
+from knee_contact_ros.compiled.shipped import is_there
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.system.processes import Process, connected
 
@@ -29,7 +30,7 @@ def compile_ahead(scenes: Iterable[Scene]) -> None:
     that of Ctrl-C for instance, ends the processes.
     """
     missing = {kind_of(scene): scene for scene in scenes if not is_kept(scene, only_on_disk=True)}
-    possible = missing and compiler_works() and _can_keep()
+    possible = missing and _can_keep() and (all(map(is_there, missing)) or compiler_works())
     waiting, running = list(missing.values()) if possible else [], dict[Connection, Process]()
     try:
         while waiting or running:

@@ -14,7 +14,7 @@ from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 from numba.core.serialize import dumps
 
-from knee_contact_ros.compiled.keeping import NOT_KEPT, file_names, fingerprint, kernel_folder, warn
+from knee_contact_ros.compiled.keeping import NOT_KEPT, file_names, fingerprint, kernel_folder, name_of, warn
 from knee_contact_ros.compiled.kernel_folder import KernelFolder
 from knee_contact_ros.compiled.turns import announce_compiling, read_or_wait
 
@@ -131,7 +131,7 @@ class _Kernels:
         signature, processor, code = key
         made_of: list[Any] = [self._function, *_named_tuples(signature)]
         names = [(one.__module__, one.__qualname__) for one in made_of]
-        return file_names(self._function.__name__, made_of, [names, str(signature), code], processor)
+        return file_names(name_of(self._function.__name__, made_of, names, str(signature), code), processor)
 
 
 def _named_tuples(kinds: Iterable[Any]) -> Iterator[type]:

@@ -38,6 +38,8 @@ class Cost(NamedTuple):
 COSTS = (Cost(0.3e-3, 15.0), Cost(2e-3, 18.0), Cost(5e-3, 20.0))
 """Costs by the number of measured surfaces on which the contact is searched for; a tick is up to some times cheaper on
 smooth surfaces, and more expensive on noisy ones"""
+SHIPPED = 1.0
+"""Time [s] of making machine code of a kernel that comes with the package"""
 LOADING = 0.1
 """Time [s] of loading what was compiled before"""
 
@@ -54,12 +56,14 @@ def worth_compiling(scene: Scene, ticks: int) -> bool:
     plain = ticks * cost.tick
     if plain < LOADING and _KERNEL not in sys.modules:
         return False
-    return _is_kept(scene) or (plain > cost.compiling and compiler_works())
+    if _is_kept(scene):
+        return True
+    return plain > SHIPPED if _is_shipped(scene) else plain > cost.compiling and compiler_works()
 
 
 @functools.cache
 def compiler_works() -> bool:
-    """Whether Numba can be used; if not, warn once: then all is computed plainly for which no kernel is kept."""
+    """Whether Numba can be used; if not, warn once: scenes without a kept or shipped kernel run plainly."""
     try:
         import_module("numba")
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
@@ -74,13 +78,13 @@ def compiler_works() -> bool:
 def chosen(model: KneeModel) -> KneeModel:
     """Give the same model, which chooses the kernel anew for every run.
 
-    A stream, whose length is not known, takes the compiled kernel if it need not be compiled.
+    A stream, whose length is not known, takes the compiled kernel if that is kept or comes with the package.
     """
     return replace(model, kernel=CHOSEN)
 
 
 def forced(model: KneeModel) -> KneeModel:
-    """Give the same model with the compiled kernel, however long compiling takes, if Numba can be used.
+    """Give the same model with the compiled kernel, however long compiling takes, if there can be one.
 
     A line on stderr says when something is compiled.
     """
@@ -93,7 +97,7 @@ def _run(scene: Scene, memory: Memory, durations: Any, *columns: Any) -> None:
 
 
 def _bind(scene: Scene, memory: Memory, answer: Rows) -> Callable[..., None]:
-    kernel = _compiled(scene) if _is_kept(scene) else PLAIN
+    kernel = _compiled(scene) if _is_kept(scene) or _is_shipped(scene) else PLAIN
     return kernel.bind(scene, memory, answer)
 
 
@@ -110,8 +114,16 @@ def _is_kept(scene: Scene) -> bool:
     return is_kept(scene)
 
 
+def _is_shipped(scene: Scene) -> bool:
+    try:
+        from knee_contact_ros.compiled.kernel import is_shipped
+    except Exception:  # as above
+        return False
+    return is_shipped(scene)
+
+
 def _compiled(scene: Scene) -> Kernel:
-    if not (_is_kept(scene) or compiler_works()):
+    if not (_is_kept(scene) or _is_shipped(scene) or compiler_works()):
         return PLAIN
     from knee_contact_ros.compiled.kernel import compiled_kernel
 

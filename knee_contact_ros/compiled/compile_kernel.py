@@ -1,4 +1,4 @@
-"""Compile the kernel of a kind of scene to machine code, by Numba."""
+"""Compile the kernel of a kind of scene to LLVM's code, by Numba."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ the result and for an exception; the only exception possible is that memory runs
 
 
 @global_compiler_lock
-def machine_code(scene: Scene) -> bytes:
-    """Compile the kernel for a kind of scene, and give object code with the functions of `machine_code.Native`."""
+def bitcode(scene: Scene) -> bytes:
+    """Compile the kernel for a kind of scene; give LLVM's optimised code of the functions of `machine_code.Native`."""
     register()
     kind = numba.typeof(scene)
     read_scene, run = scene_at(kind), ticks.run
@@ -66,12 +66,14 @@ def machine_code(scene: Scene) -> bytes:
     made = compile_extra(
         cpu_target.typing_context, context, call, ARGUMENTS, types.void, flags, {}, None, InnerCompiler
     )
-    codegen = context.codegen()
-    library = codegen.create_library(RUN)
+    library = context.codegen().create_library(RUN)
     whole = library._final_module
     called_by_c = CALLED_BY_C.format(run=RUN, tick=TICK, one=ONE_TICK, inner=made.fndesc.mangled_name)
     whole.link_in(llvm.parse_assembly(called_by_c))
     whole.link_in(made.library._get_module_for_linking())
+    for part in (*whole.functions, *whole.global_variables):  # LLVM removes what has no callers left, and inlines more
+        if not part.is_declaration and part.name not in (RUN, TICK):
+            part.linkage = "internal"
     library._optimize_final_module()
-    code: bytes = codegen._tm.emit_object(library._final_module)
-    return code
+    optimised: bytes = library._final_module.as_bitcode()
+    return optimised

@@ -13,7 +13,7 @@ import inspect
 import logging
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from knee_contact_ros.core.kernel_source import FUNCTIONS
 COVERED = tuple(f"{name}." for name in (knee_contact_ros.core.__name__, __package__))
 """Prefixes of the modules that the fingerprint covers"""
 CORE, COMPILED = Path(knee_contact_ros.core.__file__).parent, Path(__file__).parent
-KEEPING = ("ahead.py", "cache.py", "choice.py", "keeping.py", "kernel_folder.py", "turns.py")
+KEEPING = ("ahead.py", "cache.py", "choice.py", "keeping.py", "kernel_folder.py", "shipped.py", "turns.py")
 """Files in `compiled` that have no part in compiling: kept code stays valid when they are edited"""
 
 NOT_KEPT = "what was compiled is not kept"
@@ -35,23 +35,32 @@ _log = logging.getLogger(__name__)
 _warned: set[str] = set()
 
 
-def file_names(prefix: str, made_of: Sequence[Any], key: Sequence[Any], processor: Any) -> tuple[str, str] | None:
+def file_names(start: str | None, processor: Any) -> tuple[str, str] | None:
     """Give the name of the file for compiled code, and how it begins whatever the processor is.
+
+    Args:
+        start: Beginning of the name; see `name_of`.
+        processor: What describes the processor.
+
+    Returns:
+        Name and beginning; None if there is no beginning.
+    """
+    return None if start is None else (f"{start}{digest(processor)}.kernel", start)
+
+
+def name_of(prefix: str, made_of: Iterable[Any], *key: Any) -> str | None:
+    """Give the beginning of the names of files for compiled code, whatever the model and the processor are.
 
     Args:
         prefix: Beginning of the name.
         made_of: Functions and classes from which the code is compiled.
         key: What else the code depends on, in a form whose `repr` is the same in every process.
-        processor: What describes the processor.
 
     Returns:
-        Name and beginning; None if another process could not find the sources again.
+        The beginning; None if another process could not find the sources again.
     """
     sources = _sources_elsewhere(made_of)
-    if sources is None:
-        return None
-    start = f"{prefix}-{digest((*key, sources))}-"
-    return f"{start}{digest(processor)}.kernel", start
+    return None if sources is None else f"{prefix}-{digest((*key, sources))}-"
 
 
 def _sources_elsewhere(made_of: Iterable[Any]) -> list[Any] | None:
@@ -92,7 +101,14 @@ def kernel_folder() -> Path:
 
 @functools.cache
 def fingerprint() -> str:
-    """Give a digest of what all compiled code depends on: the model's source, how it is compiled, and the compiler.
+    """Give a digest of what all compiled code depends on: the model and the compiler."""
+    versions = [_version_of(name) for name in ("numba", "llvmlite")], sys.implementation.cache_tag
+    return digest((versions, model_meaning()))
+
+
+@functools.cache
+def model_meaning() -> str:
+    """Give a digest of the model's source and of how it is compiled.
 
     Comments and docstrings do not count. To parse a file takes 25 times as long as to read it, so the result for the
     last files is kept.
@@ -101,25 +117,22 @@ def fingerprint() -> str:
     if not model:
         raise FileNotFoundError(f"{CORE} has no Python files")
     paths = [*model, *sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)]
-    versions = [_file_digest(_version_of(name)) for name in ("numba", "llvmlite")], sys.implementation.cache_tag
-    files = digest((versions, [_file_digest(path) for path in paths]))
+    files = digest([_file_digest(path) for path in paths])
     kept, name = KernelFolder(_caches() / "meaning"), "model"
     with suppress(DoubtError):
         known, _, meaning = (kept.read(name) or b"").decode().partition(" ")
         if known == files:
             return meaning
-    meaning = digest((versions, [source_meaning(path.read_bytes()) for path in paths]))
+    meaning = digest([source_meaning(path.read_bytes()) for path in paths])
     with suppress(DoubtError):
         kept.write(name, f"{files} {meaning}".encode())
     return meaning
 
 
-def _version_of(package: str) -> Path:
-    """Find the file with a package's version; to import the compiler for it would take longer than all else here."""
+def _version_of(package: str) -> str:
+    """Give a digest of a package's version; to import the compiler for it would take longer than all else here."""
     spec = importlib.util.find_spec(package)
-    if spec is None or spec.origin is None:
-        raise FileNotFoundError(f"{package} is not installed")
-    return Path(spec.origin).with_name("_version.py")
+    return _file_digest(Path(spec.origin).with_name("_version.py")) if spec and spec.origin else "not installed"
 
 
 def _file_digest(path: Path) -> str:

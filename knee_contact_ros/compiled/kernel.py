@@ -17,10 +17,11 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
+from knee_contact_ros.compiled import shipped
 from knee_contact_ros.compiled.keeping import NOT_KEPT, file_names, kernel_folder, warn
 from knee_contact_ros.compiled.kernel_folder import KernelFolder
-from knee_contact_ros.compiled.layout import kind_of, laid_down, named_tuples, words_of
-from knee_contact_ros.compiled.machine_code import Native, loaded, processor
+from knee_contact_ros.compiled.layout import kind_of, laid_down, words_of
+from knee_contact_ros.compiled.machine_code import Native, loaded, object_code, processor
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.turns import Announce, announce_compiling, in_turn, read_or_wait
 from knee_contact_ros.core.model import Kernel, KneeModel
@@ -36,9 +37,9 @@ _READY: dict[Any, Native] = {}
 def compiled(model: KneeModel, announce: Announce = nullcontext) -> KneeModel:
     """Give a model that computes the same answers with the compiled kernel.
 
-    Compiling happens when the first run or stream of a new kind of scene begins and takes a quarter of a minute or half
-    a minute; what this machine has compiled before is loaded in a tenth of a second. `announce` makes the context in
-    which something is compiled.
+    Compiling happens when the first run or stream of a new kind of scene begins and takes a quarter of a minute, but a
+    second for kinds of scene whose kernels come with the package; what this machine has compiled before is loaded in a
+    tenth of a second. `announce` makes the context in which something is compiled.
     """
     return replace(model, kernel=compiled_kernel(announce))
 
@@ -95,32 +96,52 @@ def is_kept(scene: Scene, *, only_on_disk: bool = False) -> bool:
         return False
 
 
+def is_shipped(scene: Scene) -> bool:
+    """Whether the kernel for a kind of scene comes with the package."""
+    return shipped.is_there(kind_of(scene))
+
+
 def kernel_of(scene: Scene, kind: Any, announce: Announce = nullcontext) -> Native:
-    """Give the kernel for a kind of scene: one of this process, one that was kept, or a newly compiled one."""
+    """Give the kernel for a kind of scene: of this process, kept, shipped with the package, or newly compiled."""
     native = _READY.get(kind)
     if native is None:
         with in_turn(lambda: digest(words_of(kind)), announce):
-            native = _READY[kind] = _kept(kind) or _compiled(scene, kind)
+            native = _READY[kind] = _kept(kind) or _shipped(kind) or _compiled(scene, kind)
     return native
 
 
 def _kept(kind: Any) -> Native | None:
     """Load what was kept for a kind of scene; None if there is nothing that can be used."""
     try:
-        names = _names(kind)
-        if names and (code := read_or_wait(KernelFolder(kernel_folder()), *names)) is not None:
-            return loaded(code)
+        if names := _names(kind):
+            folder = KernelFolder(kernel_folder())
+            code = folder.read(names[0]) if shipped.is_there(kind) else read_or_wait(folder, *names)
+            return None if code is None else loaded(code)
     except Exception as error:  # what is whole and ours may still have been made by something else
         warn(error, "compiling again")
-    announce_compiling()
     return None
 
 
-def _compiled(scene: Scene, kind: Any) -> Native:
-    """Compile the kernel, and keep it if that is possible."""
-    from knee_contact_ros.compiled.compile_kernel import machine_code
+def _shipped(kind: Any) -> Native | None:
+    """Make the kernel that comes with the package ready; None if there is none that can be used."""
+    try:
+        bitcode = shipped.bitcode(kind)
+        return _keep(kind, object_code(bitcode)) if bitcode else None
+    except Exception as error:  # it is damaged, or another version of LLVM cannot read it
+        warn(error, "compiling")
+        return None
 
-    code = machine_code(scene)
+
+def _compiled(scene: Scene, kind: Any) -> Native:
+    """Compile the kernel."""
+    announce_compiling()
+    from knee_contact_ros.compiled.compile_kernel import bitcode
+
+    return _keep(kind, object_code(bitcode(scene)))
+
+
+def _keep(kind: Any, code: bytes) -> Native:
+    """Keep the object code of a kernel if that is possible, and load it."""
     try:
         if names := _names(kind):
             folder = KernelFolder(kernel_folder())
@@ -133,4 +154,4 @@ def _compiled(scene: Scene, kind: Any) -> Native:
 
 def _names(kind: Any) -> tuple[str, str] | None:
     """See `file_names`."""
-    return file_names("knee", list(named_tuples(kind)), [words_of(kind)], processor())
+    return file_names(shipped.name_of_kind(kind), processor())

@@ -45,6 +45,25 @@ _LOADED: list[Any] = []
 """Engines that hold code, which is freed with them"""
 
 
+def object_code(bitcode: bytes) -> bytes:
+    """Make a kernel's object code of LLVM's code, for this processor or the one that NUMBA_CPU_NAME names.
+
+    Raises:
+        RuntimeError: it is not LLVM's code, or is for another kind of machine.
+    """
+    _initialise()
+    module = llvm.parse_bitcode(bitcode)
+    if module.triple != llvm.get_process_triple():
+        raise RuntimeError(f"it is for {module.triple}")
+    name = os.environ.get("NUMBA_CPU_NAME") or llvm.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES", llvm.get_host_cpu_features().flatten())
+    target = llvm.Target.from_default_triple()
+    relocation = "static" if target.name.startswith("x86") else "default"
+    machine = target.create_target_machine(name, features, opt=3, reloc=relocation, codemodel="jitdefault", jit=True)
+    code: bytes = machine.emit_object(module)
+    return code
+
+
 def loaded(code: bytes) -> Native:
     """Load a kernel from its object code.
 
@@ -53,8 +72,7 @@ def loaded(code: bytes) -> Native:
     Raises:
         LookupError: it is no kernel, or calls an unknown function; LLVM would call the address 0.
     """
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+    _initialise()
     object_file = llvm.object_file.ObjectFileRef.from_data(code)
     for name in called_by(object_file):
         _make_known(name)
@@ -69,6 +87,11 @@ def loaded(code: bytes) -> Native:
     ffi = FFI()
     run, tick = (ffi.cast(kind, address) for kind, address in zip(TYPES.values(), addresses, strict=True))
     return Native(run, tick, addresses[0])
+
+
+def _initialise() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
 
 
 def called_by(object_file: Any) -> list[str]:

@@ -14,7 +14,7 @@ from distributed import LocalCluster
 from knee_contact_ros.cohort.blocks import keys_of
 from knee_contact_ros.cohort.engine import run_study
 from knee_contact_ros.cohort.shards import Shards
-from knee_contact_ros.cohort.study import Study
+from knee_contact_ros.cohort.study import Spaced, Study, axes_of
 from knee_contact_ros.system.errors import IncompleteError
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
@@ -54,11 +54,10 @@ class Points(NamedTuple):
     """Some values of one parameter."""
 
     values: tuple[float, ...]
-    names: tuple[str, ...] = ("contact.stiffness",)
 
     @property
-    def ends(self) -> list[tuple[float, float]]:
-        return [(min(self.values), max(self.values))]
+    def axes(self) -> dict[str, Spaced]:
+        return axes_of({"contact.stiffness": [min(self.values), max(self.values)]})
 
     @property
     def number(self) -> int:

@@ -281,30 +281,30 @@ def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
         copy = shutil.copytree(getattr(keeping, name), tmp_path / name)
         monkeypatch.setattr(keeping, name, copy)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    fingerprint = keeping.fingerprint.__wrapped__
-    before = fingerprint()
-    assert fingerprint() == before
+    meaning = keeping.model_meaning.__wrapped__
+    before = meaning()
+    assert meaning() == before
     for name in keeping.KEEPING:
         (tmp_path / "COMPILED" / name).write_text("edited = True")
-    assert fingerprint() == before
+    assert meaning() == before
     for name in ("CORE/ticks.py", "CORE/contact_laws/hertz.py", "COMPILED/inner.py", "COMPILED/functions.py"):
         path = tmp_path / name
         path.write_text("# edited\n\n" + path.read_text().replace('"""', '"""Other words. ', 1))
-        assert fingerprint() == before
+        assert meaning() == before
         path.write_text(path.read_text() + "edited = True\n")
-        assert fingerprint() != before
-        before = fingerprint()
+        assert meaning() != before
+        before = meaning()
 
 
 def test_a_damaged_note_of_a_meaning_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    fingerprint = keeping.fingerprint.__wrapped__
-    right = fingerprint()
+    meaning = keeping.model_meaning.__wrapped__
+    right = meaning()
     (note,) = (tmp_path / "knee_contact_ros" / "meaning").iterdir()
     whole = note.read_bytes()
     for content in (b"", whole[:-1], whole + b"x"):
         note.write_bytes(content)
-        assert fingerprint() == right
+        assert meaning() == right
         assert note.read_bytes() == whole
 
 

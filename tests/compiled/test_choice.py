@@ -13,7 +13,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.compiled import choice, kernel
-from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, cost_of, worth_compiling
+from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, SHIPPED, cost_of, worth_compiling
 from knee_contact_ros.core.model import PLAIN, KneeModel
 
 TIME = np.arange(0.0, 0.3, 0.005)
@@ -25,8 +25,9 @@ def model(compiled: bool | None = None, **parameters: Any) -> KneeModel:
     return knee_contact_ros.load_model(parameters, compiled=compiled)
 
 
-def kept(monkeypatch: pytest.MonkeyPatch, is_kept: bool) -> None:
+def kept(monkeypatch: pytest.MonkeyPatch, is_kept: bool, is_shipped: bool = False) -> None:
     monkeypatch.setattr(kernel, "is_kept", lambda _scene: is_kept)
+    monkeypatch.setattr(kernel, "is_shipped", lambda _scene: is_shipped)
 
 
 @pytest.mark.parametrize(
@@ -50,6 +51,10 @@ def test_as_many_ticks_as_take_as_long_as_compiling_are_compiled_for(
     assert not worth_compiling(knee.scene, enough // 2)
     kept(monkeypatch, is_kept=True)
     assert worth_compiling(knee.scene, enough // 2)
+    kept(monkeypatch, is_kept=False, is_shipped=True)
+    enough = int(SHIPPED / cost.tick) + 2
+    assert worth_compiling(knee.scene, enough)
+    assert not worth_compiling(knee.scene, enough // 2)
 
 
 def test_a_few_ticks_do_not_even_look_for_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,11 +73,11 @@ def test_it_can_be_forced() -> None:
 
 
 @KEPT
-@pytest.mark.parametrize("is_kept", [True, False])
-def test_the_choice_never_changes_a_bit(monkeypatch: pytest.MonkeyPatch, is_kept: bool) -> None:
+@pytest.mark.parametrize(("is_kept", "is_shipped"), [(True, False), (False, True), (False, False)])
+def test_the_choice_never_changes_a_bit(monkeypatch: pytest.MonkeyPatch, is_kept: bool, is_shipped: bool) -> None:
     compiled, plain = (model(compiled=way).run(*SERIES) for way in (True, False))
     assert compiled.tobytes() == plain.tobytes()
-    kept(monkeypatch, is_kept)
+    kept(monkeypatch, is_kept, is_shipped)
     chosen = model()
     assert chosen.run(*SERIES).tobytes() == plain.tobytes()
     stream = chosen.stream()
@@ -141,18 +146,24 @@ import knee_contact_ros
 
 time = np.arange(0.0, 0.3, 0.005)
 series = (time, 0.4 + 0.3 * np.sin(7.0 * time), 900.0 + 600.0 * np.sin(13.0 * time))
-model = knee_contact_ros.load_model(compiled=True)
+model = knee_contact_ros.load_model({"tibia.geometry": sys.argv[1]}, compiled=True)
 print(model.run(*series).tobytes().hex())
-stream = knee_contact_ros.load_model().stream()
+stream = knee_contact_ros.load_model({"tibia.geometry": sys.argv[1]}).stream()
 print(stream.tick(0.0, 0.4, 900.0).tobytes().hex())
 """
 
 
-def test_without_numba_all_goes_on_uncompiled_with_one_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("tibia", ["circle", "plane"])
+def test_without_numba_all_goes_on(tibia: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uncompiled, with one warning; or by the kernel that comes with the package."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # what is kept needs no Numba
-    done = subprocess.run([sys.executable, "-c", WITHOUT_NUMBA], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", WITHOUT_NUMBA, tibia], capture_output=True, text=True, check=True)
     answers = [bytes.fromhex(line) for line in done.stdout.splitlines()]
-    expected = model(compiled=False).run(*SERIES)
+    expected = model(compiled=False, **{"tibia.geometry": tibia}).run(*SERIES)
     assert answers == [expected.tobytes(), expected[:1].tobytes()]
-    (warning,) = done.stderr.splitlines()
-    assert warning.startswith("knee_contact_ros: Numba cannot be used (ModuleNotFoundError: ")
+    if tibia == "plane":
+        assert done.stderr == ""
+        assert list(tmp_path.rglob("*.kernel"))
+    else:
+        (warning,) = done.stderr.splitlines()
+        assert warning.startswith("knee_contact_ros: Numba cannot be used (ModuleNotFoundError: ")

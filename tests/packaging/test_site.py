@@ -56,7 +56,7 @@ def test_the_parameters_stand_on_it_with_their_limits(site: Path) -> None:
 def test_what_is_public_stands_on_it_with_its_docstring(site: Path) -> None:
     text = re.sub(r"<[^>]+>", "", (site / "docs" / "api" / "python.html").read_text(encoding="utf-8"))
     assert "knee_contact_ros.load_model(" in text
-    assert "Start a run that takes one tick at a time." in text
+    assert "Start a run that is given one tick at a time." in text
     assert "tibia frame (when apart: the point closest" in text  # a colon begins no type
 
 

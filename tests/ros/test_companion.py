@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import groupby
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -179,7 +180,8 @@ def test_its_log_says_what_it_does_and_why(peer: Peer, companion: subprocess.Pop
     companion.send_signal(signal.SIGINT)
     assert companion.wait(PATIENCE) == 0
     said = [line.split("]: ")[1].partition(" (")[0] for line in companion.stderr]
-    assert [line for line in said if line != "no assist: no answer for 0.5 s"] == [  # before the first answer
+    told = [line for line in said if line != "no assist: no answer for 0.5 s"]  # before the first answer
+    assert [line for line, _ in groupby(told)] == [  # it is said again while it lasts, as on a busy machine
         "assisting",
         "giving way: the contact force is above 1400 N",
         "assisting",

@@ -70,7 +70,7 @@ def test_a_node_without_numba_answers_uncompiled(
     peer: Peer, start_node: Callable[..., NodeProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # what is kept needs no Numba
-    node = start_node(without="numba")
+    node = start_node("-p", "tibia.geometry:=circle", without="numba")  # no kernel is shipped for it
     peer.wait_for_node()
     send_all(peer)
     code, said = node.stop()

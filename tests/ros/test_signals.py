@@ -50,7 +50,8 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
+    unshipped = "-p", "tibia.geometry:=circle"
+    node = start_node(*unshipped, "-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
     assert node.process.stdout
     assert any("making the model ready" in line for line in node.process.stdout)
     peer.wait_until((tmp_path / "bag").exists)  # the recorder's process starts while the model compiles

@@ -1,0 +1,49 @@
+"""Kernels that come with the package: the usual kinds of knee need no compiler.
+
+A file holds LLVM's code, optimised, for a kind of scene and one version of the model. Machine code for the processor at
+hand is made of it in a second. If the model has been changed, the file is not found and the kind is compiled; `python
+-m scripts.make_kernels` makes the files again.
+"""
+
+from __future__ import annotations
+
+import lzma
+from pathlib import Path
+from typing import Any
+
+from knee_contact_ros.compiled.keeping import model_meaning, name_of
+from knee_contact_ros.compiled.layout import named_tuples, words_of
+
+FOLDER = Path(__file__).with_name("kernels")
+SUFFIX = ".bc.xz"
+
+
+def name_of_kind(kind: Any) -> str | None:
+    """Give the beginning of the names of files for a kind of scene; None if another process could not find it again."""
+    return name_of("knee", named_tuples(kind), words_of(kind))
+
+
+def file_of(kind: Any) -> Path | None:
+    """Give the file for a kind of scene and this model, whether it exists or not; see `name_of_kind` for None."""
+    name = name_of_kind(kind)
+    return None if name is None else FOLDER / f"{name}{model_meaning()}{SUFFIX}"
+
+
+def is_there(kind: Any) -> bool:
+    """Whether the kernel for a kind of scene comes with the package."""
+    try:
+        path = file_of(kind)
+    except OSError:  # sources that cannot be read
+        return False
+    return path is not None and path.is_file()
+
+
+def bitcode(kind: Any) -> bytes | None:
+    """Give LLVM's code of the kernel for a kind of scene; None if it does not come with the package.
+
+    Raises:
+        OSError: the file cannot be read.
+        lzma.LZMAError: it is damaged.
+    """
+    path = file_of(kind) if is_there(kind) else None
+    return lzma.decompress(path.read_bytes()) if path else None

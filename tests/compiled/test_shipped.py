@@ -1,0 +1,85 @@
+"""Kernels that come with the package: they are those of this model, and give its bits."""
+
+from __future__ import annotations
+
+import logging
+import lzma
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from llvmlite import binding as llvm
+
+from knee_contact_ros.compiled import keeping, kernel, shipped
+from knee_contact_ros.compiled.keeping import model_meaning
+from knee_contact_ros.compiled.layout import kind_of
+from knee_contact_ros.compiled.machine_code import object_code
+from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.parameters.build import load_model
+from knee_contact_ros.system.resources import shipped_parameter_files
+from scripts.make_kernels import SOURCES
+
+TIME = np.arange(0.0, 1.0, 0.005)
+SERIES = (TIME, 0.5 + 0.4 * np.sin(7.0 * TIME), 600.0 + 900.0 * np.sin(13.0 * TIME))  # lifts off, too
+FILES = shipped_parameter_files()
+
+
+def compiled(source: Any) -> KneeModel:
+    return load_model(source, compiled=True)
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A home in which nothing is kept, for a process that knows no kernel."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(kernel, "_READY", {})
+    return tmp_path
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=str)
+def test_every_law_and_shipped_knee_has_a_kernel_of_this_model(source: Any) -> None:
+    file = shipped.file_of(kind_of(load_model(source, compiled=False).scene))
+    assert file is not None
+    assert file.is_file(), "the model has changed: `python -m scripts.make_kernels`"
+
+
+def test_no_kernel_of_another_model_is_left() -> None:
+    assert [path.name for path in shipped.FOLDER.iterdir() if model_meaning() not in path.name] == []
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=str)
+def test_it_gives_the_bits_of_the_plain_model(source: Any, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(kernel, "_compiled")
+    series = [column[: 40 if "mri_knee" in str(source) else None] for column in SERIES]
+    knee = load_model(source, compiled=False)
+    answers = compiled(source).run(*series)
+    assert answers.tobytes() == knee.run(*series).tobytes()
+    assert len(list(empty_cache.rglob("*.kernel"))) == 1
+
+
+@pytest.mark.parametrize("content", [b"no archive", lzma.compress(b"no code of LLVM")])
+def test_one_that_is_damaged_is_compiled(
+    content: bytes, empty_cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    knee = load_model(FILES[0], compiled=False)
+    kind = kind_of(knee.scene)
+    monkeypatch.setattr(shipped, "FOLDER", empty_cache)
+    monkeypatch.setattr(kernel, "_compiled", lambda _scene, _kind: "compiled")
+    monkeypatch.setattr(keeping, "_warned", set())
+    file = shipped.file_of(kind)
+    assert file is not None
+    file.write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        assert kernel.kernel_of(knee.scene, kind) == "compiled"
+    (record,) = caplog.records
+    assert record.getMessage().endswith("; compiling")
+
+
+def test_code_for_another_kind_of_machine_is_refused() -> None:
+    bitcode = shipped.bitcode(kind_of(load_model(FILES[0], compiled=False).scene))
+    assert bitcode
+    module = llvm.parse_bitcode(bitcode)
+    module.triple = "riscv64-unknown-linux-gnu"
+    with pytest.raises(RuntimeError, match="it is for riscv64"):
+        object_code(module.as_bitcode())
