@@ -1,10 +1,11 @@
-"""Times that a person waits for: help, first compilation, loading what is kept, a short bag, and a tick of gait.
+"""Times that a person waits for: help, first use, loading what is kept, a short bag, and a tick of gait.
 
 python -m studies.waiting [--base TREE] [--turns N] [--output FILE]: in turns with another tree of this project.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import statistics
 import subprocess
@@ -23,18 +24,21 @@ from studies.report import Section, machine, save
 HERE = Path(__file__).parents[1]
 BAG = share_folder() / "bags" / "gait2354_right"
 KINDS = ("healthy", "mri_femur", "mri_knee")
+CONCAVE = {"tibia.geometry": "circle"}
+"""A kind that no kernel comes with the package for"""
 COMMAND = ("-m", "knee_contact_ros.cli.main")
 HEADER = ("what", "before [s]", "now [s]", "now over before")
 TEXT = """
-Medians of {turns} turns, each a process of its own, in turns with the tree before. "Compiling" is the processor time of
-a process that has nothing kept, less that of one that has: run and stream of one kind of knee. "Loading" is the time
+Medians of {turns} turns, each a process of its own, in turns with the tree before. "First use" is the processor time of
+a process that has nothing kept, less that of one that has: run and stream of one kind of knee. For the first three a
+kernel comes with the package; the last one is compiled. "Loading" is the time
 from a model to its first tick in a new process, with what is compiled kept, "without Numba's import" the same after
 Numba was imported. A tick is one of a run over the recorded gait of the right leg (387 ticks), the best of many.
 """
-COMPILE = """
-import sys, time
+FIRST_USE = """
+import json, sys, time
 import knee_contact_ros
-model = knee_contact_ros.load_model(sys.argv[1], compiled=True)
+model = knee_contact_ros.load_model(json.loads(sys.argv[1]), compiled=True)
 model.run([0.0, 0.005], [0.3, 0.31], [700.0, 710.0])
 model.stream().tick(0.0, 0.3, 700.0)
 print(time.process_time())
@@ -85,11 +89,11 @@ class Tree(NamedTuple):
         return time.perf_counter() - begun, done.stdout
 
 
-def first_use(tree: Tree, kind: str) -> float:
-    """Processor time [s] of compiling a kind of knee."""
+def first_use(tree: Tree, parameters: object) -> float:
+    """Processor time [s] of the first use of a kind of knee, with these parameters."""
     with tempfile.TemporaryDirectory() as nothing:
-        cold = float(tree.python("-c", COMPILE, kind, kept=Path(nothing))[1])
-    return cold - float(tree.python("-c", COMPILE, kind)[1])
+        cold = float(tree.python("-c", FIRST_USE, json.dumps(parameters), kept=Path(nothing))[1])
+    return cold - float(tree.python("-c", FIRST_USE, json.dumps(parameters))[1])
 
 
 def short_bag(tree: Tree) -> float:
@@ -107,7 +111,8 @@ def measures() -> dict[str, Callable[[Tree], float]]:
         "loading, healthy, without Numba's import": lambda tree: float(
             tree.python("-c", LOAD, "healthy", "imported")[1]
         ),
-        **{f"compiling, {kind}": lambda tree, kind=kind: first_use(tree, kind) for kind in KINDS},  # type: ignore[misc]
+        **{f"first use, {kind}": lambda tree, kind=kind: first_use(tree, kind) for kind in KINDS},  # type: ignore[misc]
+        "first use, healthy in a circle": lambda tree: first_use(tree, CONCAVE),
         **{
             f"tick, {kind}": lambda tree, kind=kind: float(tree.python("-c", TICK, kind, str(BAG))[1])  # type: ignore[misc]
             for kind in KINDS
@@ -125,8 +130,8 @@ def main(base: Path | None, turns: int, only: str, output: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         trees = [Tree(path, Path(folder) / str(number)) for number, path in enumerate(filter(None, (base, HERE)))]
         for tree in trees:
-            for kind in KINDS:  # what is not measured shall be there
-                tree.python("-c", COMPILE, kind)
+            for parameters in (*KINDS, CONCAVE):  # what is not measured shall be there
+                tree.python("-c", FIRST_USE, json.dumps(parameters))
         rows = []
         for name, measure in measures().items():
             if only not in name:
