@@ -28,7 +28,7 @@ LARGEST = 2**24
 
 
 def metadata_records(path: Path) -> list[Metadata]:
-    """Metadata records of a file in their order, as far as a damaged file has any; none of a file that is no MCAP.
+    """Metadata records of a file in their order: the readable ones of a damaged file, none of a file that is no MCAP.
 
     Raises:
         OSError: The file cannot be read.

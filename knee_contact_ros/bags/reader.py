@@ -65,7 +65,7 @@ class BagReader:
             names: Absolute names in the bag of topics that have another one there.
 
         Raises:
-            UsageError: There is no such bag, or a topic is missing, empty or of another type.
+            UsageError: There is no such bag, it cannot be read, or a topic is missing, empty or of another type.
         """
         self.path = path
         if not path.exists():

@@ -28,7 +28,7 @@ def answer_topics(path: Path) -> list[str]:
     """Absolute names of the topics with answers in a bag, in alphabetical order.
 
     Raises:
-        UsageError: There is no such bag.
+        UsageError: There is no such bag, or nothing of it can be read.
     """
     if not path.exists():
         raise UsageError(f"no recording at {path}: give an .mcap file or a rosbag2 folder")
