@@ -1,1 +1,1 @@
-"""Recordings: written, read, recovered."""
+"""Reading, writing and recovery of recordings."""

@@ -1,4 +1,4 @@
-"""Record answers: the inputs that led to a tick, then its outputs, in the order of the ticks.
+"""Recording of answers: for each tick the inputs that led to it, then its outputs, in the order of the ticks.
 
 That order depends on stamps only, so a live recording and an offline one hold the same messages in the same order.
 """
@@ -21,26 +21,27 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible
 
 INTERRUPTED = "interrupted"
-"""Name of the metadata record of a recording that the node could not end, or that ended before it"""
+"""Name of the metadata record of a recording that the node did not complete, with the reason"""
 NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
 GATHER = 0.03
-"""How long [s] answers are gathered in the node at most: what a kill of it loses of a recording"""
+"""Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}
+"""Absolute name under which each topic is recorded if nothing else is given"""
 
 
 class AnswerWriter:
-    """Writes answers into a bag."""
+    """Writer of answers, with their inputs and outputs, into a bag."""
 
     def __init__(
         self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES,
         told_as: str = PROVENANCE,
     ) -> None:  # fmt: skip
-        """A recording that begins.
+        """Declare the topics in a new bag and write the provenance.
 
         Args:
-            bag: Where to write.
-            provenance: Says how the answers come about.
-            names: The absolute name under which a topic is recorded.
+            bag: Bag to write to.
+            provenance: Content of the metadata record that describes how the answers are computed.
+            names: Absolute name under which each topic is recorded.
             told_as: Name of the metadata record of the provenance.
         """
         self.bag = bag
@@ -50,12 +51,11 @@ class AnswerWriter:
         bag.add_metadata(told_as, dict(provenance))
 
     def write(self, records: Sequence[Record]) -> None:
-        """Write an answer's inputs and outputs, the outputs last; they are never split over two files."""
-        self.bag.split_if_due(records[-1][1])
-        self._write(records)
+        """Write the inputs and outputs of one answer, the outputs last; they are never split over two files."""
+        self.write_all([records])
 
     def write_all(self, answers: Sequence[Sequence[Record]]) -> None:
-        """Write many answers: the same bytes as one by one, but for where chunks end if they are flushed otherwise."""
+        """Write many answers: without flushes between them, the same bytes as one by one."""
         if self.bag.has_limits:
             for records in answers:
                 self.bag.split_if_due(records[-1][1])
@@ -64,25 +64,22 @@ class AnswerWriter:
             self.bag.write_all(chain.from_iterable(answers), self._names)
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record behind the answers so far."""
-        self.bag.flush()  # messages go by chunks, and metadata at once
+        """Write a metadata record after the answers so far."""
+        self.bag.flush()  # messages wait for the end of their chunk, metadata does not
         self.bag.add_metadata(name, values)
 
     def finish(self, ending: Ending) -> None:
-        """Write the inputs without an answer, and how many samples were refused and why."""
-        self._write(ending.inputs)
+        """Write the remaining inputs, which led to no answer, and the numbers of refused samples by reason."""
+        self.bag.write_all(ending.inputs, self._names)
         counts = {"total": sum(ending.refused.values())} | ending.refused
         self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
 
-    def _write(self, records: Iterable[Record]) -> None:
-        self.bag.write_all(records, self._names)
-
 
 class Recorder:
-    """A recording as a sink's process writes it (`protocol.Output`)."""
+    """Recording that is written in the process of a sink (`protocol.Output`)."""
 
     def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
-        """`remarks` are what the user shall know of the beginning."""
+        """Begin to sync if the settings ask for it; `remarks` are the first messages for the user."""
         self.name = str(writer.bag.path)
         self.period = settings.flush_period
         self._news = tuple(remarks)
@@ -95,44 +92,44 @@ class Recorder:
             Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
 
     def write(self, parts: Sequence[Sequence[Record]]) -> None:
-        """Write answers' records."""
+        """Write the records of several answers."""
         self._writer.write_all(parts)
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record behind the answers so far."""
+        """Write a metadata record after the answers so far."""
         self._writer.note(name, values)
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system, and tell whether what came before is on the disk.
+        """Hand all written data to the operating system.
 
         Raises:
-            OSError: it is not.
+            OSError: Writing has failed, or the last sync to the disk has.
         """
         if self._sync_error:
             raise self._sync_error
         self._writer.bag.flush()
 
     def must_end(self) -> str:
-        """Tell that the disk is nearly full; see `protocol.Output`.
+        """Reason to complete the recording early: the disk is nearly full; empty if it is not.
 
         Raises:
-            OSError: the file is not there any more.
+            OSError: The file has been removed.
         """
         bag = self._writer.bag
-        shortage = too_little(bag.free_space(), self._min_free)
+        shortage = space_shortage(bag.free_space(), self._min_free)
         if shortage:
             self._interruption = shortage
             shortage = f"recording {bag.path} has ended, complete up to here: {shortage}"
         return shortage
 
     def news(self) -> tuple[str, ...]:
-        """The remarks, once; see `protocol.Output`."""
+        """Remarks that are new since the last call."""
         bag = self._writer.bag
         news, self._news, bag.remarks = (*self._news, *bag.remarks), (), []
         return news
 
     def finish(self, ending: Ending | None) -> None:
-        """Complete the file; without an ending it says so."""
+        """Complete the file; without an `ending`, a metadata record gives the reason of the interruption."""
         if ending is None:
             self._writer.bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
         else:
@@ -142,12 +139,12 @@ class Recorder:
         self.name = str(self._writer.bag.path)
 
     def discard(self) -> None:
-        """Leave no file behind."""
+        """Remove the unfinished files."""
         self._done.set()
         self._writer.bag.discard()
 
     def _sync(self, period: float) -> None:
-        """The thread: a disk may take its time, and who writes does not wait for it."""
+        """Sync in a thread of its own, because writing must not wait for a slow disk."""
         try:
             while not self._done.wait(period):
                 self._writer.bag.sync()
@@ -155,27 +152,27 @@ class Recorder:
             self._sync_error = error
 
 
-def too_little(free: float, least: float) -> str:
-    """What is wrong with so much free space [B]; empty if it is enough."""
+def space_shortage(free: float, least: float) -> str:
+    """Message about too little free disk space [B]; empty if there is at least `least`."""
     if free >= least:
         return ""
     return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
 
 
 def refuse(path: Path, min_free: float) -> None:
-    """Refuse a recording that cannot be written, or that would leave less than so much space [B]; looks, and quickly.
+    """Refuse a path that cannot be written, or whose disk has less than `min_free` [B] free; nothing is created.
 
     Raises:
-        UsageError: see `refuse_impossible`, or the disk is nearly full.
+        UsageError: The path cannot be written (see `refuse_impossible`), or the disk is nearly full.
     """
     refuse_impossible(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
-    if shortage := too_little(disk_usage(folder).free, min_free):
+    if shortage := space_shortage(disk_usage(folder).free, min_free):
         raise UsageError(f"cannot write {path}: {shortage}")
 
 
 def sink_for(knee: Knee) -> Sink | None:
-    """A process that records to MCAP."""
+    """Description of the recorder of a knee as a sink, which writes MCAP; None if the parameters name no file."""
     record = knee.parameters.record
     if not record.path:
         return None
@@ -189,15 +186,15 @@ def sink_for(knee: Knee) -> Sink | None:
 def open_output(
     path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
 ) -> Recorder:
-    """Open a recording for a sink's process, under the first free one of its names.
+    """Open a recording in the process of a sink, under the first of its possible names that is free.
 
-    It remarks on its name, and on recordings beside it that were cut off.
+    Its remarks tell of another name than `path`, and of interrupted recordings in the same folder.
 
     Raises:
-        UsageError: see `refuse` and `BagWriter`.
+        UsageError: The recording cannot be written; see `refuse` and `BagWriter`.
     """
     refuse(path, settings.min_free)
-    bag = BagWriter(path, limits=settings.limits, go_on=True)
+    bag = BagWriter(path, limits=settings.limits, next_free_name=True)
     remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
     remarks += map(cut_off, leftovers(path.parent, ".mcap"))
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)

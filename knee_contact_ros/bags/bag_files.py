@@ -1,4 +1,4 @@
-"""Which files a bag consists of, whatever `metadata.yaml` says, each opened."""
+"""Files of a bag, found and opened even where `metadata.yaml` is missing or wrong."""
 
 from __future__ import annotations
 
@@ -12,64 +12,64 @@ from typing import NamedTuple
 
 import zstandard
 
-from knee_contact_ros.bags.folder_metadata import METADATA, read_metadata
-from knee_contact_ros.bags.mcap_file import LITTLE, MOST_GROWTH, McapFile
+from knee_contact_ros.bags.mcap_file import ALLOWED_SIZE, MOST_GROWTH, McapFile
 from knee_contact_ros.bags.mcap_layout import MAGIC
 from knee_contact_ros.bags.mcap_metadata import NUMBERED, as_one_recording, in_order, later_files
+from knee_contact_ros.bags.metadata import METADATA, read_metadata
 from knee_contact_ros.bags.sqlite_file import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import printable
 from knee_contact_ros.system.regular_file import open_regular
 
 File = McapFile | SqliteFile
+"""Open file of a bag"""
 SQLITE_MAGIC = b"SQLite format 3\x00"
+"""Bytes at the beginning of a sqlite3 file"""
 MOST_AT_ONCE = 2**28
-"""[B] of chunks that are unpacked at a time"""
-MOST_SAID = 3
-"""Faults that are told in a line"""
+"""Largest total size [B] of the chunks that are unpacked at one time"""
+MOST_SHOWN = 3
+"""Largest number of faults in a message"""
 MOST_NAMED = 8
-"""Files, likewise"""
+"""Largest number of file names in a message"""
 BAG_FILES = (".mcap", ".db3")
-"""How their names end"""
+"""Suffixes of the files of a bag"""
 BLOCK = 2**20
-"""[B] of a compressed file that are unpacked at a time"""
+"""Size [B] of the pieces in which a compressed file is unpacked"""
 
 
-class Found(NamedTuple):
-    """A bag's files."""
+class BagFiles(NamedTuple):
+    """Open files of a bag and their faults."""
 
     files: list[File]
+    """Open files, in the order in which they were found"""
     faults: list[str]
-    """What is wrong, as sentences; empty if the bag is whole"""
+    """Faults of the bag, as sentences; empty if it is whole"""
     packed: bool
-    """Whether its messages are compressed one by one"""
+    """Whether the messages are compressed one by one"""
     counts: dict[str, int]
-    """Messages by topic, as `metadata.yaml` tells; empty if it does not"""
+    """Number of messages of each topic according to `metadata.yaml`; empty without a readable one"""
 
 
-def find_files(path: Path, opened: ExitStack) -> Found:
-    """Open all files of a bag, to be closed with `opened`.
+def find_files(path: Path, opened: ExitStack) -> BagFiles:
+    """Open all files of a bag; `opened` closes them.
 
     Raises:
-        UsageError: it is not clear which files are the bag's, or one cannot be used.
-        OSError: a file cannot be read.
+        UsageError: It is not clear which files belong to the bag, or one of them cannot be used.
+        OSError: A file cannot be read.
     """
     if not path.is_dir():
         file = _bounded(open_file(path))
         opened.callback(file.close)
-        return Found([file], list(file.faults), False, {})
+        return BagFiles([file], list(file.faults), False, {})
     _allow_many_files(path)
     metadata, faults = read_metadata(path)
-    names, folder = metadata.files if metadata else [], path
+    listed, folder = metadata.files if metadata else [], path
     if metadata and metadata.compressed == "file":
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
-        names = _decompressed([path / name for name in names], folder)
-    elif not any(is_there(path / name) for name in names):
-        faults += [f"{name} is missing" for name in names]
-        names = guessed(path)
-    elif unlisted := later_files(path, names[0], names):
-        faults.append(f"{METADATA} does not name all files that go on with {names[0]}: {len(unlisted)} more are read")
-        names = [*names, *unlisted]
+        names = _decompressed([path / name for name in listed], folder)
+    else:
+        names, name_faults = _names(path, listed)
+        faults += name_faults
     files: list[File] = []
     for name in names:
         if not is_there(folder / name):
@@ -84,21 +84,21 @@ def find_files(path: Path, opened: ExitStack) -> Found:
         opened.callback(file.close)
         faults += [f"{name}: {fault}" for fault in file.faults]
     packed = metadata is not None and metadata.compressed == "message"
-    return Found(files, faults, packed, metadata.counts if metadata else {})
+    return BagFiles(files, faults, packed, metadata.counts if metadata else {})
 
 
 def open_file(path: Path, advance: Callable[[int, int], None] = lambda _done, _total: None) -> File:
-    """A file by its beginning, or else by its name; `advance` hears of it.
+    """Open a file, whose kind its first bytes tell, or else its name; `advance` is called with the progress in bytes.
 
     Raises:
-        UsageError: it is of another kind, or a damaged sqlite3 one.
-        OSError: it cannot be read.
+        UsageError: It is neither an MCAP nor a sqlite3 file, or a damaged sqlite3 file.
+        OSError: It cannot be read.
     """
     with open_regular(path) as file:
-        beginning = file.read(len(SQLITE_MAGIC))
-    if beginning.startswith(MAGIC):
+        magic = file.read(len(SQLITE_MAGIC))
+    if magic.startswith(MAGIC):
         return McapFile(path, advance)
-    if beginning == SQLITE_MAGIC or ".db3" in path.suffixes:
+    if magic == SQLITE_MAGIC or ".db3" in path.suffixes:
         return SqliteFile(path)
     if ".mcap" in path.suffixes:
         return McapFile(path, advance)
@@ -106,10 +106,10 @@ def open_file(path: Path, advance: Callable[[int, int], None] = lambda _done, _t
 
 
 def _bounded(file: File) -> File:
-    """Refuse what would take more memory than any recording.
+    """Return the file unless its chunks would take more memory than those of any recording.
 
     Raises:
-        UsageError: that is so.
+        UsageError: They would.
     """
     if isinstance(file, McapFile) and file.at_once > MOST_AT_ONCE:
         file.close()
@@ -121,52 +121,65 @@ def _bounded(file: File) -> File:
 
 
 def _decompressed(paths: Sequence[Path], folder: Path) -> list[str]:
-    """Unpack files that rosbag2 has compressed as a whole; their new names, of those that are there.
+    """Unpack files that rosbag2 has compressed as a whole into `folder`, and return their names.
+
+    The names of unpacked files come first, those of missing ones last.
 
     Raises:
-        UsageError: they hold too much for their size, or cannot be unpacked.
+        UsageError: A file grows too much, or cannot be unpacked.
     """
-    names, there = [], [path for path in paths if is_there(path)]
-    most = max(MOST_GROWTH * sum(path.stat().st_size for path in there), LITTLE)
-    for path in there:
+    names, present = [], [path for path in paths if is_there(path)]
+    left = max(MOST_GROWTH * sum(path.stat().st_size for path in present), ALLOWED_SIZE)  # [B]
+    for path in present:
         names.append(path.name.removesuffix(".zstd"))
         try:
             with open_regular(path) as file, (folder / names[-1]).open("wb") as unpacked:
                 reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-                while most >= 0 and (data := reader.read(BLOCK)):
-                    most -= len(data)
+                while left >= 0 and (data := reader.read(BLOCK)):
+                    left -= len(data)
                     unpacked.write(data)
         except (OSError, zstandard.ZstdError) as error:
             raise UsageError(f"cannot read bag file {path}: {error}") from None
-        if most < 0:
+        if left < 0:
             raise UsageError(f"{path} holds more than {MOST_GROWTH} times its size: no recording is compressed so well")
-    return names + [path.name for path in paths if path not in there]
+    return names + [path.name for path in paths if path not in present]
 
 
 def _allow_many_files(path: Path) -> None:
-    """Have as many files open as a folder's may be, twice; a shell's limit is 1024, and may be raised by anybody."""
+    """Raise the limit of open files to what a folder with many files needs: the usual one is 1024."""
     soft, hard = getrlimit(RLIMIT_NOFILE)
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
 
 
 def files_of(bag: Path) -> list[Path]:
-    """A bag's files: itself, or those of its folder, in which other bags may lie as well.
+    """Paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
 
     Raises:
-        UsageError: it is not clear which files are the bag's.
+        UsageError: It is not clear which files belong to the bag.
     """
     if not bag.is_dir():
         return [bag]
     metadata, _ = read_metadata(bag)
-    listed = metadata.files if metadata else []
-    if not any(is_there(bag / name) for name in listed):
-        return [bag / name for name in guessed(bag)]
-    return [bag / name for name in (*listed, *later_files(bag, listed[0], listed))]
+    names, _ = _names(bag, metadata.files if metadata else [])
+    return [bag / name for name in names]
+
+
+def _names(folder: Path, listed: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the files of a bag in a folder, and the faults of the names that are `listed` in `metadata.yaml`.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag.
+    """
+    if not any(is_there(folder / name) for name in listed):
+        return _guessed(folder), [f"{name} is missing" for name in listed]
+    unlisted = later_files(folder, listed[0], listed)
+    fault = f"{METADATA} does not name all files that go on with {listed[0]}: {len(unlisted)} more are read"
+    return [*listed, *unlisted], [fault] if unlisted else []
 
 
 def others_beside(bag: Path) -> list[str]:
-    """A sentence about other recordings in a bag's folder, which are not read; none if there are none."""
+    """Sentence about other recordings in the folder of a bag, which are not read; an empty list if there are none."""
     if not bag.is_dir():
         return []
     read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
@@ -177,14 +190,15 @@ def others_beside(bag: Path) -> list[str]:
 
 
 def _named(names: Sequence[str]) -> str:
+    """First names of a list, separated by commas."""
     return ", ".join(names[:MOST_NAMED]) + " ..." * (len(names) > MOST_NAMED)
 
 
-def guessed(folder: Path) -> list[str]:
-    """Names of the files, without `metadata.yaml`: the only one, or those that are numbered.
+def _guessed(folder: Path) -> list[str]:
+    """Names of the files of a folder without a usable `metadata.yaml`: the only file, or the numbered ones.
 
     Raises:
-        UsageError: there are none, or of more than one bag.
+        UsageError: There are no files, or those of more than one bag.
     """
     names = sorted(path.name for path in folder.iterdir() if path.suffix in BAG_FILES)
     if not names:
@@ -201,24 +215,24 @@ def guessed(folder: Path) -> list[str]:
 
 
 def refuse_input(bag: Path, output: Path) -> None:
-    """Refuse an output that is the bag, or one of its files: there is no way back from replacing that.
+    """Refuse an output that would replace the bag it is computed from, or one of its files.
 
     Raises:
-        UsageError: it is.
+        UsageError: It would.
     """
     if is_there(output) and any(is_there(path) and output.samefile(path) for path in files_of(bag)):
         raise UsageError(f"{output} is the input: it is never touched; choose another name")
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is one; of a name that is too long there is none."""
+    """Whether a path is a regular file; False for a name that is too long."""
     try:
         return path.is_file()
     except OSError:
         return False
 
 
-def in_a_line(faults: Sequence[str] | Collection[str]) -> str:
-    """The first faults, and how many more there are."""
-    more = len(faults) - MOST_SAID
-    return printable("; ".join(list(faults)[:MOST_SAID])) + (f"; and {more} more" if more > 0 else "")
+def in_a_line(faults: Collection[str]) -> str:
+    """First faults, and the number of the others, in one line of printable characters."""
+    more = len(faults) - MOST_SHOWN
+    return printable("; ".join(list(faults)[:MOST_SHOWN])) + (f"; and {more} more" if more > 0 else "")

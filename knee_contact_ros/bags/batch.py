@@ -1,4 +1,4 @@
-"""Messages as they come out of a bag's files: columns, and not an object for each."""
+"""Messages of a bag in columns, without an object for each message."""
 
 from __future__ import annotations
 
@@ -14,34 +14,36 @@ from knee_contact_ros.messages.column import Column
 
 @dataclass(frozen=True)
 class Batch:
-    """Messages of several topics in their order; arrays have shape (n,)."""
+    """Sequence of n messages of several topics; arrays have shape (n,)."""
 
     numbers: NDArray[np.intp]
-    """Of their topics"""
+    """Number of the topic of each message"""
     times: NDArray[Any]
-    """[ns] log times, whole numbers"""
+    """Log times [ns], as integers"""
     messages: Column
+    """Bytes of the messages"""
 
     @classmethod
     def together(cls, batches: Sequence[Batch]) -> Batch:
-        """One behind the other, in memory that holds little else; at least one, of one file."""
-        numbers, times = (np.concatenate([getattr(each, name) for each in batches]) for name in ("numbers", "times"))
+        """Concatenation of batches of one file, at least one, in memory that holds little else."""
+        numbers = np.concatenate([batch.numbers for batch in batches])
+        times = np.concatenate([batch.times for batch in batches])
         return cls(numbers, times, Column.together([batch.messages.trimmed() for batch in batches]))
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Number of messages."""
         return len(self.numbers)
 
     def __iter__(self) -> Iterator[tuple[int, int, bytes]]:
-        """Number, time [ns] and bytes, one after the other."""
+        """Iterate over the messages: topic number, log time [ns] and bytes."""
         return zip(self.numbers.tolist(), self.times.tolist(), self.messages, strict=True)
 
     def part(self, chosen: Any) -> Batch:
-        """Some of them: a slice, their places in the batch, or whether each is one."""
+        """Selection of messages, by a slice, their indices or a mask."""
         return Batch(self.numbers[chosen], self.times[chosen], self.messages.part(chosen))
 
     def between(self, start: int | None, stop: int | None) -> Batch:
-        """Those from a time [ns] to before another one."""
+        """Messages whose log time [ns] is at least `start` and less than `stop`; None means no limit."""
         if start is None and stop is None:
             return self
         chosen = np.ones(len(self), dtype=bool)
@@ -52,31 +54,31 @@ class Batch:
         return self.part(np.flatnonzero(chosen))
 
     def by_time(self) -> Batch:
-        """In the order of time; equal times stay as they are."""
+        """Messages sorted by log time; those with equal times keep their order."""
         if (self.times[1:] >= self.times[:-1]).all():
             return self
         return self.part(np.argsort(self.times, kind="stable"))
 
     def of(self, number: int) -> Column:
-        """The messages of a topic."""
+        """Bytes of the messages of the topic with this number."""
         return self.messages.part(np.flatnonzero(self.numbers == number))
 
     def changed(self, change: Callable[[bytes], bytes], chosen: NDArray[np.bool_]) -> Batch:
-        """With other bytes in the place of some messages."""
-        others = [change(data) if told else data for data, told in zip(self.messages, chosen.tolist(), strict=True)]
-        return Batch(self.numbers, self.times, Column.of(others))
+        """Copy in which `change` has been applied to the bytes of the messages that the mask `chosen` selects."""
+        pairs = zip(self.messages, chosen.tolist(), strict=True)
+        return Batch(self.numbers, self.times, Column.of([change(data) if mask else data for data, mask in pairs]))
 
 
 def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:
-    """The same messages by so many: fewer only at the end."""
-    waiting, number = list[Batch](), 0
+    """Messages of the batches in blocks of `most` messages; only the last block may have fewer."""
+    waiting, count = list[Batch](), 0
     for batch in batches:
         rest = batch
-        while number + len(rest) >= most:
-            yield Batch.together([*waiting, rest.part(slice(most - number))])
-            rest, waiting, number = rest.part(slice(most - number, None)), [], 0
+        while count + len(rest) >= most:
+            yield Batch.together([*waiting, rest.part(slice(most - count))])
+            rest, waiting, count = rest.part(slice(most - count, None)), [], 0
         if len(rest):
             waiting.append(rest)
-            number += len(rest)
+            count += len(rest)
     if waiting:
         yield Batch.together(waiting)

@@ -1,4 +1,4 @@
-"""Write many messages at once into a bag: the same bytes as one by one, from columns of numbers."""
+"""Writing of many messages at once, from arrays, into a bag: the same bytes as one by one."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from knee_contact_ros.bags.mcap_records import MESSAGE_HEADS
 from knee_contact_ros.bags.writer import BagWriter
 
 Places = NDArray[np.int64]
-"""Numbers of records, or of bytes"""
+"""Indices of records, or offsets of bytes; shape (n,)"""
 Records = NDArray[np.void]
-"""Each as one thing; shape (n,)"""
+"""Message records as one item each; shape (n,)"""
 
 
 class Messages(NamedTuple):
-    """Messages of a channel, and where they belong among those of others."""
+    """Messages of one topic, and their places among those of other topics."""
 
     topic: str
+    """Absolute name of the topic"""
     stamps: NDArray[np.int64]
-    """[ns], shape (n,)"""
+    """Stamps [ns], which are log times and publish times, shape (n,)"""
     data: NDArray[np.uint8]
-    """Shape (n, length)"""
+    """CDR bytes of the messages, all of one length, shape (n, length)"""
     place: NDArray[np.int64]
-    """Shape (n,), growing: messages are written in this order, those of one place in that of the channels given"""
+    """Ascending places, shape (n,): messages are written in their order, at equal places in the order of the topics"""
 
 
 def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     """Write messages of several topics in the order of their places: the same bytes as by `BagWriter.write`.
 
-    All go into one file.
+    All of them go into one file, whatever its limits.
     """
     file, rows = bag.file, [row for row in rows if len(row.stamps)]
     if not rows:
@@ -47,34 +48,38 @@ def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     data, ends, begins = _in_order(list(map(_records, rows, channels, numbers)), order)
     cuts = file.mcap.cuts(ends.data)
     bounds = np.append(0, ends)[cuts]
-    shifts = np.append(-file.mcap.place, bounds[1:-1])  # from places in the data to those in a chunk
-    by_channel = [_entries(*each, bounds, shifts) for each in zip(channels, rows, begins, strict=True)]
+    shifts = np.append(-file.mcap.place, bounds[1:-1])  # offsets in the data minus those in a chunk
+    by_channel = [
+        _entries(channel, row, begin, bounds, shifts)
+        for channel, row, begin in zip(channels, rows, begins, strict=True)
+    ]
     by_chunk = zip(*by_channel, strict=True)
     firsts, lasts = (extreme.reduceat(stamps, cuts[:-1]).tolist() for extreme in (np.minimum, np.maximum))
-    for part, first, last, each in zip(pairwise(bounds.tolist()), firsts, lasts, by_chunk, strict=True):
-        entries = {channel: packed for _, channel, packed in sorted(each) if packed}
+    for part, first, last, parts in zip(pairwise(bounds.tolist()), firsts, lasts, by_chunk, strict=True):
+        entries = {channel: packed for _, channel, packed in sorted(parts) if packed}
         file.mcap.append(data[slice(*part)].data, entries, first, last)
 
 
 def _in_order(records: Sequence[Records], order: Places) -> tuple[NDArray[np.uint8], Places, list[Places]]:
-    """Records of several topics, one behind the other; where each ends, and where those of each topic begin [B]."""
-    lengths = np.concatenate([np.full(len(each), each.itemsize) for each in records])[order]
+    """Records of several topics in one piece of memory; offsets [B] of all ends, and of the beginnings by topic."""
+    lengths = np.concatenate([np.full(len(rows), rows.itemsize) for rows in records])[order]
     ends = np.cumsum(lengths)
     data, begins = np.empty(ends[-1], np.uint8), np.empty_like(ends)
     begins[order] = ends - lengths
-    by_topic = np.split(begins, np.cumsum([len(each) for each in records])[:-1])
-    for each, own in zip(records, by_topic, strict=True):
-        windows = np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))
-        windows[own] = each
+    by_topic = np.split(begins, np.cumsum([len(rows) for rows in records])[:-1])
+    for rows, places in zip(records, by_topic, strict=True):
+        windows = np.ndarray(len(data) - rows.itemsize + 1, rows.dtype, data, strides=(1,))
+        windows[places] = rows
     return data, ends, by_topic
 
 
 def _entries(
     channel: int, row: Messages, begins: Places, bounds: Places, shifts: Places
 ) -> Iterator[tuple[int, int, bytes]]:
-    """For each chunk's part of the data: where the channel's next record begins [B], the channel, and its entries.
+    """For each part of the data: offset [B] of the channel's next record, the channel, and its message index entries.
 
-    `bounds` are those of the parts in the data [B]; `shifts` lead from there to places in the chunks.
+    A part goes into one chunk. `bounds` are the offsets [B] at which the parts begin and end; subtracting the shift of
+    its part from an offset in the data gives the offset in the chunk.
     """
     numbers = np.searchsorted(begins, bounds)
     packed = np.column_stack((row.stamps, begins - np.repeat(shifts, np.diff(numbers)))).tobytes()
@@ -84,12 +89,12 @@ def _entries(
 
 
 def _records(rows: Messages, channel: int, sequence: int) -> Records:
-    """Message records, each as one thing, shape (n,)."""
-    number, length = rows.data.shape
-    records = np.empty((number, MESSAGE_HEAD.size + length), dtype=np.uint8)
-    heads = np.ndarray(number, MESSAGE_HEADS, records, strides=records.strides[:1])
+    """Message records of a topic as one item each, shape (n,)."""
+    count, length = rows.data.shape
+    records = np.empty((count, MESSAGE_HEAD.size + length), dtype=np.uint8)
+    heads = np.ndarray(count, MESSAGE_HEADS, records, strides=records.strides[:1])
     heads["opcode"], heads["length"] = Opcode.MESSAGE, MESSAGE.size + length
-    heads["channel"], heads["sequence"] = channel, sequence + np.arange(number)
+    heads["channel"], heads["sequence"] = channel, sequence + np.arange(count)
     heads["log"] = heads["publish"] = rows.stamps
     records[:, MESSAGE_HEAD.size :] = rows.data
-    return records.view(f"V{records.shape[1]}").reshape(number)
+    return records.view(f"V{records.shape[1]}").reshape(count)

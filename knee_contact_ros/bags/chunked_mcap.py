@@ -1,7 +1,7 @@
-"""Write an MCAP file whose messages come as bytes: one message or thousands, all go into its chunks the same way.
+"""Writing of an MCAP file whose message records come as bytes, one or thousands at a time.
 
-`cuts` tells where chunks end among message records, and `append` takes those that lie between two cuts. All other
-records are written by the `mcap` library's classes. The file is, to the last byte, that of the library's `Writer`.
+`ChunkedMcap.cuts` tells where chunks end among message records, and `ChunkedMcap.append` takes those between two cuts.
+All other records are written by the classes of the `mcap` library. The file has the same bytes as that of its `Writer`.
 """
 
 from __future__ import annotations
@@ -22,75 +22,75 @@ from mcap.writer import CompressionType
 from knee_contact_ros.bags.mcap_layout import ENTRY, HEAD, INDEX, MAGIC
 
 CHUNK_SIZE = 64 * 1024
-"""[B] of records beyond which a chunk ends: to end a small one takes 2-4 ms at most, and little is lost in a crash"""
+"""Size [B] of the records beyond which a chunk ends: a small chunk ends in 2-4 ms, and a crash loses little"""
 COMPRESSIONS: dict[CompressionType, tuple[str, Callable[[bytes], bytes]]] = {
     CompressionType.NONE: ("", bytes),
     CompressionType.LZ4: ("lz4", lz4.frame.compress),
     CompressionType.ZSTD: ("zstd", zstandard.compress),
 }
-"""The name by which a chunk tells of each, and what compresses"""
+"""Name of each compression in a chunk record, and the function that compresses"""
 SUMMARY = (
     Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS,
     Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
 )  # fmt: skip
-"""What the end of a file repeats or tells, in this order"""
+"""Opcodes of the records of the summary section, in their order"""
 
 
 class OpenChunk:
-    """The chunk that is being filled."""
+    """Chunk that is being filled."""
 
     def __init__(self) -> None:
-        """An empty one."""
+        """Begin an empty chunk."""
         self.data: list[bytes | memoryview] = []
-        """Pieces of one record or more"""
+        """Pieces of the content, each of one record or more"""
         self.size = 0
-        """[B] of them"""
+        """Size [B] of the content"""
         self.entries: dict[int, list[bytes]] = {}
-        """Of each channel's message index, by channel in the order of the first messages"""
+        """Packed message index entries of each channel, in the order of their first messages"""
         self.first = self.last = 0
-        """Smallest and largest log time of the messages [ns]"""
+        """Smallest and largest log time [ns] of the messages"""
 
 
 class ChunkedMcap:
-    """An MCAP file that is being written."""
+    """MCAP file that is being written."""
 
     def __init__(self, file: IO[bytes], profile: str, library: str, compression: CompressionType) -> None:
-        """Begin it in an empty binary file, which is never closed; its header tells `profile` and `library`."""
+        """Write magic and header, with `profile` and `library`, to an empty binary file, which is never closed."""
         self.statistics = records.Statistics(0, 0, Counter(), 0, 0, 0, 0, 0, 0)
-        """Of what was added: messages, also by channel, their smallest and largest log time [ns] (0: no messages)"""
+        """Statistics of the records so far; log times [ns] are 0 without messages"""
         self.size = 0
-        """[B] written, without the chunk that is being filled"""
-        self._file, self._checksum = file, 0  # of all that was written
+        """Number of bytes written, without the chunk that is being filled"""
+        self._file, self._checksum = file, 0  # CRC-32 of all written bytes
         self._compression, self._compress = COMPRESSIONS[compression]
         self._chunk = OpenChunk()
-        self._schemas: dict[str, int] = {}  # numbers by name
+        self._schemas: dict[str, int] = {}  # number of each schema by its name
         self._summary = {opcode: bytearray() for opcode in SUMMARY}
         self._write(MAGIC + packed(records.Header(profile, library)))
 
     def add_channel(self, topic: str, encoding: str, metadata: dict[str, str], schema: tuple[str, str, bytes]) -> int:
-        """Declare a topic, and the type of its messages if none of that name was declared before.
+        """Declare a channel, and its schema if none of that name was declared before.
 
         Args:
-            topic: Its name.
-            encoding: Of its messages.
-            metadata: What else is to be told of the channel.
-            schema: Name, encoding and text of the type's definition.
+            topic: Name of the topic.
+            encoding: Encoding of the messages.
+            metadata: Metadata of the channel.
+            schema: Name, encoding and text of the schema.
 
         Returns:
-            The channel's number, by which its messages name it.
+            Number of the channel.
         """
-        told, (name, schema_encoding, text) = self.statistics, schema
+        statistics, (name, schema_encoding, text) = self.statistics, schema
         if name not in self._schemas:
-            told.schema_count += 1
-            self._schemas[name] = told.schema_count
-            self._declare(Opcode.SCHEMA, records.Schema(told.schema_count, text, schema_encoding, name))
-        told.channel_count += 1
-        channel = records.Channel(told.channel_count, topic, encoding, metadata, self._schemas[name])
+            statistics.schema_count += 1
+            self._schemas[name] = statistics.schema_count
+            self._declare(Opcode.SCHEMA, records.Schema(statistics.schema_count, text, schema_encoding, name))
+        statistics.channel_count += 1
+        channel = records.Channel(statistics.channel_count, topic, encoding, metadata, self._schemas[name])
         self._declare(Opcode.CHANNEL, channel)
-        return told.channel_count
+        return statistics.channel_count
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record at once: before the messages of the chunk that is being filled."""
+        """Write a metadata record at once, that is, before the messages of the chunk that is being filled."""
         data = packed(records.Metadata(name, values))
         self.statistics.metadata_count += 1
         self._summary[Opcode.METADATA_INDEX] += packed(records.MetadataIndex(self.size, len(data), name))
@@ -98,18 +98,18 @@ class ChunkedMcap:
 
     @property
     def place(self) -> int:
-        """Where in its chunk [B] the next record begins."""
+        """Offset [B] in its chunk at which the next record begins."""
         return self._chunk.size
 
     def cuts(self, ends: Sequence[int]) -> list[int]:
-        """Cut message records that are to be appended where chunks end among them.
+        """Find where chunks end among message records that are to be appended.
 
         Args:
-            ends: Where each record ends [B], counted from where the first one begins; growing.
+            ends: Ascending offsets [B] of the ends of the records, from the beginning of the first one.
 
         Returns:
-            How many records lie before each cut: from 0 to all of them; only 0 if there are none. The first part begins
-            at `place`, and each other one with a chunk.
+            Number of records before each cut, from 0 to all of them; only 0 if there are none. The first part begins
+            at `place`, and each other part begins a chunk.
         """
         cuts, begin = [0], -self.place
         while cuts[-1] < len(ends):
@@ -118,33 +118,33 @@ class ChunkedMcap:
         return cuts
 
     def append(self, data: bytes | memoryview, entries: Mapping[int, bytes], first: int, last: int) -> None:
-        """Add message records to the chunk that is being filled, which ends behind them if it is full then.
+        """Add message records to the chunk that is being filled, and end it if it is full then.
 
         Args:
-            data: Whole records, one behind the other: those between two of the `cuts`. They are not copied.
-            entries: The packed entries (`ENTRY`) of each channel's message index, by channel in the order of the first
-                messages; only of channels that have any.
-            first: Smallest log time of the messages [ns].
-            last: Largest one [ns].
+            data: Concatenated records between two of the `cuts`. They are not copied.
+            entries: Packed message index entries (`ENTRY`) of each channel that has any, in the order of their first
+                messages.
+            first: Smallest log time [ns] of the messages.
+            last: Largest log time [ns] of the messages.
         """
-        chunk, told = self._chunk, self.statistics
+        chunk, statistics = self._chunk, self.statistics
         chunk.first = min(first, chunk.first) if chunk.entries else first
         chunk.last = max(last, chunk.last)
-        told.message_start_time = min(first, told.message_start_time) if told.message_count else first
-        told.message_end_time = max(last, told.message_end_time)
-        for channel, some in entries.items():
-            told.message_count += len(some) // ENTRY.size
-            told.channel_message_counts[channel] += len(some) // ENTRY.size
-            chunk.entries.setdefault(channel, []).append(some)
+        statistics.message_start_time = min(first, statistics.message_start_time) if statistics.message_count else first
+        statistics.message_end_time = max(last, statistics.message_end_time)
+        for channel, piece in entries.items():
+            statistics.message_count += len(piece) // ENTRY.size
+            statistics.channel_message_counts[channel] += len(piece) // ENTRY.size
+            chunk.entries.setdefault(channel, []).append(piece)
         self._add(data)
 
     def flush(self) -> None:
-        """End the chunk that is being filled, and hand all that was written to the operating system."""
+        """End the chunk that is being filled, and hand all written data to the operating system."""
         self._end_chunk()
         self._file.flush()
 
     def finish(self) -> None:
-        """Write what ends the file: the last chunk, and the summary."""
+        """Write the last chunk, the summary section and the end of the file."""
         self._end_chunk()
         self._write(packed(records.DataEnd(self._checksum)))
         self._summary[Opcode.STATISTICS] += packed(self.statistics)
@@ -154,7 +154,7 @@ class ChunkedMcap:
             summary += group
         places = begin, begin + len(summary)
         summary += packed(*offsets)
-        checksum = zlib.crc32(summary + packed(records.Footer(*places, 0))[:-4])  # of all that is before it
+        checksum = zlib.crc32(summary + packed(records.Footer(*places, 0))[:-4])  # of all bytes before it
         self._write(summary + packed(records.Footer(*places, checksum)) + MAGIC)
 
     def _declare(self, opcode: Opcode, record: records.McapRecord) -> None:
@@ -164,14 +164,14 @@ class ChunkedMcap:
         self._add(data)
 
     def _add(self, data: bytes | memoryview) -> None:
-        """Add records to the chunk that is being filled, which ends behind them if it is full then."""
+        """Add records to the chunk that is being filled, and end it if it is full then."""
         self._chunk.data.append(data)
         self._chunk.size += len(data)
         if self._chunk.size > CHUNK_SIZE:
             self._end_chunk()
 
     def _end_chunk(self) -> None:
-        """Write the chunk that is being filled and its message indices, unless there is no message in it."""
+        """Write the chunk that is being filled, and its message indices, unless it has no messages."""
         chunk, begin, name = self._chunk, self.size, self._compression
         if not chunk.entries:
             return
@@ -199,9 +199,9 @@ class ChunkedMcap:
         self._file.write(data)
 
 
-def packed(*some: records.McapRecord) -> bytes:
-    """Records as they lie in a file, one behind the other."""
+def packed(*mcap_records: records.McapRecord) -> bytes:
+    """Concatenated bytes of records as they stand in a file."""
     builder = RecordBuilder()
-    for record in some:
+    for record in mcap_records:
         record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""What a recording of estimated joint reactions says of itself."""
+"""Provenance of a recording of estimated joint reactions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ def load_provenance_record(
 ) -> dict[str, str]:
     """Content of the metadata record; nothing in it depends on where or when it is written.
 
-    `source` is the bag that the inputs come from, if they do; `ticks_before` are those of the node before it began.
+    Args:
+        parameters: Parameters of the estimate.
+        source: Bag that the inputs come from, if any.
+        ticks_before: Number of ticks that the node had computed before the recording began.
     """
     values = LOAD_READING.flat(parameters)
     kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}

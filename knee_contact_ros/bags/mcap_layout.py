@@ -1,20 +1,21 @@
-"""How those records of an MCAP file lie in bytes of which there are too many for the `mcap` library's classes."""
+"""Binary layouts of the MCAP records that are too numerous for the classes of the `mcap` library."""
 
 from __future__ import annotations
 
 from struct import Struct
 
 MAGIC = b"\x89MCAP0\r\n"
-"""At the beginning and at the end of a file"""
+"""Magic bytes at the beginning and at the end of a file"""
 HEAD = Struct("<BQ")
-"""Of any record: opcode, and length of the content behind it [B]"""
+"""Head of a record: opcode, and length [B] of the content, which follows"""
 MESSAGE = Struct("<HIQQ")
-"""In a message's content before its data: channel, sequence number, log time and publish time [ns]"""
+"""Beginning of a message record's content, before the data: channel, sequence number, log time and publish time [ns]"""
 MESSAGE_HEAD = Struct("<BQHIQQ")
-"""Both of them"""
+"""`HEAD` and `MESSAGE` together"""
 CHUNK_HEAD = Struct("<QQQII")
-"""First and last log time [ns], size [B] of the records, their checksum, length [B] of the compression's name"""
+"""Beginning of a chunk record's content: smallest and largest log time [ns], uncompressed size [B], CRC-32 of the
+records, and length [B] of the name of the compression, which follows"""
 INDEX = Struct("<HI")
-"""In a message index's content before its entries: channel, and length of the entries [B]"""
+"""Beginning of a message index record's content: channel, and length [B] of the entries, which follow"""
 ENTRY = Struct("<QQ")
-"""Of a message index: log time [ns] of a message, and where in the chunk [B] its record begins"""
+"""Entry of a message index: log time [ns] of a message, and offset [B] of its record in the uncompressed chunk"""

@@ -1,4 +1,4 @@
-"""The metadata records of an MCAP file, from head to head past all else; and which files go on with a recording."""
+"""Metadata records of an MCAP file, read without its other records, and the order of the files of a recording."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from knee_contact_ros.system.output_files import FIRST
 from knee_contact_ros.system.regular_file import open_regular
 
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
-"""Name of a file in a rosbag2 folder"""
-AMONG = 4
-"""Records at the beginning of a file, one of which says with what it goes on"""
+"""Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
+FIRST_RECORDS = 4
+"""Number of records at the beginning of a file among which the record `continued` is searched for"""
 LARGEST = 2**24
-"""[B] of a record that is read; ours hold some curves"""
+"""Largest size [B] of a metadata record that is read; those of this package hold some curves"""
 
 
 def metadata_records(path: Path) -> list[Metadata]:
-    """In the order of the file; of one that is damaged those that can be read, of one of another kind none.
+    """Metadata records of a file in their order: the readable ones of a damaged file, none of a file that is no MCAP.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: The file cannot be read.
     """
     with open_regular(path) as file:
         size = path.stat().st_size
-        begins = magic_at(file, 0)
-        found = list(_heads(file, size))
-        if not begins or (found and found[-1][1] == Opcode.FOOTER):
-            records = [_metadata_at(file, offset, size) for offset, kind in found if kind == Opcode.METADATA]
+        is_mcap = magic_at(file, 0)
+        heads = list(_heads(file, size))
+        if not is_mcap or (heads and heads[-1][1] == Opcode.FOOTER):
+            records = [_metadata_at(file, offset, size) for offset, opcode in heads if opcode == Opcode.METADATA]
             if None not in records:
                 return [record for record in records if record]
     with closing(McapFile(path)) as damaged:
@@ -46,7 +46,7 @@ def metadata_records(path: Path) -> list[Metadata]:
 
 
 def _heads(file: IO[bytes], size: int) -> Iterator[tuple[int, int]]:
-    """Where each record begins [B] and its opcode, as far as their lengths lead."""
+    """Offset [B] and opcode of each record, found by the lengths of the records."""
     position = magic_at(file, 0)
     while position and (head := head_at(file, position)) and position + HEAD.size + head[1] <= size:
         yield position, head[0]
@@ -56,19 +56,20 @@ def _heads(file: IO[bytes], size: int) -> Iterator[tuple[int, int]]:
 
 
 def _metadata_at(file: IO[bytes], offset: int, size: int) -> Metadata | None:
+    """Metadata record at an offset; None if it is damaged or too large."""
     head = head_at(file, offset)
     record = record_at(file, offset, size) if head and head[1] <= LARGEST else None
-    found = parsed(record) if record else None
-    return found if isinstance(found, Metadata) else None
+    content = parsed(record) if record else None
+    return content if isinstance(content, Metadata) else None
 
 
 def goes_on_with(path: Path) -> str:
-    """Name of the first file of the recording that a file goes on with; empty if it does not say so."""
+    """Name of the first file of the recording that a file continues; empty if the file does not name one."""
     try:
         with open_regular(path) as file:
             size = path.stat().st_size
-            for offset, kind in islice(_heads(file, size), AMONG):
-                content = _metadata_at(file, offset, size) if kind == Opcode.METADATA else None
+            for offset, opcode in islice(_heads(file, size), FIRST_RECORDS):
+                content = _metadata_at(file, offset, size) if opcode == Opcode.METADATA else None
                 if content and content.name == CONTINUED:
                     return content.metadata.get("first", "")
     except OSError:
@@ -77,7 +78,7 @@ def goes_on_with(path: Path) -> str:
 
 
 def later_files(folder: Path, first: str, listed: Collection[str] = ()) -> list[str]:
-    """Names of the files in a folder that say that they go on with `first`, in their order, but those listed."""
+    """Names of the files in a folder that continue the recording of `first`, in their order, without those `listed`."""
     path = Path(first)
     return [
         name
@@ -87,19 +88,19 @@ def later_files(folder: Path, first: str, listed: Collection[str] = ()) -> list[
 
 
 def as_one_recording(folder: Path, names: Collection[str]) -> list[str]:
-    """Files in their order if they are a first one and all that go on with it; else none."""
-    begins = [name for name in names if not goes_on_with(folder / name)]
-    found = [*begins, *later_files(folder, begins[0])] if len(begins) == 1 else []
-    return found if set(found) == set(names) else []
+    """Names in the order of their recording if the files are one whole recording; else an empty list."""
+    first = [name for name in names if not goes_on_with(folder / name)]
+    recording = [*first, *later_files(folder, first[0])] if len(first) == 1 else []
+    return recording if set(recording) == set(names) else []
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """The numbered ones of some names, by their numbers."""
+    """Those names that are numbered, in the order of the numbers."""
     numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
     return [match[0] for match in sorted(numbered, key=lambda match: int(match[2]))]
 
 
 def _is_later(name: str, first: Path) -> bool:
-    """Whether a name is one that a recording with this first file goes on to."""
+    """Whether a later file of the recording with this first file may have this name."""
     match = NUMBERED.fullmatch(name)
     return bool(match and match[1] == first.stem.removesuffix(FIRST) and match[3] == first.suffix)

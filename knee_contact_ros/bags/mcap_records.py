@@ -1,7 +1,7 @@
-"""The records of an MCAP file, read without trust in their lengths or in what a chunk says of itself.
+"""Reading of MCAP records without trust in their lengths or in the heads of chunks.
 
-A record is taken only if its content fills it exactly. Behind anything else the record goes on that its length leads
-to, or else the next chunk is searched for.
+A record is accepted only if its content has exactly its length. After anything else, reading continues at the record to
+which the length leads, or else at the next chunk, which is searched for.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.mcap_layout import CHUNK_HEAD, ENTRY, HEAD, INDEX, MAGIC, MESSAGE, MESSAGE_HEAD
 
 LONGEST_NAME = 16
-"""[B] of a compression's name"""
+"""Largest length [B] of the name of a compression"""
 MESSAGE_HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
-"""`MESSAGE_HEAD` in columns"""
+"""Layout `MESSAGE_HEAD` as a NumPy type"""
 LONGEST_INDEX = 2**24
-"""[B] of the indices behind a chunk that are looked at"""
+"""Largest size [B] of the message indices after a chunk that are used"""
 LARGEST_RECORD = 2**30
-"""[B] that is ever read at once"""
+"""Largest size [B] of a record that is read"""
 LARGEST_CHUNK = 2**28
-"""[B] uncompressed: recorders make chunks of a MB, or of a message that is larger"""
+"""Largest uncompressed size [B] of a chunk: recorders make chunks of a MB, or of one larger message"""
 STEP = 4096
-"""[B] of a chunk that is cut off that are decompressed at once"""
+"""Size [B] of the pieces in which a truncated chunk is decompressed"""
 BLOCK = 2**20
-"""[B] that are searched at once"""
+"""Size [B] of the pieces in which a file is searched"""
 PARSERS: dict[int, Any] = {
     Opcode.HEADER: Header,
     Opcode.FOOTER: Footer,
@@ -67,84 +67,95 @@ PARSERS: dict[int, Any] = {
     Opcode.ATTACHMENT: Attachment,
     Opcode.DATA_END: DataEnd,
 }
+"""Class of the `mcap` library that parses the records of each opcode"""
 DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-UNPARSED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+"""Opcodes of the records that declare types and topics"""
 PRIVATE = 0x80
-"""Opcodes from here on are anybody's"""
-GOES_ON = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
-"""The beginning of a chunk of less than 4 GiB, or of the end of the data"""
+"""First opcode for private records of applications"""
+CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
+"""Head of a chunk of less than 4 GiB, or of the record that ends the data section"""
 
 
 class Record(NamedTuple):
-    """A whole record."""
+    """Whole record."""
 
     opcode: int
+    """Opcode"""
     offset: int
-    """[B] of its beginning in the file, or in its chunk"""
+    """Offset [B] of the beginning in the file, or in its chunk"""
     content: bytes
+    """Content, without the head"""
 
     @property
     def end(self) -> int:
-        """Where [B] the next record begins."""
+        """Offset [B] of the next record."""
         return self.offset + HEAD.size + len(self.content)
 
 
 class Hole(NamedTuple):
-    """Bytes that are no records."""
+    """Bytes of a file that are no records."""
 
     offset: int
+    """Offset [B] of the first one"""
     length: int
+    """Number of bytes"""
     alone: bool = False
-    """Whether they are a record of an unknown kind or form, whose length leads to the next one"""
+    """Whether they are one record of an unknown kind or form, whose length leads to the next record"""
 
 
 class CutChunk(NamedTuple):
-    """A chunk whose end the file does not hold."""
+    """Truncated chunk at the end of a file."""
 
     offset: int
+    """Offset [B] of the chunk record"""
     content: bytes
+    """Content of the record, as far as the file goes"""
 
 
 Piece = Record | CutChunk | Hole
-"""Of a file"""
+"""Piece of a file"""
 
 
 class Chunk(NamedTuple):
-    """A chunk as its record tells of it."""
+    """Content of a chunk record."""
 
     first: int
+    """Smallest log time [ns]"""
     last: int
-    """Smallest and largest log time [ns]"""
+    """Largest log time [ns]"""
     size: int
-    """[B] uncompressed"""
+    """Uncompressed size [B] of the records"""
     checksum: int
-    """0: none"""
+    """CRC-32 of the uncompressed records; 0 if there is none"""
     compression: str
+    """Name of the compression; empty if there is none"""
     data: bytes
+    """Compressed records"""
 
 
 class Contents(NamedTuple):
-    """The records of a chunk, or of a piece of the file; arrays have shape (n,)."""
+    """Records of a chunk, or of messages outside chunks; arrays have shape (n,) for n messages."""
 
     heads: NDArray[Any]
-    """Of its messages, as `MESSAGE_HEADS`"""
+    """Heads of the messages, as `MESSAGE_HEADS`"""
     begins: NDArray[np.int64]
-    """[B] of what they hold"""
+    """Offsets [B] of the beginnings of the encoded messages"""
     ends: NDArray[np.int64]
+    """Offsets [B] of the ends of the encoded messages"""
     others: list[Record]
-    """Schemas and channels"""
+    """Schema and channel records"""
     number: int
-    """Of all records"""
+    """Number of all records"""
     end: int
-    """[B] of the last one"""
+    """Offset [B] of the end of the last record"""
 
 
 class DamagedError(Exception):
-    """A chunk that cannot be used; says why as the end of a sentence that begins with it."""
+    """A chunk cannot be used; the message is the end of a sentence whose subject is the chunk."""
 
 
 class _Exact(ReadDataStream):
-    """Gives all the bytes asked for, or none."""
+    """Stream whose reads return all of the requested bytes or raise `EndOfFile`."""
 
     def __init__(self, content: bytes) -> None:
         super().__init__(BytesIO(content))
@@ -157,17 +168,17 @@ class _Exact(ReadDataStream):
 
 
 def parsed(record: Record) -> Any:
-    """The record in the form that `mcap` gives it; None if its content is no such record, or one of `UNPARSED`."""
+    """Record as the `mcap` library parses it; None if it is damaged, or `PARSERS` does not have its opcode."""
     stream = _Exact(record.content)
     try:
-        found = PARSERS[record.opcode].read(stream)
+        content = PARSERS[record.opcode].read(stream)
     except (KeyError, EndOfFile, struct.error, UnicodeDecodeError):
         return None
-    return found if stream.count == len(record.content) else None
+    return content if stream.count == len(record.content) else None
 
 
 def read_records(file: IO[bytes], size: int) -> Iterator[Piece]:
-    """All that a file of `size` [B] holds behind its magic, in order; no byte is read twice but for heads."""
+    """Pieces of a file of `size` [B] after its magic, in order; only heads are read twice."""
     position = magic_at(file, 0)
     while position < size:
         record = record_at(file, position, size)
@@ -189,7 +200,7 @@ def read_records(file: IO[bytes], size: int) -> Iterator[Piece]:
 
 
 def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
-    """The record that begins at `offset`, if there is a whole one that holds what its kind must hold."""
+    """Record that begins at `offset`; None if there is no whole and valid one."""
     head = head_at(file, offset)
     if head is None or not _may_be(file, *head, offset, size):
         return None
@@ -198,7 +209,7 @@ def record_at(file: IO[bytes], offset: int, size: int) -> Record | None:
 
 
 def head_at(file: IO[bytes], offset: int) -> tuple[int, int] | None:
-    """Opcode and length [B] of the record at `offset`; None if the file ends before."""
+    """Opcode and content length [B] of the record at `offset`; None if the file ends within its head."""
     data = read_at(file, offset, HEAD.size)
     if len(data) < HEAD.size:
         return None
@@ -207,33 +218,33 @@ def head_at(file: IO[bytes], offset: int) -> tuple[int, int] | None:
 
 
 def _may_be(file: IO[bytes], opcode: int, length: int, offset: int, size: int) -> bool:
-    """Whether there can be such a record; before a long one is read."""
+    """Whether a record with this head is possible, checked before a long one is read."""
     if length > LARGEST_RECORD or offset + HEAD.size + length > size:
         return False
     if opcode == Opcode.CHUNK:
         return _is_chunk(file, offset, length)
     if opcode == Opcode.MESSAGE:
         return length >= MESSAGE.size
-    return opcode in PARSERS or opcode in UNPARSED or opcode >= PRIVATE
+    return opcode in PARSERS or opcode == Opcode.MESSAGE_INDEX or opcode >= PRIVATE
 
 
 def _is_chunk(file: IO[bytes], offset: int, length: int) -> bool:
-    """Whether a chunk's beginning fits its length."""
+    """Whether the beginning of a chunk record's content fits its length."""
     beginning = read_at(file, offset + HEAD.size, CHUNK_HEAD.size + LONGEST_NAME + 8)
     if len(beginning) < CHUNK_HEAD.size + 8:
         return False
     name_end: int = CHUNK_HEAD.size + CHUNK_HEAD.unpack_from(beginning)[-1]
     if name_end + 8 > len(beginning):
         return False
-    told = int.from_bytes(beginning[name_end : name_end + 8], "little")
-    return told == length - name_end - 8
+    compressed_size = int.from_bytes(beginning[name_end : name_end + 8], "little")
+    return compressed_size == length - name_end - 8
 
 
 def _next_record(file: IO[bytes], offset: int, size: int) -> int:
-    """Where the next chunk, or the end of the data, is that a record follows, or nothing; `size` if there is none."""
+    """Offset [B] of the next chunk or data end that a possible record or the end of the file follows, else `size`."""
     while offset < size:
         block = read_at(file, offset, BLOCK + HEAD.size)
-        for candidate in GOES_ON.finditer(block, 0, min(BLOCK, size - offset) + HEAD.size):
+        for candidate in CHUNK_OR_DATA_END.finditer(block, 0, min(BLOCK, size - offset) + HEAD.size):
             begin = offset + candidate.start()
             head = head_at(file, begin)
             if head and _may_be(file, *head, begin, size) and _is_followed(file, begin + HEAD.size + head[1], size):
@@ -243,20 +254,16 @@ def _next_record(file: IO[bytes], offset: int, size: int) -> int:
 
 
 def _is_followed(file: IO[bytes], end: int, size: int) -> bool:
+    """Whether a possible record begins at `end`, or the file ends there."""
     head = head_at(file, end)
     return end == size or (head is not None and _may_be(file, *head, end, size))
 
 
 def _is_cut_chunk(file: IO[bytes], offset: int, head: tuple[int, int], size: int) -> bool:
-    """Whether a chunk begins whose end the file does not hold, in a file that does not end as a whole one does."""
+    """Whether a truncated chunk begins at `offset`, in a file without the magic at its end."""
     opcode, length = head
     too_long = opcode == Opcode.CHUNK and 0 < offset + HEAD.size + length - size <= LARGEST_RECORD
-    return too_long and not _is_ended(file, size) and _is_chunk(file, offset, length)
-
-
-def _is_ended(file: IO[bytes], size: int) -> bool:
-    """Whether a file ends as a whole one does."""
-    return size >= len(MAGIC) and bool(magic_at(file, size - len(MAGIC)))
+    return too_long and not magic_at(file, max(size - len(MAGIC), 0)) and _is_chunk(file, offset, length)
 
 
 def magic_at(file: IO[bytes], offset: int) -> int:
@@ -265,13 +272,13 @@ def magic_at(file: IO[bytes], offset: int) -> int:
 
 
 def read_at(file: IO[bytes], offset: int, length: int) -> bytes:
-    """So many bytes, or what there is of them."""
+    """Bytes at an offset; fewer than `length` only at the end of the file."""
     file.seek(offset)
     return file.read(length)
 
 
 def read_chunk(content: bytes) -> Chunk:
-    """A chunk from its record's content, whose head is known to fit."""
+    """Chunk from the content of its record, whose beginning must have been checked."""
     first, last, size, checksum, name_length = CHUNK_HEAD.unpack_from(content)
     name_end = CHUNK_HEAD.size + name_length
     compression = content[CHUNK_HEAD.size : name_end].decode("ascii", "replace")
@@ -279,10 +286,10 @@ def read_chunk(content: bytes) -> Chunk:
 
 
 def unpack(chunk: Chunk) -> bytes:
-    """The records of a chunk, still in one piece.
+    """Uncompressed records of a chunk.
 
     Raises:
-        DamagedError: they cannot be had, or do not fit their size or checksum.
+        DamagedError: They cannot be decompressed, or do not fit their size or checksum.
     """
     if chunk.size > LARGEST_CHUNK:
         raise DamagedError(f"claims to hold {chunk.size} bytes")
@@ -298,15 +305,15 @@ def unpack(chunk: Chunk) -> bytes:
 
 
 def _decompressed(chunk: Chunk) -> bytes:
-    """What a chunk's data become, no more than it claims to hold: a frame by itself may claim anything."""
+    """Decompressed data of a chunk, limited to its size, because a compressed frame may claim any."""
     if chunk.compression == "":
         return chunk.data
     if chunk.compression == "zstd":
-        told = zstandard.frame_content_size(chunk.data)
-        if told > chunk.size:
-            raise DamagedError(f"holds {told} bytes and not {chunk.size}")
-        unzip = zstandard.ZstdDecompressor()
-        return unzip.decompress(chunk.data, max_output_size=chunk.size + 1, allow_extra_data=False)
+        size = zstandard.frame_content_size(chunk.data)
+        if size > chunk.size:
+            raise DamagedError(f"holds {size} bytes and not {chunk.size}")
+        zstd = zstandard.ZstdDecompressor()
+        return zstd.decompress(chunk.data, max_output_size=chunk.size + 1, allow_extra_data=False)
     if chunk.compression == "lz4":
         decompressor = lz4.frame.LZ4FrameDecompressor()
         data = bytes(decompressor.decompress(chunk.data, max_length=chunk.size + 1))
@@ -317,13 +324,13 @@ def _decompressed(chunk: Chunk) -> bytes:
 
 
 def beginning_of(chunk: Chunk) -> bytes:
-    """The whole records at the beginning of a chunk that is cut off; nothing checks them."""
-    makers: dict[str, Any] = {
+    """Whole records at the beginning of a truncated chunk, without a check of their content."""
+    decompressors: dict[str, Any] = {
         "zstd": lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
         "lz4": lambda: lz4.frame.LZ4FrameDecompressor().decompress,
         "": lambda: bytes,
     }
-    data, decompress = bytearray(), makers.get(chunk.compression, lambda: lambda _: b"")()
+    data, decompress = bytearray(), decompressors.get(chunk.compression, lambda: lambda _: b"")()
     try:
         for begin in range(0, len(chunk.data), STEP):
             data += decompress(chunk.data[begin : begin + STEP])
@@ -338,9 +345,9 @@ def beginning_of(chunk: Chunk) -> bytes:
 
 
 def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, and where the content begins and ends, of a chunk's records, up to the first that is not whole.
+    """Opcode and offsets [B] of the content's beginning and end of each record, up to the first that is not whole.
 
-    One more than `most` at most.
+    At most `most` + 1 records are returned.
     """
     position, end, head, size, count = 0, len(data), HEAD.unpack_from, HEAD.size, 0  # every message of a bag comes here
     while position + size <= end and count <= most:
@@ -353,13 +360,13 @@ def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:
 
 
 def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
-    """What there is up to the first record that is not whole, one more record than `most` at most.
+    """Records in `data` up to the first that is not whole, but at most `most` + 1, or as the `indices` of a chunk tell.
 
     Raises:
-        DamagedError: a message is too short.
+        DamagedError: A message is too short.
     """
-    if found := indexed(data, indices):
-        return found
+    if contents := indexed(data, indices):
+        return contents
     places, others, number, end = list[int](), list[Record](), 0, 0
     for opcode, begin, end in records_in(data, most):
         number += 1
@@ -376,16 +383,16 @@ def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
 
 
 def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
-    """What a chunk holds, as the `indices` behind it tell, if these are right beyond doubt.
+    """Records of a chunk according to the message `indices` that follow it; None unless these are certainly right.
 
-    They are if there is a message wherever they say, which goes on to the next one, and nothing else.
+    They are if the chunk consists of messages only, which begin exactly at the offsets in the indices.
     """
     if not indices or any(len(index) % ENTRY.size != INDEX.size for index in indices):
         return None
     places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX.size)[1::2] for index in indices])
     if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.size:
         return None
-    begins = np.sort(places.astype(np.int64), kind="stable")  # runs that are in order: quickly done
+    begins = np.sort(places.astype(np.int64), kind="stable")  # fast, because it consists of sorted runs
     heads, ends = _heads(data, begins), np.append(begins[1:], len(data))
     lengths = ends - begins - HEAD.size
     right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
@@ -395,14 +402,14 @@ def indexed(data: bytes, indices: Sequence[bytes]) -> Contents | None:
 
 
 def _heads(data: bytes, begins: NDArray[np.int64]) -> NDArray[Any]:
-    """The heads of the messages that begin there, as `MESSAGE_HEADS`."""
-    heads = np.dtype(f"V{MESSAGE_HEAD.size}")  # as one thing each, which is copied at once
+    """Heads of the message records at the given offsets, as `MESSAGE_HEADS`."""
+    heads = np.dtype(f"V{MESSAGE_HEAD.size}")  # one item each, which is copied at once
     windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
     return windows[begins].view(MESSAGE_HEADS)
 
 
 def with_indices(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, list[Record]]]:
-    """Each piece of a file with what a chunk's indices are that follow it, instead of these."""
+    """Pieces of a file without message indices, each chunk with the list of those that follow it."""
     last, indices, size = None, list[Record](), 0
     for piece in pieces:
         if isinstance(piece, Record) and piece.opcode == Opcode.MESSAGE_INDEX and isinstance(last, Record):

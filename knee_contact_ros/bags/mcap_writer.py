@@ -1,7 +1,6 @@
-"""One MCAP file as a ROS 2 recorder writes it: CDR messages, `ros2msg` schemas, QoS and type hashes.
+"""Writing of one MCAP file as a ROS 2 recorder does: CDR messages, `ros2msg` schemas, QoS profiles and type hashes.
 
-The bytes are those of the message's content and nothing else (ROS's own serialiser leaves uninitialised padding), so
-the same messages give the same file.
+Equal messages give equal files, because padding bytes are zero (the serialiser of ROS leaves them uninitialised).
 """
 
 from __future__ import annotations
@@ -28,59 +27,65 @@ from knee_contact_ros.messages.ros_types import definition, typestore
 from knee_contact_ros.system.output_files import open_claimed, sync_folder, take_name
 
 LIBRARY = "knee_contact_ros"
+"""Name of the writing library in the header of a file"""
 
 
 class BagFile:
-    """An MCAP file that appears under its final name when it is complete; until then it is a locked `.partial`."""
+    """MCAP file that gets its final name when it is complete; until then it is a locked `.partial` file."""
 
     def __init__(
         self, path: Path, partial: Path, compression: CompressionType, overwrite: bool, earlier: Mapping[str, int]
     ) -> None:
-        """Open the claimed file `partial`, which will be `path`; with `overwrite` whatever has that name then.
+        """Open a file for writing.
 
-        `earlier` has how many messages of each topic are in files before: their sequence numbers go on.
+        Args:
+            path: Final name.
+            partial: Name until the file is complete, already claimed.
+            compression: Compression of the chunks.
+            overwrite: Whether the complete file replaces one that has the final name.
+            earlier: Number of messages of each topic in earlier files of the recording: sequence numbers continue.
 
         Raises:
-            UsageError: see `open_claimed`.
+            UsageError: The file cannot be opened; see `open_claimed`.
         """
         self.path, self.partial, self._overwrite, self._earlier = path, partial, overwrite, earlier
-        self._types: dict[str, str] = {}  # topic to message type
+        self._types: dict[str, str] = {}  # message type of each topic
         self.channels: dict[str, int] = {}
-        """Topic to channel number"""
+        """Channel number of each topic"""
         self._file = open_claimed(self.partial)
         self._closing = Lock()
         self._name_synced = False
         self.mcap = ChunkedMcap(self._file, "ros2", LIBRARY, compression)
-        """Its bytes"""
+        """Writer of the MCAP records"""
 
     def add_topic(self, topic: str, type_name: str) -> None:
-        """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
+        """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
         metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(type_name)}
         schema = (type_name, "ros2msg", definition(type_name))
         self.channels[topic] = self.mcap.add_channel(topic, "cdr", metadata, schema)
         self._types[topic] = type_name
 
     def next_number(self, topic: str) -> int:
-        """Sequence number of the next message of a topic: how many there are in this file and those before."""
+        """Sequence number of the next message of a topic: its number of messages in this file and earlier ones."""
         counts = self.mcap.statistics.channel_message_counts
         return self._earlier.get(topic, 0) + counts.get(self.channels[topic], 0)
 
     def write_all(self, records: Iterable[Record], names: Mapping[str, str]) -> None:
-        """Write messages, whose log time and publish time are their stamps [ns], under the names of their topics."""
+        """Write messages under the absolute names of their topics; log time and publish time are their stamps [ns]."""
         records = list(records)
         ends = list(accumulate([MESSAGE_HEAD.size + len(data) for _, _, data in records]))
         for begin, end in pairwise(self.mcap.cuts(ends)):
             self._append(records[begin:end], names)
 
     def _append(self, records: Sequence[Record], names: Mapping[str, str]) -> None:
-        """Write messages that go into one chunk."""
-        found: dict[str, tuple[int, Iterator[int], list[int]]] = {}  # channel, sequence numbers, index entries
+        """Write messages that belong to one chunk."""
+        topics: dict[str, tuple[int, Iterator[int], list[int]]] = {}  # channel, sequence numbers, index entries
         pieces: list[bytes] = []
         place = self.mcap.place
         for topic, stamp, data in records:
-            if topic not in found:
-                found[topic] = self.channels[names[topic]], count(self.next_number(names[topic])), []
-            channel, numbers, entries = found[topic]
+            if topic not in topics:
+                topics[topic] = self.channels[names[topic]], count(self.next_number(names[topic])), []
+            channel, numbers, entries = topics[topic]
             length = len(data)
             pieces += (
                 MESSAGE_HEAD.pack(Opcode.MESSAGE, MESSAGE.size + length, channel, next(numbers), stamp, stamp),
@@ -88,15 +93,15 @@ class BagFile:
             )
             entries += stamp, place
             place += MESSAGE_HEAD.size + length
-        packed = {channel: struct.pack(f"<{len(entries)}Q", *entries) for channel, _, entries in found.values()}
+        packed = {channel: struct.pack(f"<{len(entries)}Q", *entries) for channel, _, entries in topics.values()}
         stamps = [stamp for _, stamp, _ in records]
         self.mcap.append(b"".join(pieces), packed, min(stamps), max(stamps))
 
     def sync(self) -> None:
-        """Have all that was flushed, and its name, on the disk; may be called by another thread.
+        """Sync all flushed data, and the name of the file, to the disk; may be called by another thread.
 
         Raises:
-            OSError: it cannot be.
+            OSError: The sync has failed.
         """
         with self._closing:
             if self._file.closed:
@@ -107,25 +112,26 @@ class BagFile:
                 self._name_synced = True
 
     def free_space(self) -> int:
-        """[B] that are free on its disk.
+        """Free space [B] on the disk of the file.
 
         Raises:
-            OSError: the file is not there any more.
+            OSError: The file has been removed.
         """
         self._check_presence()
         disk = os.fstatvfs(self._file.fileno())
         return disk.f_bavail * disk.f_frsize
 
     def facts(self) -> FileFacts:
-        """What there is to know of it so far."""
-        told = self.mcap.statistics
-        counts = Counter({name: told.channel_message_counts.get(number, 0) for name, number in self.channels.items()})
-        return FileFacts(self.path.name, told.message_start_time, told.message_end_time, counts)
+        """Name, log times and numbers of messages of the file so far."""
+        statistics = self.mcap.statistics
+        by_channel = statistics.channel_message_counts
+        counts = Counter({topic: by_channel.get(channel, 0) for topic, channel in self.channels.items()})
+        return FileFacts(self.path.name, statistics.message_start_time, statistics.message_end_time, counts)
 
     def complete(self) -> None:
-        """Write what ends the file."""
-        whole = information([self.facts()], self._types)
-        self.mcap.add_metadata("rosbag2", {"serialized_metadata": to_yaml(whole)})
+        """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
+        content = information([self.facts()], self._types)
+        self.mcap.add_metadata("rosbag2", {"serialized_metadata": to_yaml(content)})
         self.mcap.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
@@ -134,7 +140,7 @@ class BagFile:
         """Give the complete file its final name, or the next free one if it was taken meanwhile.
 
         Raises:
-            OSError: it cannot have one, or is not there any more.
+            OSError: The file cannot be renamed, or has been removed.
         """
         self._check_presence()
         self.path = take_name(self.partial, self.path, self._overwrite)
@@ -143,16 +149,16 @@ class BagFile:
             self._file.close()
 
     def discard(self) -> None:
-        """Give up: leave nothing behind."""
+        """Close the file and remove it."""
         with self._closing, suppress(OSError):  # a full disk also refuses what is still in the file's buffer
             self._file.close()
         self.partial.unlink(missing_ok=True)
 
     def _check_presence(self) -> None:
-        """Tell if the file is not there any more, or is another one.
+        """Check that the open file still has its name.
 
         Raises:
-            OSError: that is so.
+            OSError: The file has been removed or replaced.
         """
         with suppress(FileNotFoundError, NotADirectoryError):
             if os.path.samestat(self.partial.lstat(), os.fstat(self._file.fileno())):
@@ -162,5 +168,5 @@ class BagFile:
 
 @cache
 def offered_qos() -> str:
-    """As YAML text."""
+    """Offered QoS profiles as YAML text, for the metadata of channels."""
     return to_yaml(OFFERED_QOS)

@@ -1,4 +1,4 @@
-"""What `metadata.yaml` of a rosbag2 folder says of its files, version 9."""
+"""`metadata.yaml` of a rosbag2 folder: reading it, and writing its version 9."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from knee_contact_ros.system.output_files import partial_name, sync_folder, writ
 from knee_contact_ros.system.yaml_file import LARGEST_METADATA, BadYamlError, read_yaml
 
 METADATA = "metadata.yaml"
+"""Name of the file"""
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
+"""Infinite duration of a QoS profile"""
 OFFERED_QOS = [
     {
         "history": "keep_last",
@@ -30,22 +32,49 @@ OFFERED_QOS = [
         "avoid_ros_namespace_conventions": False,
     }
 ]
-"""What the node and `replay` offer."""
+"""QoS profiles that the node and `replay` offer"""
+
+
+class FolderMetadata(NamedTuple):
+    """Content of a `metadata.yaml` as far as it is used."""
+
+    files: list[str]
+    """Names of the bag's files"""
+    compressed: str
+    """Compression mode: `file`, `message` or empty"""
+    counts: dict[str, int]
+    """Number of messages of each topic"""
+
+
+def read_metadata(folder: Path) -> tuple[FolderMetadata | None, list[str]]:
+    """Content of `metadata.yaml`, None if it is missing or unusable, and its faults as sentences."""
+    try:
+        content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
+        topics = content["topics_with_message_count"]
+        counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in topics}
+        mode = str(content.get("compression_mode") or "").lower()
+        files = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
+        return FolderMetadata(files, "" if mode == "none" else mode, counts), []
+    except FileNotFoundError:
+        return None, [f"{METADATA} is missing"]
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
+        return None, [f"{METADATA} cannot be read"]
 
 
 class FileFacts(NamedTuple):
-    """What there is to know of a file."""
+    """Facts about one file of a bag, for `metadata.yaml`."""
 
     name: str
+    """Name of the file"""
     first: int
-    """Smallest stamp [ns]"""
+    """Smallest log time [ns]"""
     last: int
-    """Largest stamp [ns]"""
+    """Largest log time [ns]"""
     counts: Counter[str]
-    """Messages by topic"""
+    """Number of messages of each topic"""
 
     def times(self) -> dict[str, Any]:
-        """As metadata has it."""
+        """Start, duration and number of messages, under the keys of `metadata.yaml`."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.first},
             "duration": {"nanoseconds": self.last - self.first},
@@ -54,7 +83,7 @@ class FileFacts(NamedTuple):
 
 
 def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[str, Any]:
-    """The content of `metadata.yaml` for a bag of these files; `types` gives the message type of every topic."""
+    """Content of `metadata.yaml` for a bag of these files; `types` is the message type of each topic."""
     total = sum((file.counts for file in files), Counter[str]())
     return with_topics(
         files,
@@ -75,7 +104,7 @@ def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[st
 
 
 def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The content of `metadata.yaml` for these files, with what there is to say of every topic."""
+    """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics."""
     filled = [file for file in files if file.counts.total()]
     first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
     total = sum((file.counts for file in files), Counter[str]())
@@ -94,26 +123,32 @@ def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) ->
 
 
 class Identity(NamedTuple):
-    """By which a file is known again."""
+    """Properties by which an unchanged file is recognised."""
 
-    number: int
+    inode: int
+    """Number of the inode"""
     size: int
-    """[B]"""
-    changed: int
-    """[ns]"""
+    """Size [B]"""
+    modified: int
+    """Time of the last modification [ns]"""
 
 
 def prepare_metadata(
     folder: Path, content: dict[str, Any], ours: Identity | None = None
 ) -> Callable[[], Identity | None]:
-    """Write what is to stand in `metadata.yaml` beside a bag's files, and return what makes it stand there.
+    """Write a new `metadata.yaml` under another name, and return the function that puts it in place.
 
-    `content` is as `information` gives it. There is a whole `metadata.yaml` at every moment; one of another bag is left
-    alone. What makes it stand there returns what it is known by, None if another bag's does; given as `ours` to the
-    next call, it need not be read then, which takes as long as to write it.
+    `metadata.yaml` is whole at every moment, and that of another bag is left alone. The function returns the identity
+    of the file it has put in place, or None if there is one of another bag. Given as `ours` to the next call, the
+    identity saves reading the file, which takes as long as writing it.
+
+    Args:
+        folder: Folder of the bag.
+        content: Content as `information` returns it.
+        ours: Identity of the `metadata.yaml` that this process wrote last.
 
     Raises:
-        OSError: it cannot be written; an earlier one is left as it was.
+        OSError: The file cannot be written; an earlier one is unchanged.
     """
     metadata = folder / METADATA
     partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one at the same moment
@@ -125,7 +160,7 @@ def prepare_metadata(
 
 
 def _put(partial: Path, metadata: Path, first_name: str, ours: Identity | None) -> Identity | None:
-    """Give a file its name for good, unless another bag's has it meanwhile."""
+    """Rename `partial` to `metadata`, unless another bag has taken that name meanwhile."""
     if _is_of_another_bag(metadata, first_name, ours):
         partial.unlink()
         return None
@@ -135,7 +170,7 @@ def _put(partial: Path, metadata: Path, first_name: str, ours: Identity | None) 
 
 
 def to_yaml(content: Any) -> str:
-    """YAML text in the order of the content."""
+    """Content as YAML text, with the keys in the given order."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
@@ -147,18 +182,18 @@ def to_yaml(content: Any) -> str:
 
 
 def _identity(path: Path) -> Identity | None:
-    """None: there is nothing of that name."""
+    """Identity of a file; None if it does not exist."""
     try:
-        found = path.lstat()
+        status = path.lstat()
     except FileNotFoundError:
         return None
-    return Identity(found.st_ino, found.st_size, found.st_mtime_ns)
+    return Identity(status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 def _is_of_another_bag(metadata: Path, first_name: str, ours: Identity | None) -> bool:
-    """Whether something is there that does not say, in a way that can be read, that it belongs to ours."""
-    found = _identity(metadata)
-    if found is None or found == ours:
+    """Whether there is a `metadata.yaml` that is unreadable, or whose first file is not `first_name`."""
+    present = _identity(metadata)
+    if present is None or present == ours:
         return False
     try:
         content = read_yaml(metadata, LARGEST_METADATA)

@@ -1,4 +1,4 @@
-"""How a recording came about: written into it, so that its answers can be computed again from it alone."""
+"""Provenance of a recording, which it contains, so that its answers can be computed again from it alone."""
 
 from __future__ import annotations
 
@@ -21,54 +21,55 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import open_regular, sha256_of
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
-"""Names of the metadata records of what happened to a running node"""
+"""Names of the metadata records of changed parameters and of a reset in a running node"""
 TICK = "tick"
-"""Their key for the number of ticks before"""
+"""Key in those records for the number of ticks before"""
 CURVE = "file of "
-"""What a key begins with whose value is the content of a file that a parameter names"""
+"""Prefix of the key for the content of a file that a parameter names; the name of the parameter follows"""
 OURS = "knee_contact_ros "
-"""How the package's name and version begin in a record of ours"""
+"""Prefix of the package's name and version in a record of this package"""
 LONGEST_COUNT = 20
-"""Digits of a number of ticks"""
+"""Largest number of digits of a number of ticks"""
 MOST_CHANGES = 100_000
-"""Of parameters, that are made again"""
+"""Largest number of changes of parameters that are repeated"""
 NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "deadline")
-"""Parameters (beginnings of their names) of which no answer depends"""
+"""Prefixes of the names of parameters that no answer depends on"""
 
 
 class Change(NamedTuple):
-    """What happened to a running node between two ticks."""
+    """Change of parameters, or reset, between two ticks of a running node."""
 
     tick: int
-    """Ticks in the recording before"""
+    """Number of ticks in the recording before the change"""
     values: dict[str, Any] | None
-    """Parameters that have changed; None: it was reset"""
+    """Changed parameters by name; None for a reset"""
 
 
 class Provenance(NamedTuple):
-    """How a recording came about, as it says itself."""
+    """Provenance of a recording: what its answers were computed with."""
 
     recording: Path
+    """Path of the recording"""
     package: str
-    """Name and version"""
+    """Name and version of the package"""
     model: str
-    """SHA-256 of the model's source"""
+    """SHA-256 of the source of the model"""
     parameters: Parameters
-    """Those with which it began"""
+    """Parameters at the beginning of the recording"""
     curves: dict[str, str]
-    """Contents of the files that parameters name, by parameter"""
+    """Contents of the files that parameters name, by the names of the parameters"""
     ticks_before: int
-    """Ticks that the node had computed before the recording began"""
+    """Number of ticks that the node had computed before the recording began"""
     changes: tuple[Change, ...]
-    """In their order"""
+    """Changes of parameters and resets, in the order of the ticks"""
     damage: tuple[str, ...]
-    """What of it cannot be read, as sentences"""
+    """Unreadable parts of the provenance, as sentences"""
 
     def texts(self) -> dict[str, str]:
-        """Contents of the files that its model needs.
+        """Contents of the files that the model needs, by the names of the parameters.
 
         Raises:
-            UsageError: the recording does not hold one of them.
+            UsageError: The recording does not contain one of them.
         """
         return stored_texts(self.parameters, self.curves, self.recording)
 
@@ -78,8 +79,11 @@ def provenance_record(
 ) -> dict[str, str]:
     """Content of the metadata record; nothing in it depends on where or when it is written.
 
-    `curves` gives the contents of the files that parameters name (`curve_texts`); `source` is the bag that the inputs
-    come from, if they do.
+    Args:
+        parameters: Parameters at the beginning of the recording.
+        curves: Contents of the files that parameters name (`curve_texts`).
+        source: Bag that the inputs come from, if any.
+        ticks_before: Number of ticks that the node had computed before the recording began.
     """
     values = {
         name: value for name, value in flat_parameters(parameters).items() if not name.startswith(NOT_OF_THE_RESULT)
@@ -95,34 +99,34 @@ def provenance_record(
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
-    """Content of the metadata record of parameters that have changed after a number of ticks."""
+    """Content of the metadata record for parameters that have changed to these values after `tick` ticks."""
     return {TICK: str(tick)} | {name: json.dumps(value) for name, value in values.items()}
 
 
 def read_provenance(bag: Path) -> Provenance | None:
-    """How a bag came about; None if it does not say so.
+    """Provenance of a bag; None if it contains none.
 
     Raises:
-        UsageError: it says so, but with parameters that this version does not know, or that cannot be read; or it is a
-            recording's later part.
+        UsageError: The provenance is damaged, or has parameters that this version does not know; or the bag is a later
+            file of a recording, without its first one.
     """
     records = list(_metadata(bag))
-    found = next((values for name, values in records if name == PROVENANCE), None)
-    if found is None:
-        part = next((values for name, values in records if name == CONTINUED), None)
-        if part is not None and not any(name == LOAD_PROVENANCE for name, _ in records):
-            first = part.get("first", "another file")
+    record = next((content for name, content in records if name == PROVENANCE), None)
+    if record is None:
+        continued = next((content for name, content in records if name == CONTINUED), None)
+        if continued is not None and not any(name == LOAD_PROVENANCE for name, _ in records):
+            first = continued.get("first", "another file")
             raise UsageError(
                 f"{bag} goes on with {first}, which has the parameters: give the whole folder, or --params"
             )
         return None
     try:
-        before, values = _count(found["ticks_before"]), _json(found["parameters"])
-        package, model = found["package"], found["model_sha256"]
+        before, values = _count(record["ticks_before"]), _json(record["parameters"])
+        package, model = record["package"], record["model_sha256"]
         if not isinstance(values, dict) or any(isinstance(value, (dict, list)) for value in values.values()):
             raise TypeError
     except (KeyError, TypeError, ValueError):
-        if found.get("package", "").startswith(OURS):
+        if record.get("package", "").startswith(OURS):
             raise UsageError(
                 f"{bag}: its record {PROVENANCE}, which has the parameters, is damaged: give --params"
             ) from None
@@ -134,28 +138,28 @@ def read_provenance(bag: Path) -> Provenance | None:
         parameters = load_parameters(values)
     except UsageError as error:
         raise UsageError(f"{bag}, in its record {PROVENANCE}: {error}") from None
-    curves = {key.removeprefix(CURVE): text for key, text in found.items() if key.startswith(CURVE)}
+    curves = {key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)}
     return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
 
 
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
-    """A provenance with other values of some parameters, by dotted names; files that these name are read.
+    """Provenance with other values of some parameters, by dotted names; files that these name are read.
 
     Raises:
-        UsageError: an unknown name, a wrong type or a value outside its range; or a file that cannot be read.
+        UsageError: A name is unknown, a value has a wrong type or is out of range, or a file cannot be read.
     """
     parameters = load_parameters(flat_parameters(provenance.parameters) | dict(values))
-    given = {name: read_curve(name, file) for name, file in curve_files(parameters).items() if name in values}
-    return provenance._replace(parameters=parameters, curves=provenance.curves | given)
+    curves = {name: read_curve(name, file) for name, file in curve_files(parameters).items() if name in values}
+    return provenance._replace(parameters=parameters, curves=provenance.curves | curves)
 
 
 def model_digest() -> str:
-    """SHA-256 of the model's source."""
+    """SHA-256 of the source of the model."""
     return _digest(Path(knee_contact_ros.core.__file__).parent.rglob("*.py"))
 
 
 def bag_digest(bag: Path) -> str:
-    """SHA-256 of a bag: of its file, or of the files that its folder's metadata lists."""
+    """SHA-256 of a bag: of the file, or of the files of the bag in a folder (`files_of`)."""
     if bag.is_dir():
         return _digest(path for path in files_of(bag) if is_there(path))
     with open_regular(bag) as file:
@@ -163,7 +167,7 @@ def bag_digest(bag: Path) -> str:
 
 
 def _digest(paths: Iterable[Path]) -> str:
-    """A digest of files' names and contents, in the order of their names."""
+    """SHA-256 of the names and contents of files, in the order of their paths."""
     digest = hashlib.sha256()
     for path in sorted(paths):
         with open_regular(path) as file:
@@ -172,7 +176,7 @@ def _digest(paths: Iterable[Path]) -> str:
 
 
 def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tuple[list[Change], list[str]]:
-    """What happened after a number of ticks, in order, and what of it cannot be read."""
+    """Changes in the order of ticks, counted from `before` ticks of the node, and the faults of unreadable records."""
     changes, damage = [], []
     for name, values in records:
         if name not in (RESET, PARAMETERS_CHANGED):
@@ -189,10 +193,10 @@ def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tupl
 
 
 def _count(text: str) -> int:
-    """A number of ticks.
+    """Number of ticks from its text.
 
     Raises:
-        ValueError: the text is none.
+        ValueError: The text is no number of ticks.
     """
     if len(text) > LONGEST_COUNT:
         raise ValueError("too many digits")
@@ -200,10 +204,10 @@ def _count(text: str) -> int:
 
 
 def _json(text: str) -> Any:
-    """A value.
+    """Value from its JSON text.
 
     Raises:
-        ValueError: the text is none.
+        ValueError: The text is no JSON.
     """
     try:
         return json.loads(text)
@@ -212,10 +216,10 @@ def _json(text: str) -> Any:
 
 
 def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Names and contents of the metadata records of a bag's MCAP files; none of those that cannot be read."""
+    """Names and contents of the metadata records in the readable MCAP files of a bag."""
     for path in files_of(bag):
         try:
-            found = metadata_records(path)
+            records = metadata_records(path)
         except OSError:
             continue
-        yield from ((record.name, record.metadata) for record in found)
+        yield from ((record.name, record.metadata) for record in records)

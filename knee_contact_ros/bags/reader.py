@@ -1,4 +1,4 @@
-"""Read a bag: an `.mcap` file or a rosbag2 folder (MCAP or sqlite3), as any ROS 2 recorder writes them."""
+"""Reading of a bag: an `.mcap` file, or a rosbag2 folder with MCAP or sqlite3 files, from any ROS 2 recorder."""
 
 from __future__ import annotations
 
@@ -24,48 +24,55 @@ from knee_contact_ros.messages.topics import INPUTS, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
-"""The topics that drive the model, by their absolute names, and their types."""
+"""Types of the topics that drive the model, by their absolute names"""
 LARGEST_MESSAGE = 2**24
-"""[B] of a message that was compressed by itself"""
+"""Largest size [B] of a message that was compressed by itself"""
 ZSTD = b"\x28\xb5\x2f\xfd"
-"""How compressed bytes begin; a message never does"""
+"""Magic at the beginning of compressed bytes; no CDR message begins like this"""
 
 
 class BagMessage(NamedTuple):
-    """A message from a bag, in the order of log time."""
+    """Decoded message of a bag."""
 
     topic: str
-    """Absolute name, as the node has it"""
+    """Absolute name of the topic in the node"""
     log_time: int
-    """[ns]"""
+    """Log time [ns]"""
     message: Any
-    """A plain message"""
+    """Message as `rosbags` deserializes it"""
 
 
 class RawMessage(NamedTuple):
-    """A message as it stands in a bag, not decoded."""
+    """Message of a bag that is not decoded."""
 
     topic: str
+    """Absolute name of the topic in the node"""
     log_time: int
+    """Log time [ns]"""
     data: bytes
-    """CDR"""
+    """CDR bytes"""
 
 
 class BagReader:
-    """A bag that is known to hold the topics asked for."""
+    """Open bag that contains all requested topics."""
 
     def __init__(self, path: Path, types: Mapping[str, str] = INPUT_TYPES, names: Names = OWN_NAMES) -> None:
-        """Open the bag at `path` and look for topics (absolute names) of the given types; `names` they have in there.
+        """Open a bag and find the requested topics in it.
+
+        Args:
+            path: Bag.
+            types: Type of each requested topic, by the absolute name in the node.
+            names: Absolute names in the bag of topics that have another one there.
 
         Raises:
-            UsageError: no such bag, not a bag, a topic is missing or empty, or has another type.
+            UsageError: There is no such bag, it cannot be read, or a topic is missing, empty or of another type.
         """
         self.path = path
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
         self._bag = StoredBag(path)
         self.damage = self._bag.damage
-        """What is wrong with the bag, in sentences; what can be read of it is read all the same"""
+        """Faults of the bag, as sentences; the readable part is read nevertheless"""
         try:
             self._connections = {
                 topic: find_topic(path, self._bag.connections, topic, type_name, names.get(topic, topic))
@@ -80,26 +87,26 @@ class BagReader:
 
     @property
     def count(self) -> int:
-        """Number of messages on the topics asked for."""
-        return sum(connection.messages for found in self._connections.values() for connection in found)
+        """Number of messages on the requested topics."""
+        return sum(connection.messages for topic in self._connections.values() for connection in topic)
 
     @property
     def end(self) -> int:
-        """Log time [ns] behind the last message of the bag, whatever its topic."""
+        """Log time [ns] after the last message of the bag, on any topic."""
         return self._bag.end_time
 
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[RawMessage]:
-        """Messages in the order of log time, as their bytes.
+        """Messages in the order of log time, not decoded.
 
         Args:
-            topics: only these of the topics asked for; none: all.
-            start: log time [ns] of the first one.
-            stop: log time [ns] behind the last one.
+            topics: Topics to read, out of the requested ones; all of them if empty.
+            start: Smallest log time [ns]; None means no limit.
+            stop: Log time [ns] that messages do not reach; None means no limit.
 
         Raises:
-            UsageError: the bag breaks off.
+            UsageError: The bag is damaged.
         """
         for message, _ in self.described_messages(topics, start, stop):
             yield message
@@ -107,7 +114,7 @@ class BagReader:
     def described_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
-        """Messages that are not decoded, each with the definition that the bag holds of its type."""
+        """Messages as `raw_messages` gives them, each with the definition of its type in the bag."""
         for batch, connections in self._batches(topics, start, stop):
             described = [(self._topic_of(connection), connection.definition) for connection in connections]
             for number, log_time, data in batch:
@@ -115,41 +122,49 @@ class BagReader:
                 yield RawMessage(topic, log_time, data), definition
 
     def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
-        """All messages, of these topics if there are any, by so many; numbers are those of topics asked for at first.
+        """Messages in the order of log time, in blocks of at most `most` messages.
+
+        The number of a message in a block is the index of its topic among all requested ones.
+
+        Args:
+            topics: Topics to read, out of the requested ones; all of them if empty.
+            most: Largest number of messages in a block.
 
         Raises:
-            UsageError: the bag breaks off.
+            UsageError: The bag is damaged.
         """
-        places = {topic: place for place, topic in enumerate(self._connections)}
-        for connections, found in groupby(self._batches(topics), key=itemgetter(1)):
-            place_of = np.array([places[self._topic_of(connection)] for connection in connections], np.intp)
-            batches = (replace(batch, numbers=place_of[batch.numbers]) for batch, _ in found)
+        indices = {topic: index for index, topic in enumerate(self._connections)}
+        for connections, pairs in groupby(self._batches(topics), key=itemgetter(1)):
+            index_of = np.array([indices[self._topic_of(connection)] for connection in connections], np.intp)
+            batches = (replace(batch, numbers=index_of[batch.numbers]) for batch, _ in pairs)
             yield from blocks(batches, most)
 
     def _batches(
         self, topics: Collection[str], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Batch, list[Connection]]]:
-        asked = [connection for topic in topics or self._connections for connection in self._connections[topic]]
+        """Decompressed messages in batches, whose numbers are indices of the connections."""
+        requested = [connection for topic in topics or self._connections for connection in self._connections[topic]]
         try:
-            for batch, connections in self._bag.batches(asked, start, stop):
-                every = np.ones(len(batch), dtype=bool)
-                yield batch.changed(unpacked, every) if self._bag.packed else batch, connections
+            for batch, connections in self._bag.batches(requested, start, stop):
+                all_of_them = np.ones(len(batch), dtype=bool)
+                yield batch.changed(unpacked, all_of_them) if self._bag.packed else batch, connections
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
 
     def _topic_of(self, connection: Connection) -> str:
+        """Absolute name in the node of the topic of a connection."""
         return self._topics[absolute(connection.topic)]
 
     def messages(self) -> Iterator[BagMessage]:
-        """Messages in the order of log time, decoded by the definitions that this package knows.
+        """Messages in the order of log time, decoded by the definitions in this package.
 
         Raises:
-            UsageError: the bag breaks off or a message cannot be decoded.
+            UsageError: The bag is damaged, or a message cannot be decoded.
         """
         for topic, log_time, data in self.raw_messages():
             try:
                 message = deserialize(data, topic.removeprefix("/"))
-            except Exception as error:  # likewise
+            except Exception as error:  # whatever broken bytes provoke in the decoder
                 raise self._damaged(error) from None
             yield BagMessage(topic, log_time, message)
 
@@ -169,7 +184,11 @@ class BagReader:
         self.close()
 
     def _refuse_compressed_messages(self) -> None:
-        """A file of a bag whose messages are compressed one by one does not tell so; its folder does."""
+        """Refuse a file whose messages are compressed one by one: only `metadata.yaml` in its folder says so.
+
+        Raises:
+            UsageError: The first message is compressed.
+        """
         first = next(self.raw_messages(), None) if self.path.is_file() else None
         if first and first.data.startswith(ZSTD):
             self.close()
@@ -177,11 +196,11 @@ class BagReader:
 
 
 def unpacked(data: bytes) -> bytes:
-    """A message that was compressed by itself.
+    """Message that was compressed by itself, decompressed.
 
     Raises:
-        ValueError: it claims to be larger than any of our topics.
-        zstandard.ZstdError: it cannot be unpacked.
+        ValueError: It is too large by what its frame says.
+        zstandard.ZstdError: It cannot be decompressed.
     """
     size = zstandard.frame_content_size(data)
     if size > LARGEST_MESSAGE:
@@ -190,6 +209,6 @@ def unpacked(data: bytes) -> bytes:
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
-    """All messages of some topics at once; for short bags."""
+    """All messages of the topics with these types, as a list; for short bags."""
     with BagReader(path, types) as bag:
         return list(bag.messages())

@@ -1,4 +1,4 @@
-"""The answers in a recording, as rows of numbers."""
+"""Answers in a recording, as a structured array."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192
-"""Messages that are decoded at once"""
+"""Largest number of messages that are decoded at once"""
 
 
 def answer_topics(path: Path) -> list[str]:
-    """Absolute names of the topics of a bag that hold answers, in the order of their names.
+    """Absolute names of the topics with answers in a bag, in alphabetical order.
 
     Raises:
-        UsageError: no such bag, or not a bag.
+        UsageError: There is no such bag, or nothing of it can be read.
     """
     if not path.exists():
         raise UsageError(f"no recording at {path}: give an .mcap file or a rosbag2 folder")
@@ -43,20 +43,23 @@ def answer_topics(path: Path) -> list[str]:
 def answer_blocks(
     path: Path, topic: str = f"/{KNEE_CONTACT}", advance: Callable[[int, int], None] | None = None
 ) -> Iterator[Rows]:
-    """The answers on a topic (absolute name) of a recording, by the block, in the order of log time.
+    """Answers of a recording in blocks, in the order of log time.
 
-    `advance` is called now and then with the number of answers read and in all.
+    Args:
+        path: Recording.
+        topic: Absolute name of the topic.
+        advance: Function that is called after each block with the numbers of answers read so far and in all.
 
     Raises:
-        UsageError: no such recording or topic, it is damaged, or a message cannot be decoded.
+        UsageError: There is no such recording or topic, it is damaged, or a message cannot be decoded.
     """
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
             raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): make it whole with knee-contact recover")
         done = 0
-        for block, described in _blocks(reader.described_messages()):
+        for block, definition in _blocks(reader.described_messages()):
             try:
-                answers = decode_answers(block, described)
+                answers = decode_answers(block, definition)
             except Exception as error:  # whatever broken bytes and definitions provoke
                 raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
             yield answers
@@ -66,14 +69,14 @@ def answer_blocks(
 
 
 def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
-    """All of them at once; see `answer_blocks`."""
+    """All answers of a recording in one array; see `answer_blocks`."""
     return np.concatenate(list(answer_blocks(path, topic)))
 
 
 def _blocks(
     messages: Iterable[tuple[RawMessage, MessageDefinition]],
 ) -> Iterator[tuple[list[bytes], MessageDefinition]]:
-    """Bytes of messages that share their definition."""
-    for described, alike in groupby(messages, key=itemgetter(1)):
-        while block := [message.data for message, _ in islice(alike, BLOCK)]:
-            yield block, described
+    """Blocks of messages with the same definition of their type, and the definition."""
+    for definition, group in groupby(messages, key=itemgetter(1)):
+        while block := [message.data for message, _ in islice(group, BLOCK)]:
+            yield block, definition

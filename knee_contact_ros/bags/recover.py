@@ -1,4 +1,4 @@
-"""`knee-contact recover`: all that can be read of an MCAP file into a new, whole one."""
+"""`knee-contact recover`: the readable content of a damaged MCAP file in a new, whole file."""
 
 from __future__ import annotations
 
@@ -21,41 +21,45 @@ from knee_contact_ros.system.output_files import is_being_written, rename_new
 from knee_contact_ros.system.yaml_file import BadYamlError, parse_yaml
 
 ROSBAG2 = "rosbag2"
-"""Name of the metadata record in which rosbag2 keeps what its `metadata.yaml` says"""
+"""Name of the metadata record with the content of `metadata.yaml` for rosbag2"""
 MOST_TOPICS = 2000
-"""That others read of a `metadata.yaml`"""
+"""Largest number of topics in a `metadata.yaml` that other readers accept"""
 RECOVERED = "recovered"
-"""Name of the metadata record that says from what a file was recovered"""
+"""Name of the metadata record that describes the file from which another one was recovered"""
 SUFFIX = ".recovering"
-"""Of the output until it is complete; `.partial` may be the input's"""
+"""Suffix of the output until it is complete; `.partial` may be that of the input"""
 COMPRESSIONS = {None: CompressionType.ZSTD, "": CompressionType.NONE, "lz4": CompressionType.LZ4}
-"""By their names in a chunk; None: no chunks"""
+"""Compression of the output by the name of that in the input; None if the input has no chunks"""
 MOST_FAULTS = 1000
-"""That are written into the metadata record"""
+"""Largest number of faults in the metadata record"""
 
 
 class TopicCount(NamedTuple):
-    """What was recovered of a topic."""
+    """Number of recovered messages of a topic."""
 
     topic: str
+    """Name of the topic"""
     type: str
+    """Type of the messages; empty if it is unknown"""
     messages: int
+    """Number of recovered messages"""
     missing: int | None
-    """None if nothing says how many there were"""
+    """Number of missing messages; None if the file has no statistics"""
 
 
 class Recovery(NamedTuple):
-    """What was recovered."""
+    """Result of a recovery."""
 
     topics: list[TopicCount]
+    """Numbers of recovered messages by topic"""
     times: tuple[int, int] | None
-    """First and last log time [ns]"""
+    """Smallest and largest log time [ns]; None without messages"""
     size: int
-    """Of the input [B]"""
+    """Size [B] of the input"""
     unread: int
-    """Bytes that are of no use"""
+    """Number of bytes of the input that could not be used"""
     faults: list[str]
-    """What is wrong with the input, as sentences"""
+    """Faults of the input, as sentences"""
 
 
 def recover(
@@ -64,40 +68,46 @@ def recover(
     advance: Callable[[int, int], None] = lambda _done, _total: None,
     overwrite: bool = False,
 ) -> Recovery:
-    """Write all that can be read of `source` to `output`; `advance` hears of it.
+    """Write the readable content of `source` to `output`.
 
-    The bytes of the messages, their times and sequence numbers, schemas, channels, metadata and attachments stay as
-    they are; the order in the file too. `source` is only read. With `overwrite`, an existing output is replaced once
-    the new one is complete.
+    Messages with their times and sequence numbers, schemas, channels, metadata and attachments are copied unchanged, in
+    the order of the file.
+
+    Args:
+        source: Damaged MCAP file, which is only read.
+        output: New file.
+        advance: Function that is called with the progress: work done, and work in all.
+        overwrite: Whether an existing output is replaced once the new one is complete.
 
     Raises:
-        UsageError: the output cannot be used, or no message can be read. `output` is then as it was.
-        OSError: reading or writing failed; likewise.
+        UsageError: The output cannot be written, or no message can be read; an existing output is unchanged.
+        OSError: Reading or writing has failed; an existing output is unchanged.
     """
     _check(source, output, overwrite)
-    found = _opened(source, lambda done, total: advance(done, 2 * total))
+    file = _opened(source, lambda done, total: advance(done, 2 * total))
     try:
-        if not found.counts.total():
-            what = "no MCAP file" if not found.streams else "an MCAP file of which no message can be read"
-            raise UsageError(f"{source} is {what}: {in_a_line(found.faults) or 'it has none'}")
-        result = Recovery(_topics(found), found.times, found.size, found.unread, found.faults)
+        if not file.counts.total():
+            kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
+            raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
+        result = Recovery(_topics(file), file.times, file.size, file.unread, file.faults)
         partial = _claim(output)
         try:
-            _write(partial, output.name, found, lambda done: advance(found.size + done, 2 * found.size))
-            describe = _prepared(output, found)
+            _write(partial, output.name, file, lambda done: advance(file.size + done, 2 * file.size))
+            describe = _prepared(output, file)
             _put(partial, output, overwrite)
         finally:
             partial.unlink(missing_ok=True)
         describe()
         return result
     finally:
-        found.close()
+        file.close()
 
 
 def _check(source: Path, output: Path, overwrite: bool) -> None:
+    """Refuse a source that cannot be recovered, and an output that must not be written."""
     if not source.is_file():
-        what = "is a folder: give the .mcap file in it" if source.is_dir() else "is not there: give an MCAP file"
-        raise UsageError(f"{source} {what}")
+        reason = "is a folder: give the .mcap file in it" if source.is_dir() else "is not there: give an MCAP file"
+        raise UsageError(f"{source} {reason}")
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
     if output.exists() and output.samefile(source):
@@ -107,17 +117,19 @@ def _check(source: Path, output: Path, overwrite: bool) -> None:
 
 
 def _opened(source: Path, advance: Callable[[int, int], None]) -> McapFile:
+    """MCAP file, opened and checked."""
     try:
-        found = open_file(source, advance)
+        file = open_file(source, advance)
     except OSError as error:
         raise UsageError(f"cannot read {source}: {error.strerror}") from None
-    if isinstance(found, McapFile):
-        return found
-    found.close()
+    if isinstance(file, McapFile):
+        return file
+    file.close()
     raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
 
 
 def _claim(output: Path) -> Path:
+    """Create the file under the name that it has until it is complete."""
     partial = output.with_name(output.name + SUFFIX)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -129,44 +141,46 @@ def _claim(output: Path) -> Path:
     return partial
 
 
-def _topics(found: McapFile) -> list[TopicCount]:
+def _topics(file: McapFile) -> list[TopicCount]:
+    """Numbers of messages by topic, in the order of the channels."""
     promised, counts, types = Counter[str](), Counter[str](), {}
-    for number, stream in sorted(found.streams.items()):
-        counts[stream.channel.topic] += found.counts[number]
-        promised[stream.channel.topic] += (found.promised or {}).get(number, 0)
+    for number, stream in sorted(file.streams.items()):
+        counts[stream.channel.topic] += file.counts[number]
+        promised[stream.channel.topic] += (file.promised or {}).get(number, 0)
         types[stream.channel.topic] = stream.schema.name if stream.schema else ""
     return [
-        TopicCount(topic, name, counts[topic], max(promised[topic] - counts[topic], 0) if found.promised else None)
+        TopicCount(topic, name, counts[topic], max(promised[topic] - counts[topic], 0) if file.promised else None)
         for topic, name in types.items()
     ]
 
 
-def _write(partial: Path, name: str, found: McapFile, advance: Callable[[int], None]) -> None:
-    compression = COMPRESSIONS.get(found.compression, CompressionType.ZSTD)
-    with partial.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
-        writer.start(profile=found.profile, library=LIBRARY)
-        channels = _declare(writer, found)
-        for offset, entry in found.in_file_order():
+def _write(partial: Path, name: str, file: McapFile, advance: Callable[[int], None]) -> None:
+    """Write the readable content of a file to `partial`, which will be called `name`."""
+    compression = COMPRESSIONS.get(file.compression, CompressionType.ZSTD)
+    with partial.open("wb") as output:
+        writer = Writer(output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        writer.start(profile=file.profile, library=LIBRARY)
+        channels = _declare(writer, file)
+        for offset, entry in file.in_file_order():
             if isinstance(entry, Metadata):
-                if entry.name != ROSBAG2:  # it tells how many messages there are: a new one will
+                if entry.name != ROSBAG2:  # a new one will have the right numbers of messages
                     writer.add_metadata(entry.name, entry.metadata)
             elif isinstance(entry, Attachment):
-                kind = entry.create_time, entry.log_time, entry.name, entry.media_type
-                writer.add_attachment(*kind, entry.data)
+                writer.add_attachment(entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data)
             else:
                 channel = channels[entry.channel]
                 writer.add_message(channel, entry.log_time, entry.data, entry.publish_time, entry.sequence)
             advance(offset)
-        writer.add_metadata(RECOVERED, _origin(found))
-        if _is_described(found):
-            writer.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(_information(name, found))})
+        writer.add_metadata(RECOVERED, _origin(file))
+        if _is_described(file):
+            writer.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(_information(name, file))})
         writer.finish()  # type: ignore[no-untyped-call]
-        file.flush()
-        os.fsync(file.fileno())
+        output.flush()
+        os.fsync(output.fileno())
 
 
 def _put(partial: Path, output: Path, overwrite: bool) -> None:
+    """Give the complete file its final name."""
     if overwrite:
         partial.replace(output)
         return
@@ -176,26 +190,26 @@ def _put(partial: Path, output: Path, overwrite: bool) -> None:
         raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
 
 
-def _prepared(output: Path, found: McapFile) -> Callable[[], object]:
-    """What puts `metadata.yaml` beside, written while nothing is in its place yet."""
-    described = _is_described(found) and _is_alone(output)
-    return prepare_metadata(output.parent, _information(output.name, found)) if described else lambda: None
+def _prepared(output: Path, file: McapFile) -> Callable[[], object]:
+    """Prepare the `metadata.yaml` beside the output; the returned function puts it in place."""
+    described = _is_described(file) and _is_alone(output)
+    return prepare_metadata(output.parent, _information(output.name, file)) if described else lambda: None
 
 
-def _is_described(found: McapFile) -> bool:
-    """Whether ROS 2 has a `metadata.yaml` of it: for its own profile, and for so many topics that others read it."""
-    return found.profile == "ros2" and len(found.streams) <= MOST_TOPICS
+def _is_described(file: McapFile) -> bool:
+    """Whether the output gets a `metadata.yaml`: the profile is `ros2`, and other readers accept so many topics."""
+    return file.profile == "ros2" and len(file.streams) <= MOST_TOPICS
 
 
 def _is_alone(output: Path) -> bool:
-    """Whether the output's folder is a bag's: with something else in it, it is somebody's working folder."""
+    """Whether nothing else is in the output's folder, so that it is the folder of a bag and no working folder."""
     return all(path.name == METADATA or path.name.startswith(output.name) for path in output.parent.iterdir())
 
 
-def _declare(writer: Writer, found: McapFile) -> dict[int, int]:
-    """Declare schemas and channels; the channels' new numbers by their old ones."""
+def _declare(writer: Writer, file: McapFile) -> dict[int, int]:
+    """Declare schemas and channels, and return the new number of each channel by its old one."""
     schemas, channels = {0: 0}, {}
-    for number, (channel, schema) in sorted(found.streams.items()):
+    for number, (channel, schema) in sorted(file.streams.items()):
         if schema and schema.id not in schemas:
             schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
         channels[number] = writer.register_channel(
@@ -204,31 +218,28 @@ def _declare(writer: Writer, found: McapFile) -> dict[int, int]:
     return channels
 
 
-def _origin(found: McapFile) -> dict[str, str]:
+def _origin(file: McapFile) -> dict[str, str]:
+    """Content of the metadata record `recovered`."""
     return {
-        "source": found.path.name,
-        "source_bytes": str(found.size),
-        "unread_bytes": str(found.unread),
-        "messages": str(found.counts.total()),
-        "faults": "\n".join(found.faults[:MOST_FAULTS]),
+        "source": file.path.name,
+        "source_bytes": str(file.size),
+        "unread_bytes": str(file.unread),
+        "messages": str(file.counts.total()),
+        "faults": "\n".join(file.faults[:MOST_FAULTS]),
     }
 
 
-def _information(name: str, found: McapFile) -> dict[str, Any]:
-    """Content of `metadata.yaml` of a file of which nothing is known but what its channels say; version 9."""
-    return with_topics([FileFacts(name, *(found.times or (0, 0)), _by_topic(found))], _rosbag2_topics(found))
+def _information(name: str, file: McapFile) -> dict[str, Any]:
+    """Content of `metadata.yaml` for a file, from its channels alone."""
+    topics = _rosbag2_topics(file)
+    counts = Counter({entry["topic_metadata"]["name"]: entry["message_count"] for entry in topics})
+    return with_topics([FileFacts(name, *(file.times or (0, 0)), counts)], topics)
 
 
-def _by_topic(found: McapFile) -> Counter[str]:
-    counts = Counter[str]()
-    for number, (channel, _) in found.streams.items():
-        counts[channel.topic] += found.counts[number]
-    return counts
-
-
-def _rosbag2_topics(found: McapFile) -> list[dict[str, Any]]:
+def _rosbag2_topics(file: McapFile) -> list[dict[str, Any]]:
+    """Entries of the topics in `metadata.yaml`, in the order of the channels."""
     topics: dict[str, dict[str, Any]] = {}
-    for number, (channel, schema) in sorted(found.streams.items()):
+    for number, (channel, schema) in sorted(file.streams.items()):
         metadata = {
             "name": channel.topic,
             "type": schema.name if schema else "",
@@ -237,12 +248,12 @@ def _rosbag2_topics(found: McapFile) -> list[dict[str, Any]]:
             "type_description_hash": channel.metadata.get("topic_type_hash", ""),
         }
         entry = topics.setdefault(channel.topic, {"topic_metadata": metadata, "message_count": 0})
-        entry["message_count"] += found.counts[number]
+        entry["message_count"] += file.counts[number]
     return list(topics.values())
 
 
 def _qos(text: str) -> Any:
-    """Quality of service as version 9 has it; empty if it is none."""
+    """QoS profiles in the form of version 9 of `metadata.yaml`; empty if the text is no YAML."""
     try:
         return parse_yaml(text) or []
     except BadYamlError:

@@ -1,4 +1,4 @@
-"""The names that our inputs have in a bag: their own, remapped ones, or those in a namespace."""
+"""Names of the inputs in a bag: those of the node, remapped ones, or those in a namespace."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_arguments import split
 
 Names = Mapping[str, str]
-"""Absolute name of a topic, as the node has it, to its absolute name in a bag"""
+"""Absolute names of topics in a bag, by their absolute names in the node"""
 OWN_NAMES: Names = MappingProxyType({})
-"""Every topic has its own name"""
+"""Names for a bag in which each topic has its name in the node"""
 
 
 def absolute(name: str, namespace: str = "") -> str:
-    """A name as it is seen from a namespace; recorders of other origin leave the first slash out."""
+    """Absolute name of a topic in a namespace; some recorders omit the first slash of an absolute name."""
     return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
 
 
 def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS) -> Names:
-    """What `--remap FROM:=TO` and `--namespace` say: FROM is the node's topic, one of its `inputs`, TO the bag's.
+    """Names in a bag according to the options `--remap FROM:=TO` and `--namespace`.
+
+    Args:
+        remaps: Rules `FROM:=TO`; FROM is the name of an input in the node, TO its name in the bag.
+        namespace: Namespace of relative names in the bag.
+        inputs: Relative names of the inputs in the node.
 
     Raises:
-        UsageError: a rule that is none, FROM is no input or given twice, or two inputs have one name.
+        UsageError: A rule is malformed, its FROM is no input or is repeated, or two inputs get the same name.
     """
     if namespace and not namespace.strip("/"):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
@@ -45,6 +50,7 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
 
 
 def _unknown(rule: str, source: str, target: str, inputs: Sequence[str]) -> str:
+    """Message for a rule whose `source` is no input."""
     allowed = " or ".join(inputs)
     if absolute(target).removeprefix("/") in inputs:
         return f"--remap {rule!r}: the node's name comes first; say {target.removeprefix('/')}:={source}"

@@ -1,4 +1,4 @@
-"""Write a recording as a ROS 2 recorder does: one MCAP file (`mcap_writer.py`) or several, `metadata.yaml` beside."""
+"""Writing of a recording as a ROS 2 recorder does: MCAP files (`mcap_writer.py`) and their `metadata.yaml`."""
 
 from __future__ import annotations
 
@@ -18,41 +18,42 @@ from knee_contact_ros.messages.answer import Record
 from knee_contact_ros.system.output_files import all_names, claim, claim_first, later_names
 
 REFUSED_SAMPLES = "refused_samples"
-"""Name of the metadata record that counts refused samples by reason."""
+"""Name of the metadata record with the number of refused samples by reason"""
 CONTINUED = "continued"
-"""Name of the metadata record of a file that goes on with a recording"""
+"""Name of the metadata record in the later files of a recording, which names the first one"""
 MANY_FILES, LISTING_SHARE = 100, 0.02
-"""From so many on, only that share of the time is spent on `metadata.yaml`, which grows with every file"""
+"""Number of files from which only that share of the time is spent on `metadata.yaml`, which grows with each file"""
 MB = 10**6
+"""Bytes in a megabyte"""
 
 
 class Limits(NamedTuple):
-    """When a recording goes on in a new file."""
+    """Limits of a file, beyond which a recording continues in a new one."""
 
     size: float = math.inf
-    """[B] that a file has reached"""
+    """Size [B] at which a file is full"""
     duration: float = math.inf
-    """[ns] of stamps that a file spans less than"""
+    """Duration [ns] that the stamps in a file must not reach"""
 
 
 class Settings(NamedTuple):
-    """How to record beside a node."""
+    """Settings of a recorder beside a node."""
 
     flush_period: float
-    """[s] what a crash may lose"""
+    """Time [s] between two flushes: a crash loses as much"""
     limits: Limits = Limits()
-    """When to go on in a new file"""
+    """Limits of each file"""
     min_free: float = 0.0
-    """[B] that must stay free on the disk"""
+    """Space [B] that must stay free on the disk"""
     sync_period: float = 0.0
-    """[s] what a power failure may lose; 0: no care is taken"""
+    """Time [s] between two syncs to the disk: a power failure loses as much; 0 means no syncs"""
 
 
 class BagWriter:
-    """A recording, in files that appear under their final names when they are complete.
+    """Recording that is being written, in files that get their final names when they are complete.
 
-    Until then a file carries the suffix `.partial`. With limits there are several, and `split_if_due` between what
-    belongs together begins the next one; a full one is completed by a thread, so that writing goes on meanwhile.
+    Until then a file has the suffix `.partial`. With limits there are several files: `split_if_due`, called between
+    messages that may be separated, begins the next one. A thread completes the full file while writing continues.
     """
 
     def __init__(
@@ -61,76 +62,81 @@ class BagWriter:
         compression: CompressionType = CompressionType.ZSTD,
         overwrite: bool = False,
         limits: Limits = Limits(),  # noqa: B008  (a tuple: it cannot change)
-        go_on: bool = False,
+        next_free_name: bool = False,
         alone: bool = False,
     ) -> None:
-        """Open `path` for writing; with `overwrite`, a file of that name is replaced when the new one is complete.
+        """Open the first file for writing.
 
-        With `go_on`, the first free one of its names is used, as those of further files are. A file that is `alone`,
-        as one wherever a user wants it, makes no rosbag2 folder of where it lies.
+        Args:
+            path: Name of the first file.
+            compression: Compression of the chunks.
+            overwrite: Whether a file of that name is replaced when the new one is complete.
+            limits: Limits of each file.
+            next_free_name: Whether to use the next free name, numbered like later files, if `path` is taken.
+            alone: Whether to write no `metadata.yaml`, so that the folder does not become a rosbag2 folder.
 
         Raises:
-            UsageError: see `claim` and `open_claimed`.
+            UsageError: The file cannot be written; see `claim` and `open_claimed`.
         """
-        self._types: dict[str, str] = {}  # topic to message type
+        self._types: dict[str, str] = {}  # message type of each topic
         self._compression = compression
         self._limits = limits
-        self._names = all_names(path) if go_on else later_names(path)
-        self.path, partial = claim_first(self._names) if go_on else (path, claim(path, overwrite))
-        """Name of the first file"""
+        self._names = all_names(path) if next_free_name else later_names(path)
+        self.path, partial = claim_first(self._names) if next_free_name else (path, claim(path, overwrite))
+        """Path of the first file"""
         self.remarks: list[str] = []
-        """What the user shall know"""
+        """Messages for the user"""
         self._alone = alone
         self._complete: list[FileFacts] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
-        self._behind: ThreadPoolExecutor | None = None
+        self._thread: ThreadPoolExecutor | None = None
         self._list_at = -math.inf  # when [s] to write `metadata.yaml` again
-        self._listed: Identity | None = None  # the one that was written last
+        self._listed: Identity | None = None  # the `metadata.yaml` that was written last
         self.file = BagFile(self.path, partial, compression, overwrite, {})
-        """The one that is being written"""
+        """File that is being written"""
 
     def add_topic(self, topic: str, type_name: str) -> None:
-        """Declare a topic (absolute name) and its message type; the order of declaration is that in the file."""
+        """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
         if topic not in self._types:
             self._types[topic] = type_name
             self.file.add_topic(topic, type_name)
 
     def write(self, topic: str, stamp: int, data: bytes) -> None:
-        """Write a message's CDR bytes under its stamp [ns], which is log time and publish time alike."""
+        """Write a message's CDR bytes; log time and publish time are its stamp [ns]."""
         self.write_all([(topic, stamp, data)], {topic: topic})
 
     def write_all(self, records: Iterable[Record], names: Mapping[str, str]) -> None:
-        """Write messages into one file, under the names of their topics: the same bytes as one by one."""
+        """Write messages into one file, under the absolute names of their topics: the same bytes as one by one."""
         self.file.write_all(records, names)
 
     @property
     def has_limits(self) -> bool:
-        """Whether `split_if_due` ever begins a new file."""
+        """Whether `split_if_due` may begin a new file."""
         return self._limits != Limits()
 
     def split_if_due(self, stamp: int) -> None:
-        """Go on in a new file if the present one is full, or would span too much with this stamp [ns].
+        """Continue in a new file if the present one is full, or would span too much time with this stamp [ns].
 
         Raises:
-            UsageError: the new file cannot be opened; the present one is then left as it is.
+            UsageError: The new file cannot be opened; the present one is unchanged.
         """
-        told, limits = self.file.mcap.statistics, self._limits
-        if not told.message_count:
+        statistics, limits = self.file.mcap.statistics, self._limits
+        if not statistics.message_count:
             return
-        span = max(told.message_end_time, stamp) - min(told.message_start_time, stamp)
+        span = max(statistics.message_end_time, stamp) - min(statistics.message_start_time, stamp)
         if span >= limits.duration or self.file.mcap.size >= limits.size:
             self._split()
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system."""
+        """Hand all written data to the operating system."""
         self.file.mcap.flush()
         self._settle(wait=False)
 
     def sync(self) -> None:
-        """Have all that was flushed on the disk; may be called by another thread.
+        """Sync all flushed data to the disk; may be called by another thread.
 
         Raises:
-            OSError: it cannot be.
+            OSError: The sync has failed.
         """
         for file, _ in self._completing.copy():
             file.sync()
@@ -141,28 +147,28 @@ class BagWriter:
         self.file.mcap.add_metadata(name, values)
 
     def free_space(self) -> int:
-        """[B] that are free on the disk that is written to.
+        """Free space [B] on the disk of the recording.
 
         Raises:
-            OSError: the file is not there any more.
+            OSError: The file has been removed.
         """
         return self.file.free_space()
 
     def close(self) -> None:
-        """Complete the recording, and write `metadata.yaml` beside it unless it is alone, or that is another bag's."""
+        """Complete the recording and its `metadata.yaml`, unless it is alone or there is one of another bag."""
         self._settle(wait=True)
         self._list_at = -math.inf
         self._complete_file(self.file)
         self._end_thread()
 
     def discard(self) -> None:
-        """Give up: leave no unfinished file behind."""
+        """Remove the unfinished files."""
         self._end_thread()
         for file in (*(file for file, _ in self._completing), self.file):
             file.discard()
 
     def _split(self) -> None:
-        """Everything is in the old file's `.partial` before the new one begins."""
+        """Begin a new file, after all data have been handed to the old one."""
         self.file.mcap.flush()
         earlier = {topic: self.file.next_number(topic) for topic in self._types}
         following = BagFile(*claim_first(self._names), self._compression, overwrite=False, earlier=earlier)
@@ -170,53 +176,54 @@ class BagWriter:
             following.add_topic(topic, type_name)
         following.mcap.add_metadata(CONTINUED, {"first": self.path.name})
         full, self.file = self.file, following
-        if self._behind is None:
-            self._behind = ThreadPoolExecutor(1, "completing")
-        self._completing.append((full, self._behind.submit(self._complete_file, full)))
+        if self._thread is None:
+            self._thread = ThreadPoolExecutor(1, "completing")
+        self._completing.append((full, self._thread.submit(self._complete_file, full)))
 
     def _complete_file(self, file: BagFile) -> None:
-        """Both names change at nearly the same moment, so that a kill leaves a bag with all of its whole files.
+        """Complete a file, and put it and the new `metadata.yaml` in place at nearly the same moment.
 
-        Of a hundred and more, `metadata.yaml` may not name the latest ones yet.
+        So a kill leaves a bag that lists all of its whole files; from `MANY_FILES` on, the latest may be missing there.
         """
         file.complete()
-        asked, begun = file.path, time.thread_time()
+        intended, begun = file.path, time.thread_time()
         self._complete.append(file.facts())
         prepare = self._prepare_metadata if time.monotonic() >= self._list_at else self._leave_metadata
         try:
             put_metadata = prepare()
         finally:
             file.take_name()
-        if file.path != asked:
-            self.remarks.append(f"something took the name {asked} meanwhile: the recording is {file.path}")
+        if file.path != intended:
+            self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
             self._complete[-1] = file.facts()
-            self.path = file.path if self.path == asked else self.path
+            self.path = file.path if self.path == intended else self.path
             put_metadata = prepare()
         self._listed = put_metadata()
         if len(self._complete) >= MANY_FILES:
             self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
 
     def _prepare_metadata(self) -> Callable[[], Identity | None]:
+        """Prepare the next `metadata.yaml`; the returned function puts it in place."""
         if self._alone:
             return self._leave_metadata()
         return prepare_metadata(self.path.parent, information(self._complete, self._types), self._listed)
 
     def _leave_metadata(self) -> Callable[[], Identity | None]:
-        """For a file that they will name later, if ever."""
+        """Leave `metadata.yaml` as it is, as a replacement for `_prepare_metadata`."""
         return lambda: self._listed
 
     def _settle(self, wait: bool) -> None:
-        """Learn of the full files that have been completed, of all of them if it may take time.
+        """Take the results of the thread for completed files; `wait` for all full files or not.
 
         Raises:
-            OSError: one could not be.
+            OSError: A file could not be completed.
         """
         while self._completing and (wait or self._completing[0][1].done()):
             self._completing.pop(0)[1].result()
 
     def _end_thread(self) -> None:
-        if self._behind:
-            self._behind.shutdown()
+        if self._thread:
+            self._thread.shutdown()
 
     def __enter__(self) -> BagWriter:
         return self

@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from knee_contact_ros.bags.bag_files import MOST_SAID, in_a_line
+from knee_contact_ros.bags.bag_files import MOST_SHOWN, in_a_line
 from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.core.types import Status
@@ -153,5 +153,5 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
 
 def test_only_the_first_faults_are_told_in_a_line() -> None:
     assert in_a_line(["a", "b"]) == "a; b"
-    assert in_a_line([str(n) for n in range(MOST_SAID + 2)]) == "0; 1; 2; and 2 more"
+    assert in_a_line([str(n) for n in range(MOST_SHOWN + 2)]) == "0; 1; 2; and 2 more"
     assert PERIOD * TICKS == 500_000_000  # [ns] of the bags here: several times what may be between two stamps

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.folder_metadata import read_metadata
+from knee_contact_ros.bags.metadata import read_metadata
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.system.yaml_file import LARGEST, LARGEST_METADATA, MOST_NODES, BadYamlError, parse_yaml, read_yaml
 
