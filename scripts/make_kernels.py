@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import lzma
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +14,7 @@ from llvmlite import binding as llvm
 
 from knee_contact_ros.compiled.layout import kind_of
 from knee_contact_ros.compiled.machine_code import TYPES
-from knee_contact_ros.compiled.shipped import FOLDER, SUFFIX, file_of
+from knee_contact_ros.compiled.shipped import FOLDER, SUFFIX, file_of, packed
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.parameters.build import load_model
@@ -45,18 +44,19 @@ def main() -> None:
     wanted = scenes()
     missing = {path: scene for path, scene in wanted.items() if not path.exists()}
     with ProcessPoolExecutor() as processes:
-        for path, content in zip(missing, processes.map(packed, missing.values()), strict=True):
+        for path, code in zip(missing, processes.map(short_code, missing.values()), strict=True):
+            content = packed(path, code)
             path.write_bytes(content)
             print(path.name, f"{len(content) / 1000:.0f} kB")
     for path in set(FOLDER.glob(f"*{SUFFIX}")) - set(wanted):
         path.unlink()
 
 
-def packed(scene: Scene) -> bytes:
-    """Compile the kernel for a kind of scene, and give the content of its file."""
+def short_code(scene: Scene) -> bytes:
+    """Compile the kernel for a kind of scene, and give LLVM's code with short names."""
     from knee_contact_ros.compiled.compile_kernel import bitcode
 
-    return lzma.compress(without_names(bitcode(scene)), preset=9 | lzma.PRESET_EXTREME)
+    return without_names(bitcode(scene))
 
 
 def without_names(code: bytes) -> bytes:

@@ -2,20 +2,23 @@
 
 A file holds LLVM's code, optimised, for a kind of scene and one version of the model. Machine code for the processor at
 hand is made of it in a second. If the model has been changed, the file is not found and the kind is compiled; `python
--m scripts.make_kernels` makes the files again.
+-m scripts.make_kernels` makes the files again. A file begins with a line with its name: a kernel for another kind would
+read a scene wrongly.
 """
 
 from __future__ import annotations
 
-import lzma
+import platform
 from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.compiled.keeping import model_meaning, name_of
+from knee_contact_ros.compiled.kernel_folder import DoubtError
 from knee_contact_ros.compiled.layout import named_tuples, words_of
 
 FOLDER = Path(__file__).with_name("kernels")
 SUFFIX = ".bc.xz"
+MACHINE = "x86_64"
 
 
 def name_of_kind(kind: Any) -> str | None:
@@ -30,7 +33,9 @@ def file_of(kind: Any) -> Path | None:
 
 
 def is_there(kind: Any) -> bool:
-    """Whether the kernel for a kind of scene comes with the package."""
+    """Whether the kernel for a kind of scene comes with the package, for this kind of machine."""
+    if platform.machine() != MACHINE:
+        return False
     try:
         path = file_of(kind)
     except OSError:  # sources that cannot be read
@@ -42,8 +47,26 @@ def bitcode(kind: Any) -> bytes | None:
     """Give LLVM's code of the kernel for a kind of scene; None if it does not come with the package.
 
     Raises:
-        OSError: the file cannot be read.
-        lzma.LZMAError: it is damaged.
+        DoubtError: the file cannot be read, is damaged, or has been made for another kind.
     """
     path = file_of(kind) if is_there(kind) else None
-    return lzma.decompress(path.read_bytes()) if path else None
+    if path is None:
+        return None
+    try:
+        import lzma
+    except ImportError:  # Python may have been built without it
+        raise DoubtError(path, "cannot be read: this Python has no lzma") from None
+    try:
+        name, _, code = lzma.decompress(path.read_bytes()).partition(b"\n")
+    except (OSError, EOFError, lzma.LZMAError) as error:
+        raise DoubtError(path, f"cannot be read: {error}") from None
+    if name != path.name.encode():
+        raise DoubtError(path, "is of another kind of knee")
+    return code
+
+
+def packed(path: Path, code: bytes) -> bytes:
+    """Give the content of a file with LLVM's code of a kernel."""
+    import lzma
+
+    return lzma.compress(path.name.encode() + b"\n" + code, preset=9 | lzma.PRESET_EXTREME)

@@ -139,7 +139,7 @@ class ContactSession(Session):
         """Compile the model's kernel; where that is not possible, the plain one computes."""
         from knee_contact_ros.compiled.ahead import compile_ahead
 
-        text = "making the model ready; the first time on a machine it compiles, for a third of a minute or so"
+        text = "making the model ready; if it has to be compiled, once on a machine, for a third of a minute or so"
         self.node.get_logger().info(text)
         compile_ahead(compartment.model.scene for compartment in self.pipeline.compartments)
         self.pipeline.compile(forced)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import lzma
+import platform
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from llvmlite import binding as llvm
 
 from knee_contact_ros.compiled import keeping, kernel, shipped
 from knee_contact_ros.compiled.keeping import model_meaning
+from knee_contact_ros.compiled.kernel_folder import DoubtError
 from knee_contact_ros.compiled.layout import kind_of
 from knee_contact_ros.compiled.machine_code import object_code
 from knee_contact_ros.core.model import KneeModel
@@ -75,6 +77,34 @@ def test_one_that_is_damaged_is_compiled(
         assert kernel.kernel_of(knee.scene, kind) == "compiled"
     (record,) = caplog.records
     assert record.getMessage().endswith("; compiling")
+
+
+def test_one_of_another_kind_is_not_taken(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine, other = (
+        shipped.file_of(kind_of(load_model(source, compiled=False).scene)) for source in (FILES[0], FILES[-1])
+    )
+    assert mine
+    assert other
+    content = other.read_bytes()
+    monkeypatch.setattr(shipped, "FOLDER", empty_cache)
+    (empty_cache / mine.name).write_bytes(content)
+    with pytest.raises(DoubtError, match="another kind of knee"):
+        shipped.bitcode(kind_of(load_model(FILES[0], compiled=False).scene))
+
+
+def test_on_another_kind_of_machine_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
+    assert not shipped.is_there(kind_of(load_model(compiled=False).scene))
+
+
+def test_a_user_without_a_home_has_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    model_meaning.cache_clear()
+    assert shipped.is_there(kind_of(load_model(compiled=False).scene))
 
 
 def test_code_for_another_kind_of_machine_is_refused() -> None:
