@@ -118,16 +118,13 @@ def model_meaning() -> str:
         raise FileNotFoundError(f"{CORE} has no Python files")
     paths = [*model, *sorted(path for path in COMPILED.rglob("*.py") if path.name not in KEEPING)]
     files = digest([_file_digest(path) for path in paths])
-    name = "model"
     with suppress(DoubtError, RuntimeError):  # there may be no home
-        kept = KernelFolder(_caches() / "meaning")
-        known, _, meaning = (kept.read(name) or b"").decode().partition(" ")
+        known, _, meaning = (KernelFolder(_caches() / "meaning").read("model") or b"").decode().partition(" ")
         if known == files:
             return meaning
     meaning = digest([source_meaning(path.read_bytes()) for path in paths])
     with suppress(DoubtError, RuntimeError):
-        kept = KernelFolder(_caches() / "meaning")
-        kept.write(name, f"{files} {meaning}".encode())
+        KernelFolder(_caches() / "meaning").write("model", f"{files} {meaning}".encode())
     return meaning
 
 

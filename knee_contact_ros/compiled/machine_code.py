@@ -55,11 +55,13 @@ def object_code(bitcode: bytes) -> bytes:
     module = llvm.parse_bitcode(bitcode)
     if module.triple != llvm.get_process_triple():
         raise RuntimeError(f"it is for {module.triple}")
-    name = os.environ.get("NUMBA_CPU_NAME") or llvm.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES", llvm.get_host_cpu_features().flatten())
+    name = os.environ.get("NUMBA_CPU_NAME")
+    features = os.environ.get("NUMBA_CPU_FEATURES", "" if name else llvm.get_host_cpu_features().flatten())
     target = llvm.Target.from_default_triple()
     relocation = "static" if target.name.startswith("x86") else "default"
-    machine = target.create_target_machine(name, features, opt=3, reloc=relocation, codemodel="jitdefault", jit=True)
+    machine = target.create_target_machine(
+        name or llvm.get_host_cpu_name(), features, opt=3, reloc=relocation, codemodel="jitdefault", jit=True
+    )
     code: bytes = machine.emit_object(module)
     return code
 

@@ -46,3 +46,16 @@ def test_what_cannot_be_kept_is_no_success(
 def test_bad_parameters_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["warm", "--params", "nowhere"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_without_a_home_one_line_says_what_is_missing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    assert main(["warm", "--params", "healthy"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "XDG_CACHE_HOME is not set" in line

@@ -25,11 +25,17 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     from knee_contact_ros.compiled.kernel import is_kept
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.parameters.reading import Source
-    from knee_contact_ros.system.errors import IncompleteError
+    from knee_contact_ros.system.errors import IncompleteError, UsageError
     from knee_contact_ros.system.resources import shipped_parameter_files
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import busy, say
 
+    try:
+        folder = kernel_folder()
+    except RuntimeError:  # this user has no home
+        raise UsageError(
+            "XDG_CACHE_HOME is not set, and this user has no home: there is no folder to keep kernels in"
+        ) from None
     sources: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
     if parameter_files or parameter_values:
         names = ", ".join([*map(str, parameter_files), *parameter_values])
@@ -43,5 +49,5 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
         model.stream()
         say(f"{name}: {'compiled' if name in missing else 'was there already'}")
         if not is_kept(model.scene, only_on_disk=True):
-            raise IncompleteError(f"what was compiled could not be kept in {kernel_folder()}")
-    say(f"kept in {kernel_folder()}")
+            raise IncompleteError(f"what was compiled could not be kept in {folder}")
+    say(f"kept in {folder}")
