@@ -27,7 +27,7 @@ SHARE = 0.5
 
 def show_knee(knee: KneeGait, files: Files, bag: Path) -> None:
     """Print a knee's columns, spans, range of the angle, load peaks and notes, and where the bag is."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     degrees = np.degrees(knee.angles.angle)
     rows = Table(box=None, show_header=False, pad_edge=False)
     rows.add_column(no_wrap=True)
@@ -87,14 +87,14 @@ def peaks(knee: KneeGait) -> dict[str, int]:
 
 def show_steps(run: Run) -> None:
     """Print the duration of each step of a run."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     took = ", ".join(f"{WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
     console.print(f"OpenSim: {took}", highlight=False, markup=False)
 
 
 def show_checks(checks: Sequence[Check], fault: str = "") -> None:
     """Print residuals, reserves and marker errors with their limits and a conclusion, or `fault` if there are none."""
-    console = Console(width=WIDTH)
+    console = Console(width=WIDTH, emoji=False)
     if fault:
         console.print(fault, soft_wrap=True, highlight=False, markup=False)
         return

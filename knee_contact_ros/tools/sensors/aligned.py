@@ -79,7 +79,7 @@ def show(alignment: Alignment, output: Path) -> None:
         value, half = factor * estimate.value, factor * estimate.half
         interval = f"{value - half:.{digits}f} to {value + half:.{digits}f}"
         table.add_row(shown(name), f"{value:.{digits}f}", interval, shown(parameter))
-    Console(width=WIDTH).print(table, highlight=False)
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
     say(f"{alignment.rows} rows in common, intervals from {alignment.stretches} stretches")

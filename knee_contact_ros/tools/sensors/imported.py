@@ -152,7 +152,7 @@ def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path)
         rows.add_row(name, shown(f"{series.columns} of {series.path.name}"))
         if name in ranges:
             rows.add_row("", ranges[name])
-    Console(width=WIDTH).print(rows, highlight=False)
+    Console(width=WIDTH, emoji=False).print(rows, highlight=False)
     for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
         say(line, hang=2)
 
