@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -36,11 +37,13 @@ def test_every_command_prints_what_the_page_shows(sources: Path) -> None:
     page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
     blocks = BLOCK.findall(page)
     assert len(blocks) == 2 * len([kind for kind, _ in blocks if kind == "sh"])
+    of_make = ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "ARGS")  # of `make test ARGS=...`
+    environment = {name: value for name, value in os.environ.items() if name not in of_make}
     for (kind, commands), (shown, expected) in zip(blocks[::2], blocks[1::2], strict=True):
         assert (kind, shown) == ("sh", "text")
         done = subprocess.run(
-            ["/bin/bash", "-e", "-c", commands], cwd=sources, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT, check=False,
+            ["/bin/bash", "-e", "-c", commands], cwd=sources, env=environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout
         printed = [line.rstrip() for line in done.stdout.splitlines()]
