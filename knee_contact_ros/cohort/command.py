@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.extras import require
 from knee_contact_ros.system.terminal import progress, say, warn
-
-NEEDED = ("pyarrow", "distributed", "fsspec")
 
 
 def run_sweep(study: Path, output: str, workers: int, scheduler: str) -> None:
@@ -25,9 +21,7 @@ def run_sweep(study: Path, output: str, workers: int, scheduler: str) -> None:
         UsageError: see `run_study`; or a library of the extra `sweep` is not installed.
         IncompleteError: see `run_study`.
     """
-    for library in NEEDED:
-        if find_spec(library) is None:
-            raise UsageError(not_installed(library, "sweep"))
+    require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.cohort.engine import run_study
     from knee_contact_ros.cohort.study import read_study
 

@@ -33,23 +33,20 @@ def file_of(kind: Any) -> Path | None:
 
 
 def is_there(kind: Any) -> bool:
-    """Whether the kernel for a kind of scene comes with the package, for this kind of machine."""
-    if platform.machine() != MACHINE:
-        return False
+    """Whether a usable kernel for a kind of scene comes with the package."""
     try:
-        path = file_of(kind)
-    except OSError:  # sources that cannot be read
+        return bitcode(kind) is not None
+    except DoubtError:  # `bitcode` tells whoever wants to use it
         return False
-    return path is not None and path.is_file()
 
 
 def bitcode(kind: Any) -> bytes | None:
-    """Give LLVM's code of the kernel for a kind of scene; None if it does not come with the package.
+    """Give LLVM's code of the kernel for a kind of scene; None if it does not come with the package for this machine.
 
     Raises:
         DoubtError: the file cannot be read, is damaged, or has been made for another kind.
     """
-    path = file_of(kind) if is_there(kind) else None
+    path = _existing_file(kind)
     if path is None:
         return None
     try:
@@ -63,6 +60,17 @@ def bitcode(kind: Any) -> bytes | None:
     if name != path.name.encode():
         raise DoubtError(path, "is of another kind of knee")
     return code
+
+
+def _existing_file(kind: Any) -> Path | None:
+    """Give the file for a kind of scene; None if there is none for this kind of machine."""
+    if platform.machine() != MACHINE:
+        return None
+    try:
+        path = file_of(kind)
+    except OSError:  # sources that cannot be read
+        return None
+    return path if path and path.is_file() else None
 
 
 def packed(path: Path, code: bytes) -> bytes:

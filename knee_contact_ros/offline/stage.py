@@ -140,7 +140,7 @@ def play(reader: BagReader, options: Play, listener: Listener, all_are_alive: Ca
             executor.spin_once(timeout_sec=seconds)
             return ()
 
-        with progress("Starting the node (a new kind of knee is compiled for a quarter of a minute)") as advance:
+        with progress("Starting the node (a new kind of knee is compiled)") as advance:
             deadline = time.monotonic() + NODE_START
             while not (
                 replayer.wait_for_subscribers(0.1, spin)

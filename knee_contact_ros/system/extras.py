@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import share_folder
+
+
+def require(extra: str, *libraries: str) -> None:
+    """Check that libraries of an extra are installed; none is imported.
+
+    Raises:
+        UsageError: one is missing.
+    """
+    for library in libraries:
+        if find_spec(library) is None:
+            raise UsageError(not_installed(library, extra))
 
 
 def not_installed(library: str, extra: str) -> str:

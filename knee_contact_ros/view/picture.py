@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.results.columns import begin_of, stamp_text
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.extras import require
 from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3
@@ -75,8 +74,7 @@ def write_peak(recording: Path, output: Path) -> str:
     Raises:
         UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
     """
-    if find_spec("matplotlib") is None:
-        raise UsageError(not_installed("matplotlib", EXTRA))
+    require(EXTRA, "matplotlib")
     topics = answer_topics(recording)
     if not topics:
         raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")

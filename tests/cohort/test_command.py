@@ -11,7 +11,7 @@ import pytest
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cohort import cluster as clusters
-from knee_contact_ros.cohort import command
+from knee_contact_ros.system import extras
 from tests import ROOT
 from tests.cohort.studies import table
 from tests.helpers.disks import remount
@@ -131,11 +131,11 @@ def test_a_full_read_only_table_may_still_be_asked_for(
     assert len(table(small_disk)) == 2
 
 
-@pytest.mark.parametrize("library", command.NEEDED)
+@pytest.mark.parametrize("library", ["pyarrow", "distributed", "fsspec"])
 def test_a_missing_extra_is_named(
     library: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(command, "find_spec", lambda name: None if name == library else name)
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else name)
     said = refused(["sweep", "study.yaml", "--output", str(tmp_path / "out")], capfd)
     assert f"{library} is not installed; " in said
     assert "[sweep]" in said

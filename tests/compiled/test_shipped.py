@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import lzma
 import platform
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +92,30 @@ def test_one_of_another_kind_is_not_taken(empty_cache: Path, monkeypatch: pytest
     (empty_cache / mine.name).write_bytes(content)
     with pytest.raises(DoubtError, match="another kind of knee"):
         shipped.bitcode(kind_of(load_model(FILES[0], compiled=False).scene))
+
+
+WITHOUT_NUMBA = """
+import sys
+from pathlib import Path
+sys.modules["numba"] = None
+import knee_contact_ros
+from knee_contact_ros.compiled import shipped
+shipped.FOLDER = Path(sys.argv[1])
+knee = knee_contact_ros.load_model(compiled=True)
+print(knee.run([0.0, 0.01], [0.3, 0.4], [700.0, 900.0]).tobytes().hex())
+"""
+
+
+def test_a_damaged_one_without_numba_leaves_the_plain_model(empty_cache: Path) -> None:
+    for path in shipped.FOLDER.iterdir():
+        (empty_cache / path.name).write_bytes(b"damaged")
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_NUMBA, str(empty_cache)], capture_output=True, text=True, check=True
+    )
+    expected = load_model(compiled=False).run([0.0, 0.01], [0.3, 0.4], [700.0, 900.0])
+    assert bytes.fromhex(done.stdout) == expected.tobytes()
+    (warning,) = done.stderr.splitlines()
+    assert warning.startswith("knee_contact_ros: Numba cannot be used")
 
 
 def test_on_another_kind_of_machine_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:

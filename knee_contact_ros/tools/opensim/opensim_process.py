@@ -6,11 +6,10 @@ import re
 import subprocess
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.extras import require
 from knee_contact_ros.system.processes import kept, python_module
 from knee_contact_ros.system.terminal import Bar
 from knee_contact_ros.tools.opensim import opensim_step
@@ -34,8 +33,7 @@ def check_opensim() -> None:
     Raises:
         UsageError: it is not installed.
     """
-    if find_spec("opensim") is None:
-        raise UsageError(not_installed("opensim", EXTRA))
+    require(EXTRA, "opensim")
 
 
 def run_step(setup: Setup, work: Path, bar: Bar) -> None:

@@ -6,7 +6,6 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.extras import require
 from knee_contact_ros.tools.profiles.surface import Surface, parse_axes, placed
 
 LABEL_MAPS = (".nii", ".nii.gz")
@@ -193,6 +192,4 @@ def need_libraries() -> None:
     Raises:
         UsageError: a library is missing.
     """
-    for needed in ("pyvista", "trimesh", "nibabel", "matplotlib"):
-        if find_spec(needed) is None:
-            raise UsageError(not_installed(needed, EXTRA))
+    require(EXTRA, "pyvista", "trimesh", "nibabel", "matplotlib")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.extras import how_to_get, not_installed
+from knee_contact_ros.system.extras import how_to_get, require
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
@@ -19,7 +18,6 @@ from knee_contact_ros.tools.report.uncertain import (
     with_uncertainty,
 )
 
-NEEDED = ("matplotlib", "jinja2")
 OLDEST = (3, 7)
 """Oldest version of matplotlib that places legends outside of axes; Ubuntu 24.04 has 3.6"""
 EXTRA = "report"
@@ -50,9 +48,7 @@ def run_report(options: ReportOptions, output: Path) -> list[Path]:
         UsageError: a file, parameter or the folder cannot be used, or a library is missing.
         IncompleteError: the report is there, but a bag was damaged and could be taken in part only.
     """
-    for needed in NEEDED:
-        if find_spec(needed) is None:
-            raise UsageError(not_installed(needed, EXTRA))
+    require(EXTRA, "matplotlib", "jinja2")
     import matplotlib as mpl
 
     if mpl.__version_info__[:2] < OLDEST:

@@ -5,21 +5,17 @@ from __future__ import annotations
 import uuid
 from collections.abc import Mapping
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.errors import IncompleteError
+from knee_contact_ros.system.extras import require
 from knee_contact_ros.system.terminal import progress, say
 
 if TYPE_CHECKING:
     from knee_contact_ros.tools.sensitivity.gather import Combination
     from knee_contact_ros.tools.sensitivity.study_file import SensitivityStudy
 
-NEEDED = {"pyarrow": "sweep", "distributed": "sweep", "fsspec": "sweep", "SALib": "sweep", "matplotlib": "sweep",
-          "jinja2": "report"}  # fmt: skip
-"""Libraries that the command needs, with the extra that brings each"""
 CASES = "cases"
 """Name of the folder with the results of all cases, inside the command's output folder"""
 PAGE, TABLE = "sensitivity.html", "indices.csv"
@@ -41,9 +37,8 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         UsageError: study, bags, parameters, folder or scheduler cannot be used, or a library is not installed.
         IncompleteError: a disk is full, or workers died again and again.
     """
-    for library, extra in NEEDED.items():
-        if find_spec(library) is None:
-            raise UsageError(not_installed(library, extra))
+    require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
+    require("report", "jinja2")
     from knee_contact_ros.cohort.engine import run_study
     from knee_contact_ros.cohort.shards import Shards
     from knee_contact_ros.tools.sensitivity.gather import gather

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from rich import box
@@ -12,7 +11,7 @@ from rich.table import Table
 
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.extras import not_installed, require
 from knee_contact_ros.system.terminal import WIDTH, natural_width, progress
 from knee_contact_ros.tools.work_precision import frontier, ours, plot, report, steadiness, study
 from knee_contact_ros.tools.work_precision.peers import PEERS, Entry, entries
@@ -36,9 +35,7 @@ def run_trade(output: Path, problem_names: tuple[str, ...], solver_names: tuple[
     Raises:
         UsageError: an unknown name, or something that the report needs is not installed.
     """
-    for needed in DRAWING:
-        if find_spec(needed) is None:
-            raise UsageError(not_installed(needed, EXTRA))
+    require(EXTRA, *DRAWING)
     chosen = known_problems(problem_names)
     candidates, absent = available()
     solvers = matching(candidates, solver_names)
