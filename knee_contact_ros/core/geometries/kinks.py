@@ -7,6 +7,7 @@ points of two angles bends to the other side somewhere, the lowest point has lea
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -66,6 +67,7 @@ class _Glides:
             for length, start, _, x1, x2, x3, _, y1, y2, y3 in cubics
         ]
         """Start and length of every segment [m], and coefficients of p' x p'' along it: the highest terms cancel"""
+        self.starts = [start for start, _, _ in self.bends]
 
     def possible(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
@@ -75,7 +77,8 @@ class _Glides:
             return False
         # The direction that is down turns clockwise in the femur as the angle grows: so the curve bends to the right.
         sign, (low, high) = (-1.0 if self.forwards else 1.0), sorted((a, b))
-        for start, length, bend in self.bends:
+        first = max(bisect_right(self.starts, low) - 2, 0)  # one more, as the sum of start and length is rounded
+        for start, length, bend in self.bends[first : bisect_right(self.starts, high)]:
             begin, end = max(low - start, 0.0), min(high - start, length)
             if begin < end and sign * _least(bend, begin, end, sign) < -FLAT:
                 return False
