@@ -20,7 +20,7 @@ demo: $(VENV)/.installed
 	$(BIN)/knee-contact demo $(ARGS)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest --numprocesses 4 --dist loadgroup $(ARGS)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses 4 --dist loadgroup $(ARGS)
 
 # Of what has wheels for this Python: NumPy 1.26 and SciPy 1.11, as in Ubuntu 24.04, up to Python 3.12. Rerun needs NumPy 2.
 LOWEST := .venv-lowest

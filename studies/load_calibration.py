@@ -108,7 +108,7 @@ def true_problem(count: int) -> LoadProblem:
 
 
 def held_against(problem: LoadProblem, reference: Floats) -> LoadProblem:
-    """The same problem with another reference [N]."""
+    """Problem in which the axial force is held against another reference [N]."""
     measured = problem.measured._replace(answers={AXIAL_FORCE: reference})
     return load_problem_of(problem.parameters, measured, problem.unknowns)
 

@@ -30,7 +30,7 @@ from studies.report import Section, machine, save
 Floats = NDArray[np.float64]
 Random = np.random.Generator
 Drive = Callable[[Random, Floats], tuple[Floats, Floats]]
-"""From times [s] to flexion angles [rad] and loads [N], shape (n,) each"""
+"""Flexion angles [rad] and loads [N] as a function of times [s], shape (n,) each"""
 HOUR = 3600.0
 TOLERANCE = 1e-6
 CHUNK = 50_000

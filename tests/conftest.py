@@ -25,8 +25,13 @@ REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Know the mark of pytest-xdist also where that is not installed."""
+    """Know the mark of pytest-xdist also where that is not installed, and have Ctrl-C end what tests start.
+
+    A shell lets what it starts in the background ignore SIGINT, and all that this starts.
+    """
     config.addinivalue_line("markers", "xdist_group(name): tests that one process runs, in turn")
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -95,7 +95,7 @@ def as_one_recording(folder: Path, names: Collection[str]) -> list[str]:
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Those names that are numbered, in the order of the numbers."""
+    """Names that are numbered, in the order of the numbers; the others are left out."""
     numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
     return [match[0] for match in sorted(numbered, key=lambda match: int(match[2]))]
 

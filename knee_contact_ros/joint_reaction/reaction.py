@@ -13,7 +13,7 @@ from knee_contact_ros.joint_reaction.sensed import Joints
 
 
 class Level(IntEnum):
-    """From what the joint reaction is estimated; the values are those of `LoadEstimate.msg`."""
+    """Inputs from which the joint reaction is estimated; the values are those of `LoadEstimate.msg`."""
 
     GROUND_FORCE = 0
     KNEE_MOMENT = 1

@@ -27,7 +27,7 @@ class Method(NamedTuple):
     prepare: Callable[[Cohort, float, int], Run]
     """Prepares a run from cohort, setting and number of threads; its time counts as set-up"""
     settings: tuple[float, ...]
-    """From coarse to fine"""
+    """Settings to be tried, from coarse to fine"""
     threads: bool = False
     """Whether it uses several cores itself; else every core gets a process and a share of the cohort"""
     most: int = sys.maxsize

@@ -50,7 +50,7 @@ class Held(NamedTuple):
 
 
 Rule = Callable[[Held], float]
-"""From the moment to the force [N] with which muscles compress the knee"""
+"""Force [N] with which muscles compress the knee, as a function of the moment that they hold"""
 
 
 def shipped(held: Held) -> float:

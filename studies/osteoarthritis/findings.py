@@ -46,7 +46,7 @@ class Findings(NamedTuple):
     forced_range: Range
     """Ratios of the peak forces under the load"""
     damped_range: Range
-    """The same ratios with the dashpot in both layers"""
+    """Ratios of the peak forces under the load, with the dashpot in both layers"""
     led_range: Range
     impulses: Range
     """Impulses of the contact force over those of the load, under the load"""

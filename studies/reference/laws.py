@@ -80,4 +80,4 @@ LAWS: dict[str, Callable[..., Law]] = {
     "gonthier": remembering(lambda e: 1.0 / e - e),
     "elastic_foundation": elastic_foundation,
 }
-"""By the model's names, with the model's arguments"""
+"""Contact laws by the model's names, with the model's arguments"""

@@ -20,7 +20,7 @@ SAFETY = 3.0
 NEIGHBOURS = 4
 """Ticks to either side whose difference counts too: a difference passes through 0 now and then"""
 ROUNDING = 4.5e-16
-"""Of the numbers handed back, as a part of them"""
+"""Rounding of the numbers handed back, as a part of them"""
 NANOSECOND = 1e-9
 
 
@@ -33,7 +33,7 @@ class Knee(NamedTuple):
     half_axes: tuple[float, float] = (0.034, 0.034)
     """Anterior and superior [m]; equal: a circle"""
     slope: float = 0.0
-    """Of the plane [rad]"""
+    """Slope of the plane [rad]"""
     allow_tension: bool = False
 
 
@@ -43,11 +43,11 @@ class Solution(NamedTuple):
     depth: Floats
     """Signed [m]: < 0 apart"""
     rate: Floats
-    """Of the depth [m/s], at the end of the tick's interval"""
+    """Rate of the depth [m/s], at the end of the tick's interval"""
     force: Floats
     """[N]; >= 0 unless the contact may pull"""
     height: Floats
-    """Of the reference point above the plane's origin [m]"""
+    """Height of the reference point above the plane's origin [m]"""
     depth_bound: Floats
     """Bound of the depth's error [m]; not finite where unknown"""
     force_bound: Floats

@@ -11,7 +11,7 @@ from tests.cohort.studies import Cluster
 Client = pytest.importorskip("distributed", reason="the extra sweep is not installed").Client
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """The workers run in another folder than the client: names relative to one mean nothing in the other."""
     cluster, elsewhere = Cluster(tmp_path_factory.mktemp("cluster")), tmp_path_factory.mktemp("elsewhere")

@@ -19,6 +19,8 @@ from knee_contact_ros.cohort.engine import Done, run_study
 from knee_contact_ros.cohort.study import Study
 from tests import ROOT
 
+LEAN = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+"""Settings of a cluster that waits for most of its time: nothing samples what it does"""
 DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]
 
 
@@ -114,7 +116,7 @@ class Cluster:
     def _started(self, *arguments: str, folder: Path = ROOT) -> subprocess.Popen[bytes]:
         return subprocess.Popen(
             [sys.executable, "-m", "dask", *arguments], cwd=folder, stdout=subprocess.DEVNULL,
-            stderr=(self._folder / f"{arguments[0]}.log").open("ab"), env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stderr=(self._folder / f"{arguments[0]}.log").open("ab"), env=os.environ | {"PYTHONPATH": str(ROOT)} | LEAN,
             start_new_session=True,
         )  # fmt: skip
 

@@ -34,7 +34,7 @@ class Combination(NamedTuple):
     """The indices for one combination of bag, parameter files and grid values."""
 
     label: str
-    """In what the combination differs from the others"""
+    """Name of the combination: the values in which it differs from the others"""
     bag: str
     """The bag as the study names it"""
     params: str

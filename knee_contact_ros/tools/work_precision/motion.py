@@ -14,11 +14,11 @@ import numpy as np
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 
 Force = Callable[[float, float], float]
-"""From depth [m] and its rate [m/s] to the force [N], never below 0"""
+"""Force [N], never below 0, as a function of depth [m] and rate of the depth [m/s]"""
 Gradient = Callable[[float, float], tuple[float, float]]
-"""From depth [m] and its rate [m/s] to the force's derivatives by depth [N/m] and by rate [N s/m]"""
+"""Derivatives of the force by depth [N/m] and by rate [N s/m], as a function of both"""
 Load = Callable[[float], float]
-"""From time [s] to the load [N]"""
+"""Load [N] as a function of time [s]"""
 State = Sequence[float]
 Motion = Callable[[float, State], tuple[float, float]]
 Matrix = list[list[float]]

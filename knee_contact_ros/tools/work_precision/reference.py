@@ -20,9 +20,9 @@ from knee_contact_ros.tools.work_precision.reference_laws import Layers
 
 RTOL = 1e-12
 ATOL = 1e-17
-"""[m] and [m/s]: a part of 1e-13 of the depths and rates that occur"""
+"""Absolute tolerance [m] and [m/s]: a part of 1e-13 of the depths and rates that occur"""
 MAX_EVENTS = 1000
-"""In one tick"""
+"""Largest number of events in one tick"""
 
 Event = Callable[[float, NDArray[np.float64]], float]
 

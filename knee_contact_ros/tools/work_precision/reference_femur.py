@@ -34,7 +34,7 @@ class Femur(Protocol):
 
 
 class ByDepth(NamedTuple):
-    """On a plane: the state is depth and rate, and the turning surface accelerates them."""
+    """Femur on a plane: the state is depth and rate, and the turning surface accelerates them."""
 
     surface: Surface
 
@@ -56,7 +56,7 @@ class ByDepth(NamedTuple):
 
 
 class ByHeight(NamedTuple):
-    """On anything: the state is height and velocity."""
+    """Femur on any surface: the state is height and velocity."""
 
     pose: Pose
 

@@ -50,7 +50,7 @@ class Solver(NamedTuple):
     law: str
     """How it expresses the contact law: one sentence"""
     settings: Sequence[Setting]
-    """From coarse to fine"""
+    """Settings to be tried, from coarse to fine"""
     whole: Run | None
     """Run of the whole series in one call, with output at every tick; None if the tool has none"""
     stream: Run | None

@@ -26,7 +26,7 @@ class Target(NamedTuple):
     what: str
     problems: Sequence[str]
     value: Callable[[Sequence[Row], str], float]
-    """From all rows and a problem's name"""
+    """Computes the figure from all rows and a problem's name"""
     bound: float
     holds: Callable[[float, float], bool] = operator.ge
     """Compares the value with the bound"""

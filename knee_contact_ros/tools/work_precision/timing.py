@@ -13,9 +13,9 @@ from typing import NamedTuple
 ENOUGH = 1.0
 """Seconds of one run in all turns together, about, after which it is not timed again"""
 LEAST_TURNS = 2
-"""Of a run that takes longer than that, where more than one was asked for"""
+"""Least number of turns of a run that takes longer, where more than one was asked for"""
 RUNS = 5
-"""Of a short run in one turn, one after another; the quickest counts"""
+"""Number of short runs in one turn, one after another; the quickest counts"""
 SLICE = 0.05
 """Seconds of such runs after which a turn ends"""
 
@@ -24,7 +24,7 @@ class Times(NamedTuple):
     """Statistics of a run's times in all turns."""
 
     least: float
-    """In the unit of the turns, as the median"""
+    """Shortest time; this and the median are in the unit of the turns"""
     median: float
     spread_percent: float
     """Time between the quickest and the slowest turn, as a part of the median"""

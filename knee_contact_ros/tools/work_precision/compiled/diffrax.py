@@ -21,7 +21,7 @@ jax.config.update("jax_enable_x64", True)
 FIRST_STEPS = {"Tsit5": 3, "Dopri5": 3, "Dopri8": 1, "Kvaerno5": 2}
 """Steps per tick that a method with error control begins with"""
 Control = Callable[[Any, Any], Any]
-"""From the run's setting and the stamps [s] to a step size controller of diffrax"""
+"""Function of a run's setting and the stamps [s] that makes a step size controller of diffrax"""
 
 
 def rates(state: Any, load: Any, constants: Any) -> Any:
