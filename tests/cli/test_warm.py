@@ -14,11 +14,10 @@ from knee_contact_ros.parameters.build import load_model
 
 pytestmark = pytest.mark.xdist_group("kernel for kelvin_voigt")
 LOADED = """
-from numba.core.event import install_recorder
+import sys
 import knee_contact_ros
-with install_recorder("numba:run_pass") as passes:
-    knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
-print(len(passes.buffer))
+knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
+print("numba" in sys.modules)
 """
 
 
@@ -29,7 +28,7 @@ def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]
     assert where == f"kept in {kernel.kernel_folder()}"
     assert kernel.is_kept(load_model().scene, only_on_disk=True)
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("0\n", "")
+    assert (done.stdout, done.stderr) == ("False\n", "")
     assert main(["warm", "-p", "contact.damping:=1.0"]) == 0  # a number is no kind of knee
     assert capsys.readouterr().out.splitlines()[0] == "contact.damping:=1.0: was there already"
 

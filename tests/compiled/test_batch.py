@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.compiled.batch import run_batch
+from knee_contact_ros.compiled.kernel import compiled_kernel
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.types import ROW
@@ -23,13 +25,19 @@ NUMBERS: tuple[dict[str, Any], ...] = (
     {"contact.exponent": 1.7, "contact.stiffness": 3e8, "fidelity.level": "quasi_static"},
 )
 """Of three knees: they share a kernel"""
+COMPILED = compiled_kernel().run
 
 
-def one_by_one(models: list[KneeModel], heights: np.ndarray, loads: np.ndarray = LOADS) -> np.ndarray:
-    """The answers of runs by the plain kernel, shape (k, n)."""
+def one_by_one(
+    models: list[KneeModel],
+    heights: np.ndarray,
+    loads: np.ndarray = LOADS,
+    run: Callable[..., None] = COMPILED,
+) -> np.ndarray:
+    """The answers of runs, shape (k, n): compiled ones, which have the bits of plain ones (`test_compiled.py`)."""
     answers = np.zeros((len(models), len(TIME)), ROW)
     for model, load, own in zip(models, loads, answers, strict=True):
-        ticks.run(model.scene, np.zeros(1, ticks.MEMORY), STEPS, ANGLE, load, heights, own)
+        run(model.scene, np.zeros(1, ticks.MEMORY), STEPS, ANGLE, load, heights, own)
     return answers
 
 

@@ -21,8 +21,9 @@ import pytest
 
 from knee_contact_ros.compiled import keeping
 from knee_contact_ros.compiled.kernel_folder import HEAD, KEPT, UNUSED, DoubtError, KernelFolder
-from tests.helpers.tiny_kernel import FORKS, Outcome, begin, use, use_own
+from tests.helpers.tiny_kernel import FORKS, Outcome, begin, use, use_all, use_own
 
+pytestmark = pytest.mark.xdist_group("tiny kernel")  # one process, so that one compiler is made ready
 COMPILED, LOADED = Outcome(42.0, False, []), Outcome(42.0, True, [])
 NOBODY = 65534
 
@@ -277,9 +278,16 @@ def test_a_law_of_the_users_is_compiled_again_when_he_changes_it(tmp_path: Path)
 def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    counting = ("CORE/ticks.py", "CORE/contact_laws/hertz.py", "COMPILED/inner.py", "COMPILED/functions.py")
+    for name in (
+        *counting,
+        *(f"COMPILED/{name}" for name in keeping.KEEPING),
+    ):  # a few: to parse all takes most of a second
+        folder, _, file = name.partition("/")
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(getattr(keeping, folder) / file, tmp_path / name)
     for name in ("CORE", "COMPILED"):
-        copy = shutil.copytree(getattr(keeping, name), tmp_path / name)
-        monkeypatch.setattr(keeping, name, copy)
+        monkeypatch.setattr(keeping, name, tmp_path / name)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
     meaning = keeping.model_meaning.__wrapped__
     before = meaning()
@@ -287,7 +295,7 @@ def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
     for name in keeping.KEEPING:
         (tmp_path / "COMPILED" / name).write_text("edited = True")
     assert meaning() == before
-    for name in ("CORE/ticks.py", "CORE/contact_laws/hertz.py", "COMPILED/inner.py", "COMPILED/functions.py"):
+    for name in counting:
         path = tmp_path / name
         path.write_text("# edited\n\n" + path.read_text().replace('"""', '"""Other words. ', 1))
         assert meaning() == before
@@ -298,6 +306,7 @@ def test_an_edit_of_the_model_counts_and_one_of_the_keeping_does_not(
 
 def test_a_damaged_note_of_a_meaning_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(keeping, "CORE", keeping.CORE / "contact_laws")  # a few files: to parse all takes long
     meaning = keeping.model_meaning.__wrapped__
     right = meaning()
     (note,) = (tmp_path / "knee_contact_ros" / "meaning").iterdir()
@@ -370,23 +379,10 @@ def test_folders_that_nobody_uses_go(tmp_path: Path) -> None:
     assert all(folder.read("a") for folder in many)
 
 
-NOTHING_FITS = """
-import resource
-from knee_contact_ros.compiled.functions import compiled_function
-from tests.helpers.tiny_kernel import twice
-resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
-made = compiled_function(twice)
-print(made(21.0), made(21), made(21j))
-"""
-
-
 def test_that_nothing_can_be_kept_is_said_once(tmp_path: Path) -> None:
     """Whatever the reason: a home that cannot be written is one, a full disk another."""
-    command = [sys.executable, "-c", NOTHING_FITS]
-    home = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    done = subprocess.run(command, env=home, capture_output=True, text=True, check=True)
-    assert done.stdout == "42.0 42 42j\n"
-    (line,) = done.stderr.splitlines()
+    answers, loaded, (line,) = use_all(tmp_path, [21.0, 21, 21j], largest_file=4096)
+    assert (answers, loaded) == ([42.0, 42, 42j], False)
     assert line.endswith("cannot be written: File too large; what was compiled is not kept")
 
 

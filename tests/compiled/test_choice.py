@@ -13,8 +13,9 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.compiled import choice, kernel
-from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, SHIPPED, cost_of, worth_compiling
+from knee_contact_ros.compiled.choice import CHOSEN, COSTS, LOADING, SHIPPED, announcement, cost_of, worth_compiling
 from knee_contact_ros.core.model import PLAIN, KneeModel
+from tests.helpers.tiny_kernel import use_all
 
 TIME = np.arange(0.0, 0.3, 0.005)
 SERIES = (TIME, 0.4 + 0.3 * np.sin(7.0 * TIME), 900.0 + 600.0 * np.sin(13.0 * TIME))
@@ -109,25 +110,10 @@ def test_what_was_compiled_counts_as_kept() -> None:
     assert kernel.is_kept(knee.scene, only_on_disk=True)
 
 
-COMPILE = """
-import json, sys
-import numpy as np
-import knee_contact_ros
-from knee_contact_ros.compiled import functions
-from tests.helpers.tiny_kernel import twice
-from knee_contact_ros.compiled.choice import COSTS, announcement
-from knee_contact_ros.compiled.turns import in_turn
-for value in (1.0, 1, 1.0):
-    with in_turn(lambda: str(value), announcement(COSTS[0])):
-        functions.compiled_function(twice)(value)
-"""
-
-
+@pytest.mark.xdist_group("tiny kernel")
 def test_compiling_is_told_once_in_a_line_and_loading_is_not(tmp_path: Path) -> None:
     def said(home: Path) -> list[str]:
-        code = [sys.executable, "-c", COMPILE]
-        env = {"XDG_CACHE_HOME": str(home), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
-        return subprocess.run(code, capture_output=True, text=True, check=True, env=env).stderr.splitlines()
+        return use_all(home, [1.0, 1, 1.0], announce=announcement(COSTS[0])).said
 
     line = "knee_contact_ros: compiling for this kind of knee, once (some 15 s)"
     assert said(tmp_path / "home") == [line, line]  # a float and an integer are two kernels

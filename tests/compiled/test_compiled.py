@@ -18,7 +18,7 @@ from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
 from knee_contact_ros.core.geometries import GEOMETRIES
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import MECHANISMS
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.core.model import PLAIN, KneeModel
 from knee_contact_ros.core.types import ContactState, Status
 
 TIME = np.arange(0.0, 0.4, 0.004)
@@ -33,10 +33,11 @@ DAMPED = ("hunt_crossley", "lankarani_nikravesh", "flores", "gonthier")
 class Combination(NamedTuple):
     """What decides the types that a kernel is compiled for, and what is tried with it; laws of one formula share it.
 
-    Compiling takes half a minute each: every kind of part is in one of them, and all pairs of surfaces are compiled by
-    themselves in `tests/core/test_compiled_surfaces.py`.
+    Every kind of part is in one of them. Only a circle in a circle with a table is compiled here, the other kernels
+    come with the package; all pairs of surfaces are compiled by themselves in `tests/core/test_compiled_surfaces.py`.
     """
 
+    formula: str
     laws: tuple[str, ...]
     femur: str
     tibia: str
@@ -44,31 +45,42 @@ class Combination(NamedTuple):
     levels: tuple[str, ...]
 
 
+SPRINGS = ("hertz", "elastic_foundation")
+TWO_LAYERS = ("two_layer_elastic", "two_layer_viscoelastic")
 COMBINATIONS = (
-    Combination(("kelvin_voigt",), "circle", "plane", "hinge", ("dynamic", "auto", "first_order", "quasi_static")),
-    Combination(("two_layer_elastic", "two_layer_viscoelastic"), "profile", "plane", "table", ("auto", "first_order")),
-    Combination(DAMPED, "circle", "circle", "parallel_mechanism", ("dynamic",)),
-    Combination(("hertz", "elastic_foundation"), "circle", "profile", "ball_and_socket", ("quasi_static",)),
+    Combination(
+        "kelvin_voigt",
+        ("kelvin_voigt",),
+        "circle",
+        "plane",
+        "hinge",
+        ("dynamic", "auto", "first_order", "quasi_static"),
+    ),
+    Combination("two_layer", TWO_LAYERS, "profile", "plane", "ball_and_socket", ("auto", "first_order")),
+    Combination("impact", DAMPED[:2], "circle", "circle", "parallel_mechanism", ("dynamic",)),
+    Combination("impact", DAMPED[2:], "circle", "circle", "table", ("dynamic",)),
+    Combination("spring", SPRINGS, "profile", "plane", "hinge", ("quasi_static",)),
+    Combination("kelvin_voigt", ("kelvin_voigt",), "profile", "profile", "hinge", ("quasi_static",)),
 )
 NAMED = {law for combination in COMBINATIONS for law in combination.laws}
 COMBINATIONS += tuple(
-    Combination((law,), "circle", "plane", "hinge", ("auto",)) for law in CONTACT_LAWS if law not in NAMED
+    Combination(law, (law,), "circle", "plane", "hinge", ("auto",)) for law in CONTACT_LAWS if law not in NAMED
 )
 
 
 def group(combination: Combination) -> pytest.MarkDecorator:
     """One process runs all tests of a kernel, so that it is compiled once."""
-    return pytest.mark.xdist_group(f"kernel for {' '.join(combination.laws)}")
+    return pytest.mark.xdist_group(f"kernel for {combination.formula}")
 
 
 LAWS = [
-    pytest.param(combination, law, id=law, marks=group(combination))
+    pytest.param(combination, law, id=f"{law}-{combination.tibia}", marks=group(combination))
     for combination in COMBINATIONS
     for law in combination.laws
 ]
 FIRST = COMBINATIONS[0]
 CASES = [
-    pytest.param(combination, law, level, id=f"{law}-{level}", marks=group(combination))
+    pytest.param(combination, law, level, id=f"{law}-{combination.tibia}-{level}", marks=group(combination))
     for combination in COMBINATIONS
     for law in combination.laws
     for level in combination.levels
@@ -87,12 +99,14 @@ def knee(config: Path, combination: Combination, law: str, **changes: Any) -> Kn
             "translation.mechanism": combination.mechanism,
             "translation.table": str(config / "translation_medial.csv"),
         }
-        | changes
+        | changes,
+        compiled=False,
     )
 
 
 def assert_same_bits(plain: KneeModel, *columns: np.ndarray) -> np.recarray[Any, Any]:
     """Run and stream, plain and compiled; the plain series."""
+    assert plain.kernel is PLAIN
     expected = plain.run(*columns)
     quick = compiled(plain)
     assert quick.run(*columns).tobytes() == expected.tobytes()

@@ -16,6 +16,7 @@ from knee_contact_ros.compiled.kernel_folder import KernelFolder
 from knee_contact_ros.compiled.turns import in_turn, wait_for_turn
 from tests.helpers.tiny_kernel import FORKS, use_in_turn
 
+pytestmark = pytest.mark.xdist_group("tiny kernel")
 SOON = 5.0
 """[s] that nothing here takes if it does not wait"""
 

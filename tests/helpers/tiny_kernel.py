@@ -7,14 +7,16 @@ import os
 import resource
 import sys
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from knee_contact_ros.compiled.functions import compiled_function
-from knee_contact_ros.compiled.turns import in_turn
+from knee_contact_ros.compiled.turns import Announce, in_turn
 
 FORKS = get_context("forkserver")
 FORKS.set_forkserver_preload([__name__, "tests.helpers.warm_compiler"])  # seconds, once for all of them
@@ -45,6 +47,12 @@ def begin(stack: ExitStack, home: Path, value: Any, **how: Any) -> Future[Outcom
     return pool.submit(_use, home, value, **how)
 
 
+def use_all(home: Path, values: Sequence[Any], **how: Any) -> Outcome:
+    """Compile or load the function for several values in one process, each in a turn of its own."""
+    with ProcessPoolExecutor(1, mp_context=FORKS) as pool:
+        return pool.submit(_use_all, home, values, **how).result()
+
+
 def use_own(home: Path, folder: Path) -> Outcome:
     """Compile or load `own.ask` of a folder."""
     with ProcessPoolExecutor(1, mp_context=FORKS) as pool:
@@ -69,12 +77,23 @@ def _use(home: Path, value: Any, largest_file: int = UNLIMITED, **environment: s
     return alone(home, twice, value)
 
 
-def alone(home: Path, function: Any, value: Any) -> Outcome:
-    """Compile or load a function in this process."""
+def _use_all(
+    home: Path, values: Sequence[Any], announce: Announce = nullcontext, largest_file: int = UNLIMITED
+) -> Outcome:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, UNLIMITED))
+    return alone(home, twice, *values, announce=announce)
+
+
+def alone(home: Path, function: Any, *values: Any, announce: Announce | None = None) -> Outcome:
+    """Compile or load a function in this process; in turns, if they are announced."""
     os.environ["XDG_CACHE_HOME"] = str(home)
     with tempfile.TemporaryFile("w+") as said:
         os.dup2(said.fileno(), 2)
         made: Any = compiled_function(function)
-        answer = made(value)
+        answers = []
+        for value in values:
+            with in_turn(partial(str, value), announce) if announce else nullcontext():
+                answers.append(made(value))
         said.seek(0)
+        answer = answers if len(answers) > 1 else answers[0]
         return Outcome(answer, bool(made.stats.cache_hits), said.read().splitlines())
