@@ -24,7 +24,7 @@ from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries.circle import Circle
 from knee_contact_ros.core.integrators.fehlberg import EVALUATIONS
 from knee_contact_ros.core.levels.advance import goes_straight_to_dynamic
-from knee_contact_ros.core.levels.smooth import Way, arrived, begun, strode
+from knee_contact_ros.core.levels.smooth import SmoothTick, begin_smooth, end_smooth, step_smooth
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.scene import AUTO, DYNAMIC, RunState, Scene, TickResult
@@ -73,7 +73,7 @@ class Tick(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """Inputs and state of a tick in one lane, beside scene and progress."""
+    """Inputs and state of a tick in one lane, beside scene and run state."""
 
     last_load: float
     """Load at the tick before [N]"""
@@ -92,9 +92,9 @@ class Places(NamedTuple):
     """Digest of the kind of scene"""
     scene: Transposed
     lane: Transposed
-    way: Transposed
+    so_far: Transposed
     result: Transposed
-    progress: Transposed
+    run_state: Transposed
     """The first field of the result: a tick begins where the one before has ended"""
 
 
@@ -172,10 +172,10 @@ def _places(kind: types.Type) -> Places:
     """Lay out the memory for lanes with a kind of scene."""
     scene = transposed(kind, 0, {"exponent": EXPONENT})
     lane = transposed(kind_of(Lane), scene.end)
-    way = transposed(kind_of(Way), lane.end)
+    so_far = transposed(kind_of(SmoothTick), lane.end)
     return Places(
-        kind=digest(str(kind)), scene=scene, lane=lane, way=way, result=transposed(kind_of(TickResult), way.end),
-        progress=transposed(kind_of(RunState), way.end),
+        kind=digest(str(kind)), scene=scene, lane=lane, so_far=so_far,
+        result=transposed(kind_of(TickResult), so_far.end), run_state=transposed(kind_of(RunState), so_far.end),
     )  # fmt: skip
 
 
@@ -195,21 +195,21 @@ def _smooth_ticks(places: Places) -> Callable[..., None]:
 
 def _begin_all(places: Places) -> Callable[..., int]:
     """Make the function that begins the ticks that may be smooth, and returns their largest number of steps."""
-    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
-    put_lane, put_way = places.lane.put, places.way.put
+    scene_in, lane_in, run_state_in = places.scene.get, places.lane.get, places.run_state.get
+    put_lane, put_so_far = places.lane.put, places.so_far.put
 
     def begin_all(rows: Any, tick: Tick) -> int:
         most = 0
         for i in range(LANES):
-            scene, lane, start = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i)
+            scene, lane, start = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i)
             interval = interval_of(scene, lane, tick)
-            way, _, _ = begun(scene, interval, start)
+            so_far, _, _ = begin_smooth(scene, interval, start)
             moves = (lane.behind == 0) & (not math.isnan(start.state.velocity))
-            smooth = way.smooth & moves & is_calm(scene, interval, start)
+            smooth = so_far.smooth & moves & is_calm(scene, interval, start)
             smooth = smooth & goes_straight_to_dynamic(scene, interval, start)
-            put_way(way, rows, i)
+            put_so_far(so_far, rows, i)
             put_lane(Lane(lane.last_load, lane.load, lane.behind, smooth), rows, i)
-            most = max(most, int(way.parts) if smooth else 0)
+            most = max(most, int(so_far.parts) if smooth else 0)
         return most
 
     return _apart(begin_all, places.kind)
@@ -217,15 +217,17 @@ def _begin_all(places: Places) -> Callable[..., int]:
 
 def _stride_all(places: Places) -> Callable[..., None]:
     """Make the function that takes a step, by its number, in all lanes that have so many."""
-    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
-    way_in, put_lane, put_way = places.way.get, places.lane.put, places.way.put
+    scene_in, lane_in, run_state_in = places.scene.get, places.lane.get, places.run_state.get
+    so_far_in, put_lane, put_so_far = places.so_far.get, places.lane.put, places.so_far.put
 
     def stride_all(rows: Any, tick: Tick, number: float) -> None:
         for i in range(LANES):
-            scene, lane, start, way = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i), way_in(rows, i)
-            farther = strode(scene, interval_of(scene, lane, tick), start, ContactMode(0, True), way, number, True)
-            if lane.smooth & (number < way.parts):
-                put_way(farther, rows, i)
+            scene, lane, start, so_far = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i), so_far_in(rows, i)
+            farther = step_smooth(
+                scene, interval_of(scene, lane, tick), start, ContactMode(0, True), so_far, number, True
+            )
+            if lane.smooth & (number < so_far.parts):
+                put_so_far(farther, rows, i)
                 put_lane(Lane(lane.last_load, lane.load, lane.behind, farther.smooth), rows, i)
 
     return _apart(stride_all, places.kind)
@@ -233,14 +235,14 @@ def _stride_all(places: Places) -> Callable[..., None]:
 
 def _arrive_all(places: Places) -> Callable[..., None]:
     """Make the function that computes the results of the smooth ticks."""
-    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
-    way_in, put_result = places.way.get, places.result.put
+    scene_in, lane_in, run_state_in = places.scene.get, places.lane.get, places.run_state.get
+    so_far_in, put_result = places.so_far.get, places.result.put
 
     def arrive_all(rows: Any, tick: Tick) -> None:
         for i in range(LANES):
-            scene, lane, start, way = scene_in(rows, i), lane_in(rows, i), progress_in(rows, i), way_in(rows, i)
-            spent = 1 + int(way.parts) * EVALUATIONS
-            result = arrived(scene, interval_of(scene, lane, tick), start, way, spent)
+            scene, lane, start, so_far = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i), so_far_in(rows, i)
+            spent = 1 + int(so_far.parts) * EVALUATIONS
+            result = end_smooth(scene, interval_of(scene, lane, tick), start, so_far, spent)
             if lane.smooth:
                 put_result(result, rows, i)
 
@@ -249,8 +251,8 @@ def _arrive_all(places: Places) -> Callable[..., None]:
 
 def _answer(places: Places) -> Callable[..., None]:
     """Make the function that fills a lane's answer; if its tick was not smooth, `ticks.run` computes it."""
-    scene_in, lane_in, progress_in = places.scene.get, places.lane.get, places.progress.get
-    result_in, put_lane, put_progress = places.result.get, places.lane.put, places.progress.put
+    scene_in, lane_in, run_state_in = places.scene.get, places.lane.get, places.run_state.get
+    result_in, put_lane, put_run_state = places.result.get, places.lane.put, places.run_state.put
 
     def answer(rows: Any, i: int, tick: Tick, kept: Any, row: Any, run: int, addresses: Any) -> None:
         scene, lane = scene_in(rows, i), lane_in(rows, i)
@@ -259,10 +261,10 @@ def _answer(places: Places) -> Callable[..., None]:
             write_answer(row, scene, tick.angle, angle_rate, lane.load, result_in(rows, i))
             return
         if kept["begun"] != 0:
-            write_run_state(kept["run_state"], progress_in(rows, i))
+            write_run_state(kept["run_state"], run_state_in(rows, i))
             kept["angle"], kept["load"] = tick.last_angle, lane.last_load
         run_at(run, addresses)
-        put_progress(read_run_state(kept["run_state"]), rows, i)
+        put_run_state(read_run_state(kept["run_state"]), rows, i)
         put_lane(Lane(lane.last_load, lane.load, kept["backlog"]["count"], False), rows, i)
 
     return _inlined(answer)

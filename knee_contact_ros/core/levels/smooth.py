@@ -37,7 +37,7 @@ FINEST = 10.0
 """Largest number of steps of a smooth tick: implicit steps cost less than more"""
 
 
-class Way(NamedTuple):
+class SmoothTick(NamedTuple):
     """State of a smooth tick between two steps."""
 
     state: FemurState
@@ -70,23 +70,23 @@ def smooth_tick(scene: Scene, interval: Interval, start: RunState, spent: int) -
     remembers = scene.modes.law.layers[0].formula.remembers_impact()
     if until < interval.duration or math.isnan(start.impact_speed) or remembers:
         return not_begun(start, spent)
-    way, mode, extra = begun(scene, interval, start)
+    so_far, mode, extra = begin_smooth(scene, interval, start)
     spent += extra
-    if not way.smooth:
+    if not so_far.smooth:
         return not_begun(start, spent)
-    parts = int(way.parts)
+    parts = int(so_far.parts)
     if scene.budget > 0 and spent + parts * EVALUATIONS > scene.budget - RESERVE:
         return not_begun(start, spent)
     for i in range(parts):
-        way = strode(scene, interval, start, mode, way, float(i), False)
+        so_far = step_smooth(scene, interval, start, mode, so_far, float(i), False)
         spent += EVALUATIONS
-        if not way.smooth:
+        if not so_far.smooth:
             return not_begun(start, spent)
-    return arrived(scene, interval, start, way, spent)
+    return end_smooth(scene, interval, start, so_far, spent)
 
 
 @always_inlined
-def begun(scene: Scene, interval: Interval, start: RunState) -> tuple[Way, ContactMode, int]:
+def begin_smooth(scene: Scene, interval: Interval, start: RunState) -> tuple[SmoothTick, ContactMode, int]:
     """The tick at its beginning, with duration and number of its steps; the mode of its contact; and evaluations."""
     h, state = interval.duration, start.state
     depth, surface_rate, cosine = touch_at(interval, 0.0).touch(state.height)
@@ -100,18 +100,18 @@ def begun(scene: Scene, interval: Interval, start: RunState) -> tuple[Way, Conta
         acceleration=(cosine * entry.force - load) / scene.mass, stage=begin, stiffness=stiffness, damping=damping,
         cosine=cosine,
     )  # fmt: skip
-    way = Way(
+    so_far = SmoothTick(
         state=state, error=start.error, slope=slope, largest=StateError(0.0, 0.0), leapt=0.0, ratio=0.0,
         held=holding(stiffness, damping, scene.mass), part=h / parts, parts=parts,
         smooth=entry.mode.pressing and parts <= FINEST,
     )  # fmt: skip
-    return way, entry.mode, 1 if entry.mode.layer >= 0 else 0
+    return so_far, entry.mode, 1 if entry.mode.layer >= 0 else 0
 
 
 @always_inlined
-def strode(
-    scene: Scene, interval: Interval, start: RunState, mode: ContactMode, way: Way, number: float, plain: bool
-) -> Way:
+def step_smooth(
+    scene: Scene, interval: Interval, start: RunState, mode: ContactMode, so_far: SmoothTick, number: float, plain: bool
+) -> SmoothTick:
     """Return the tick after one more step, the one with this number, counted from 0.
 
     A `plain` step has hardly a branch: where its error needs more than a series, the tick counts as not smooth.
@@ -120,49 +120,50 @@ def strode(
         interval=interval, modes=scene.modes, mode=mode, impact_speed=start.impact_speed, mass=scene.mass,
         known=NOWHERE,
     )  # fmt: skip
-    h, slope, mass, ratio = way.part, way.slope, scene.mass, way.ratio
-    stride = fehlberg_stride(motion, number * h, way.state, h, slope)
-    middle, end, leapt = stride.middle, stride.end, max(way.leapt, stride.leapt)
+    h, slope, mass, ratio = so_far.part, so_far.slope, scene.mass, so_far.ratio
+    stride = fehlberg_stride(motion, number * h, so_far.state, h, slope)
+    middle, end, leapt = stride.middle, stride.end, max(so_far.leapt, stride.leapt)
     largest = StateError(
-        max(way.largest.height, abs(stride.error.height)), max(way.largest.velocity, abs(stride.error.velocity))
+        max(so_far.largest.height, abs(stride.error.height)), max(so_far.largest.velocity, abs(stride.error.velocity))
     )
-    if number == 0.0 or number == way.parts - 1.0:  # all steps of a tick are alike
+    if number == 0.0 or number == so_far.parts - 1.0:  # all steps of a tick are alike
         ratio = local_ratio(
             scene, interval.start_load, stride.state, largest, slope.stage.force, end.stage.force, middle.stiffness,
             middle.damping, leapt, h, start.impact_speed > 0.0,
         )  # fmt: skip
     error, known = carry_on_by_series(
-        way.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h
+        so_far.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h
     )
     if not (known or plain):
-        error = carry_on(way.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h)
-    error = with_step(error, stride.error, UNKNOWN, way.held)
+        error = carry_on(so_far.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h)
+    error = with_step(error, stride.error, UNKNOWN, so_far.held)
     if plain:
         known = known and meets_straight(error, end.stage.depth)
     else:
         error = curved(error, end.stage.depth, middle.stiffness, middle.damping, mass, h)
     smooth = stride.crossing.boundary == NOWHERE and ratio <= 1.0 and (known or not plain)
-    return way._replace(
+    return so_far._replace(
         state=stride.state, error=error, slope=end, largest=largest, leapt=leapt, ratio=ratio, smooth=smooth
     )
 
 
 @always_inlined
-def arrived(scene: Scene, interval: Interval, start: RunState, way: Way, spent: int) -> TickResult:
+def end_smooth(scene: Scene, interval: Interval, start: RunState, so_far: SmoothTick, spent: int) -> TickResult:
     """Return the contact at the end of the interval."""
-    factor = 0.9 / math.sqrt(math.sqrt(max(way.ratio, 1e-4)))
-    slope, end, try_step = way.slope, way.slope.stage, way.part * factor
-    error, held = bounded(way.error), holding(slope.stiffness, slope.damping, scene.mass)
+    factor = 0.9 / math.sqrt(math.sqrt(max(so_far.ratio, 1e-4)))
+    slope, end, try_step = so_far.slope, so_far.slope.stage, so_far.part * factor
+    error, held = bounded(so_far.error), holding(slope.stiffness, slope.damping, scene.mass)
     return TickResult(
         run_state=start._replace(
-            state=way.state, error=error, try_step=max(start.try_step, try_step) if way.parts == 1.0 else try_step,
-            fidelity=DYNAMIC, stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
+            state=so_far.state, error=error, fidelity=DYNAMIC,
+            try_step=max(start.try_step, try_step) if so_far.parts == 1.0 else try_step,
+            stiffness=slope.stiffness, damping=slope.damping, excess=scene.mass * slope.acceleration,
             sinking=end.rate / slope.cosine, depth=end.depth,
         ),
         depth=end.depth, rate=end.rate, force=end.force if scene.modes.allow_tension else max(end.force, 0.0),
         error_estimate=reach(error, held),
         force_error_estimate=force_reach(error, slope.stiffness, slope.damping, 0.0, held) / slope.cosine,
-        evaluations=spent, reached=interval.duration, converged=True, height=way.state.height, fidelity=DYNAMIC,
+        evaluations=spent, reached=interval.duration, converged=True, height=so_far.state.height, fidelity=DYNAMIC,
     )  # fmt: skip
 
 
