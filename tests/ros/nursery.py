@@ -6,6 +6,7 @@ forks: the new process runs the command as `python -m` does, with its own argume
 
 from __future__ import annotations
 
+import gc
 import os
 import runpy
 import signal
@@ -171,6 +172,7 @@ def main() -> None:
     """Be the nursery, and then what it has forked."""
     for module in IMPORTED:
         import_module(module)
+    gc.freeze()  # what is shared with those that are forked stays so: their garbage collections do not touch it
     birth = serve(Connection(int(sys.argv[1])))
     if birth:
         os.chdir(birth.folder)
