@@ -47,10 +47,10 @@ def graph() -> Iterator[None]:
     with private_graph() as environment:
         os.environ.update(environment)
         rclpy.init()
+        nursery()  # which notes what environment is the usual one
         yield
         rclpy.shutdown()
-        if nursery.cache_info().currsize:
-            nursery().close()
+        nursery().close()
 
 
 def own_words(errors: str) -> str:

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
@@ -22,7 +22,7 @@ from pathlib import Path
 from threading import Thread
 from typing import NamedTuple
 
-from knee_contact_ros.system.processes import connected, reap
+from knee_contact_ros.system.processes import Process, connected, reap
 
 COMMAND = "knee_contact_ros.cli.main"
 IMPORTED = (
@@ -106,9 +106,13 @@ class Nursery:
     """Our side."""
 
     def __init__(self) -> None:
-        """Start the process that imports."""
+        """The process that imports is started when it is first needed."""
         self._environment = environment()
-        self._connection, self._process = connected(__name__)
+
+    @cached_property
+    def _end(self) -> tuple[Connection, Process]:
+        """Our end of the connection to the process that imports, and that process."""
+        return connected(__name__)
 
     def is_like_us(self) -> bool:
         """Whether its environment is ours: modules may read that when they are imported."""
@@ -116,22 +120,26 @@ class Nursery:
 
     def fork(self, arguments: Sequence[str], without: str = "") -> Forked:
         """Have a process forked that runs the command with these arguments, `without` a module."""
+        connection, process = self._end
         ours, theirs = os.pipe()
-        self._connection.send(Birth(tuple(arguments), without, str(Path.cwd())))
-        send_handle(self._connection, theirs, self._process.pid)
+        connection.send(Birth(tuple(arguments), without, str(Path.cwd())))
+        send_handle(connection, theirs, process.pid)
         os.close(theirs)
-        return Forked(self, self._connection.recv(), ours)
+        return Forked(self, connection.recv(), ours)
 
     def code_of(self, pid: int) -> int | None:
         """Code of a process that has ended; it is not to be asked for again then."""
-        self._connection.send(pid)
-        code: int | None = self._connection.recv()
+        connection, _ = self._end
+        connection.send(pid)
+        code: int | None = connection.recv()
         return code
 
     def close(self) -> None:
-        """End it."""
-        self._connection.close()
-        reap(self._process)
+        """End the process, if there is one."""
+        if "_end" in vars(self):
+            connection, process = self._end
+            connection.close()
+            reap(process)
 
 
 @cache
