@@ -5,7 +5,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from pydantic import ValidationError
@@ -39,6 +41,12 @@ def declared(section: type[Section], before: str = "") -> Iterator[tuple[str, De
             yield from declared(type(field.default), f"{before}{name}.")
         else:
             yield before + name, Declaration(field.default, field.description or "", limits_of(field))
+
+
+@cache
+def declarations(schema: type[Section]) -> Mapping[str, Declaration]:
+    """Declarations of all parameters of a schema, by dotted name; to collect them takes longer than to check values."""
+    return MappingProxyType(dict(declared(schema)))
 
 
 def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -82,7 +90,7 @@ class NodeReading(Generic[P]):
 
     def known(self) -> dict[str, Declaration]:
         """Declarations of all parameters, by dotted name."""
-        return dict(declared(self.schema))
+        return dict(declarations(self.schema))
 
     def load(self, source: Any) -> P:
         """Read parameters from a parameter file, a mapping, or several of these (the later one wins).

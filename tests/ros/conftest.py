@@ -20,13 +20,14 @@ from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
+from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import private_graph
 from tests.helpers.messages import RosMessages, header
+from tests.ros.nursery import COMMAND, Forked, nursery
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
@@ -46,8 +47,10 @@ def graph() -> Iterator[None]:
     with private_graph() as environment:
         os.environ.update(environment)
         rclpy.init()
+        nursery()  # which notes what environment is the usual one
         yield
         rclpy.shutdown()
+        nursery().close()
 
 
 def own_words(errors: str) -> str:
@@ -63,16 +66,26 @@ class NodeProcess:
     """`knee-contact node`, or another command that runs one, with its output."""
 
     def __init__(
-        self, *arguments: str, largest_file: int = resource.RLIM_INFINITY, without: str = "", kind: str = "node"
+        self,
+        *arguments: str,
+        largest_file: int = resource.RLIM_INFINITY,
+        without: str = "",
+        kind: str = "node",
+        anew: bool = False,
     ) -> None:
-        """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command."""
-        command = ["-c", WITHOUT.format(without)] if without else ["-m", "knee_contact_ros.cli.main"]
-        self.process = subprocess.Popen(
-            [sys.executable, *command, *kind.split(), "--ros-args", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command.
+
+        It is forked by the nursery, unless it is to inherit what that has not, or to begin `anew` for another reason.
+        """
+        words = [*kind.split(), "--ros-args", *arguments]
+        self.process: Forked | subprocess.Popen[str]
+        if anew or not nursery().is_like_us():
+            command = ["-c", WITHOUT.format(without)] if without else ["-m", COMMAND]
+            self.process = subprocess.Popen(
+                [sys.executable, *command, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            )
+        else:
+            self.process = nursery().fork(words, without)
         resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
@@ -84,7 +97,7 @@ class NodeProcess:
     def wait(self) -> tuple[int, str]:
         """Wait for its end."""
         output, _ = self.process.communicate(timeout=PATIENCE)
-        return self.process.returncode, own_words(output)
+        return self.process.wait(PATIENCE), own_words(output)
 
 
 class Peer:
@@ -92,8 +105,7 @@ class Peer:
 
     def __init__(self, namespace: str = "", joint_states: str = "joint_states") -> None:
         self.node = Node("peer", namespace=namespace)
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        self.executor = executor_of(self.node)
         self.contacts: list[KneeContact] = []
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
@@ -202,4 +214,4 @@ def start_node() -> Iterator[Callable[..., NodeProcess]]:
             for child in psutil.Process(node.process.pid).children(recursive=True):
                 child.kill()
             node.process.kill()
-        node.process.communicate()
+        node.process.communicate(timeout=PATIENCE)

@@ -19,7 +19,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.ros_types import stamp_to_ns
 from tests import ROOT
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at
 
 SHARE = 0.5
@@ -44,7 +44,7 @@ def running() -> Iterator[Running]:
     running = Running()
     yield running
     running.process.process.kill()
-    running.process.process.communicate()
+    running.process.process.communicate(timeout=PATIENCE)
 
 
 @pytest.fixture

@@ -87,6 +87,7 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start, config: Path
 
 
 def test_both_knees_have_names_of_their_own(peer: Peer, start_node: Start) -> None:
+    """In the markers and in `/diagnostics`."""
     for side in ("left", "right"):
         start_node("-r", f"__ns:=/{side}", "-r", "joint_states:=/joint_states",
                    "-r", "joint_reaction_force:=/joint_reaction_force")  # fmt: skip
@@ -95,6 +96,7 @@ def test_both_knees_have_names_of_their_own(peer: Peer, start_node: Start) -> No
     peer.send(STEP, 0.2, 900.0)
     for side, screen in screens.items():
         assert list(screen.shown(STEP)) == [f"{side}/{name}" for name in NAMES]
+    peer.wait_until(lambda: {"left/knee_contact: ticks", "right/knee_contact: ticks"} <= set(peer.diagnostics))
 
 
 def test_an_inactive_node_shows_nothing(peer: Peer, start_node: Start) -> None:

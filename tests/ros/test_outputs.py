@@ -175,6 +175,7 @@ def test_no_more_recordings_than_four_are_being_completed(peer: Peer, start_node
     for number in range(MOST_ENDING):
         assert ask(peer, "start")[0] is True
         walk(peer, 10 * number, 10)
+        peer.wait_until(lambda number=number: len(children(node)) == number + 1)  # it is started in the background
         (child,) = [process for process in children(node) if process.status() != psutil.STATUS_STOPPED]
         told = {"written": "10", "process": str(child.pid)}
         peer.wait_until(lambda told=told: told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items())

@@ -28,7 +28,7 @@ Start = Callable[..., NodeProcess]
 def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals) -> None:
     recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
     node = start_node(
-        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}"
+        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}", anew=True
     )  # fmt: skip
     peer.wait_for_node()
     send_all(peer)
@@ -100,7 +100,7 @@ def test_a_node_outlives_its_terminal_where_it_was_asked_to(
     """As `nohup` asks: by ignoring SIGHUP, which its children inherit."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        node = start_node()
+        node = start_node(anew=True)
     finally:
         signal.signal(signal.SIGHUP, before)
     peer.wait_for_node()

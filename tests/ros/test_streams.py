@@ -147,6 +147,8 @@ def test_an_angle_sensor_that_lags_live(peer: Peer, start_node: Start, tmp_path:
     assert {contact.status for contact in peer.contacts} == {0}
     expected = [0.3 + 0.01 * i for i in range(95)]
     assert [contact.flexion_angle for contact in peer.contacts] == expected
+    force = "knee_contact: joint_reaction_force"
+    peer.wait_until(lambda: peer.diagnostics.get(force, {}).get("received") == "100")
     node.stop()  # which answers the last five with the last angle
     with BagReader(recording, {"/joint_states": MESSAGE_TYPES["joint_states"]}) as reader:
         assert [message.log_time for message in reader.raw_messages()] == [i * 5 * MILLISECOND for i in range(5, 100)]
