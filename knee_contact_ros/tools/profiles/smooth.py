@@ -61,7 +61,12 @@ class _Problem(NamedTuple):
     """Linear least-squares problem with a penalty and lower bounds; its rows are scaled so that residuals are in m."""
 
     data: Floats
+    """Rows of the points, in as many rows as unknowns"""
     target: Floats
+    rest: float
+    """Sum of squares [m²] that is left of the points' own targets whatever the unknowns are"""
+    points: int
+    """Number of points"""
     penalty: Floats
     lower: Floats
     basis: Floats
@@ -111,7 +116,11 @@ def pose(slab: Slices, chart: Chart) -> _Problem:
     penalty[:, 2 : 2 + v.shape[1]] = bends * chart.scale
     lower = np.full(data.shape[1], -np.inf)
     lower[2 : 2 + v.shape[1]] = chart.least
-    return _Problem(data, chart.value(slab.points) * metres[:, 0], penalty, lower, basis, grid)
+    values = chart.value(slab.points) * metres[:, 0]
+    orthogonal, triangle = np.linalg.qr(data)
+    target = orthogonal.T @ values
+    rest = float(np.sum((values - orthogonal @ target) ** 2))
+    return _Problem(triangle, target, rest, len(values), penalty, lower, basis, grid)
 
 
 def b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
@@ -128,7 +137,7 @@ def solve(problem: _Problem, logarithm: float) -> Floats:
     """Solve the problem for a penalty of 10^logarithm per point; return the unknowns."""
     from scipy.optimize import lsq_linear
 
-    weight = math.sqrt(10.0**logarithm * len(problem.target))
+    weight = math.sqrt(10.0**logarithm * problem.points)
     rows = np.concatenate([problem.data, weight * problem.penalty])
     target = np.concatenate([problem.target, np.zeros(len(problem.penalty))])
     # The same problem in as many rows as unknowns.
@@ -143,7 +152,8 @@ def solve(problem: _Problem, logarithm: float) -> Floats:
 
 def residual(problem: _Problem, unknowns: Floats) -> float:
     """RMS distance [m] of the slab's points from the profile, not counting tilt and bend across the slab."""
-    return float(np.sqrt(np.mean((problem.data @ unknowns - problem.target) ** 2)))
+    reached = float(np.sum((problem.data @ unknowns - problem.target) ** 2))
+    return math.sqrt((reached + problem.rest) / problem.points)
 
 
 def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:

@@ -33,6 +33,7 @@ MOVING_FIGURES = {"contact_point.png", "contact_point_flexion.png"}
 KNEES = {"knee_1.png", "knee_2.png"}
 TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
 RUNS = {f"{side}, {law}" for side in ("right", "left") for law in ("kelvin_voigt", "two_layer_viscoelastic")}
+LABEL = '_<b onload="x">&$\\no$'
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -42,6 +43,15 @@ def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> P
     output = tmp_path_factory.mktemp("report") / "both"
     arguments = ["--label", "right", "--label", "left", "--compare", "osteoarthritis.yaml", "--output", str(output)]
     assert main(["report", *map(str, bags), *arguments]) == 0
+    return output
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
+    """One knee with a femur from MRI under the total load, under a label that is none of HTML."""
+    output = tmp_path_factory.mktemp("report") / "moving"
+    arguments = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "-p", "load.compartment:=total"]
+    assert main(["report", str(bags[0]), *arguments, "--label", LABEL, "--output", str(output)]) == 0
     return output
 
 
@@ -215,11 +225,9 @@ def test_the_page_says_what_it_should(both: Path) -> None:
         assert words in text
 
 
-def test_published_ranges_are_of_the_same_load(both: Path, bags: tuple[Path, Path], tmp_path: Path) -> None:
+def test_published_ranges_are_of_the_same_load(both: Path, moving: Path) -> None:
     assert "The load of these runs is the medial one." in text_of(page_of(both))
-    arguments = ["-p", "load.compartment:=total", "--output", str(tmp_path / "total")]
-    assert main(["report", str(bags[0]), *arguments]) == 0
-    text = text_of(page_of(tmp_path / "total"))
+    text = text_of(page_of(moving))
     assert "The load of these runs is the total one." in text
     assert "total: the whole axial joint reaction" in text
     assert MEDIAL[0].text not in text
@@ -292,61 +300,39 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     assert float(row["load_BW"]) == pytest.approx(float(row["load_N"]) / 600.0, rel=1e-8)
 
 
-def test_files_of_one_name_are_told_apart(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    assert main(["report", str(bags[0]), str(bags[0]), "--output", str(tmp_path / "out")]) == 0
-    rows = read(tmp_path / "out" / "peaks.csv")
-    assert {row["run"] for row in rows} == {"gait2354_right (1)", "gait2354_right (2)"}
-
-
-def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    recordings = [tmp_path / folder / "knee.mcap" for folder in ("first", "second")]
-    for recording, file in zip(recordings, ("healthy", "osteoarthritis"), strict=True):
-        recording.parent.mkdir()
-        assert main(["solve", str(bags[0]), "--params", file, "--output", str(recording)]) == 0
-    arguments = ["--compare", "osteoarthritis", "--output", str(tmp_path / "out")]
-    assert main(["report", *map(str, recordings), *arguments]) == 0
-    labels = dict.fromkeys(row["run"] for row in read(tmp_path / "out" / "peaks.csv"))
-    assert [label.split(",")[0] for label in labels] == ["knee (1)", "knee (1)", "knee (2)", "knee (2)"]
-
-
-def test_a_femur_from_mri_shows_the_way_of_the_contact_point(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    arguments = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "--output", str(tmp_path / "out")]
-    assert main(["report", str(bags[0]), *arguments]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} >= MOVING_FIGURES
-    rows = read(tmp_path / "out" / "cycles.csv")
+def test_a_femur_from_mri_shows_the_way_of_the_contact_point(moving: Path) -> None:
+    assert {path.name for path in moving.iterdir()} >= MOVING_FIGURES
+    rows = read(moving / "cycles.csv")
     assert np.ptp(numbers(rows, "contact_point_x_mm_mean")) > 5.0
 
 
-def test_without_gait_everything_is_over_time(tmp_path: Path) -> None:
+def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tmp_path: Path) -> None:
     bag = make_bag(tmp_path / "standing.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(400)])
-    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+    (tmp_path / "out").mkdir()
+    earlier = {
         "report.html",
-        "knee_1.png",
         "over_time_1.png",
-    } | TABLES
+        "over_time_7.png",
+        "knee_2.png",
+        "uncertainty.csv",
+        "uncertainty_1.png",
+    }
+    for name in ("mine.txt", *earlier, *CYCLE_FIGURES, *MOVING_FIGURES, *TABLES):
+        (tmp_path / "out" / name).write_text("earlier")
+    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
+    ours = {"report.html", "knee_1.png", "over_time_1.png"} | TABLES
+    assert {path.name for path in (tmp_path / "out").iterdir()} == ours | {"mine.txt"}
+    assert (tmp_path / "out" / "mine.txt").read_text() == "earlier"
+    assert page_of(tmp_path / "out").startswith("<!DOCTYPE html>")
+    assert (tmp_path / "out" / "over_time_1.png").read_bytes().startswith(PNG)
     text = text_of(page_of(tmp_path / "out"))
     assert "No two heel strikes that follow each other" in text
     assert "0 heel strikes, 0 toe-offs, 0 load peaks." in text
     assert read(tmp_path / "out" / "cycles.csv") == read(tmp_path / "out" / "peaks.csv") == []
 
 
-def test_an_earlier_report_gives_way_and_other_files_stay(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    output = tmp_path / "out"
-    output.mkdir()
-    for name in ("mine.txt", "over_time_7.png", "contact_point.png", "report.html"):
-        (output / name).write_text("earlier")
-    assert main(["report", str(bags[0]), "--output", str(output)]) == 0
-    names = {path.name for path in output.iterdir()}
-    assert (output / "mine.txt").read_text() == "earlier"
-    assert not names & {"over_time_7.png", "contact_point.png"}
-    assert page_of(output).startswith("<!DOCTYPE html>")
-
-
-def test_the_page_escapes_what_it_is_given(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    label = '_<b onload="x">&$\\no$'
-    assert main(["report", str(bags[0]), "--label", label, "--output", str(tmp_path / "out")]) == 0
-    page = page_of(tmp_path / "out")
+def test_the_page_escapes_what_it_is_given(moving: Path) -> None:
+    page = page_of(moving)
     check_html(page)
     assert "<b onload" not in page
     assert "&lt;b onload=" in page
