@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,12 +25,13 @@ from knee_contact_ros.core.adrift import (
 )
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
+from knee_contact_ros.core.contact_pairs import OnPlane
 from knee_contact_ros.core.energy import at_rest, elastic_energy, overshoot
 from knee_contact_ros.core.error_estimate import CarriedError
 from knee_contact_ros.core.types import Status
 from studies.honesty.ours import knee
 from studies.long_runs import held_in_swing, long_runs, scene_of
-from tests.helpers.scenes import quick
+from tests.core.test_geometries import ellipse
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]
@@ -43,13 +45,18 @@ class Contact(NamedTuple):
     force: Force
 
 
+def power(depth: Floats, exponent: float) -> Floats:
+    """Power of the depths that are > 0, of others 0; the usual one in a tenth of the time."""
+    pressed = np.maximum(depth, 0.0)
+    return pressed * np.sqrt(pressed) if exponent == 1.5 else pressed**exponent
+
+
 def one_layer(damping: float, exponent: float = 1.5) -> Contact:
     """A spring and a dashpot; the spring is as stiff at 0.1 mm, whatever its exponent."""
     stiffness = STIFFNESS * 1e-4 ** (1.5 - exponent)
 
     def force(depth: Floats, rate: Floats) -> Floats:
-        pressing = stiffness * np.maximum(depth, 0.0) ** exponent + damping * rate
-        return np.where(depth > 0.0, np.maximum(pressing, 0.0), 0.0)
+        return np.maximum(stiffness * power(depth, exponent) + damping * rate, 0.0) * (depth > 0.0)
 
     law = CONTACT_LAWS["kelvin_voigt"](stiffness=stiffness, exponent=exponent, damping=damping)
     return Contact(law, force)
@@ -60,9 +67,9 @@ def two_layers(damping: float, *, damped_first: bool = False, bone: float = BONE
     begin = STIFFNESS * BOUNDARY**1.5
 
     def force(depth: Floats, rate: Floats) -> Floats:
-        first = STIFFNESS * np.maximum(depth, 0.0) ** 1.5 + (damping * rate if damped_first else 0.0)
-        second = begin + bone * np.maximum(depth - BOUNDARY, 0.0) ** 1.5 + damping * rate
-        return np.where(depth > 0.0, np.maximum(np.where(depth < BOUNDARY, first, second), 0.0), 0.0)
+        first = STIFFNESS * power(depth, 1.5) + (damping * rate if damped_first else 0.0)
+        second = begin + bone * power(depth - BOUNDARY, 1.5) + damping * rate
+        return np.maximum(np.where(depth < BOUNDARY, first, second), 0.0) * (depth > 0.0)
 
     law = CONTACT_LAWS["two_layer_viscoelastic"](
         stiffness=STIFFNESS, exponent=1.5, damping=damping, layer_depth=BOUNDARY, stiffness_2=bone,
@@ -221,8 +228,9 @@ def test_an_answer_that_is_known_to_be_too_deep_bounds_the_energy_by_less() -> N
 def test_running_on_an_undamped_layer_is_lost_and_found() -> None:
     # Once lost it was never found again, and 91 to 99 % of half an hour were flagged.
     run = next(run for run in long_runs() if run.drive is held_in_swing and run.rate == 200.0 and "osteo" in run.name)
-    scene = scene_of(run, 0.12, 15)
-    series = quick(knee(scene, "auto", 1e-6)).run(scene.time, scene.angle, scene.load)
+    scene = scene_of(run, 0.12, 35)
+    close = OnPlane(ellipse(160, *scene.half_axes), scene.slope)  # for which a kernel comes with the package
+    series = replace(knee(scene, "auto", 1e-6), pair=close).run(scene.time, scene.angle, scene.load)
     flagged = series.status & Status.NOT_CONVERGED != 0
     assert 0.0 < flagged.mean() < 0.01
     assert not flagged[-200:].all()

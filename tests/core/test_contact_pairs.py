@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,12 +42,18 @@ def turn(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def touching(pair: CurveContact, angle: float, x: float, depth: float) -> float:
-    """Height at which the depth is `depth` [m]: the depth falls with the height everywhere, at most as fast as it."""
-    low, high = -0.2, 0.4
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if pair.closest(angle, x, middle).depth > depth else (low, middle)
-    return high
+    """Height at which the depth is `depth` [m], to 1e-9 m: the depth falls with the height everywhere, by n_y of it."""
+    low, high, height = -0.2, 0.4, 0.03
+    for _ in range(40):
+        found = pair.closest(angle, x, height)
+        deeper = found.depth - depth
+        if abs(deeper) < 1e-9:
+            break
+        low, high = (height, high) if deeper > 0.0 else (low, height)
+        height += deeper / found.normal_y
+        if not low < height < high:
+            height = 0.5 * (low + high)
+    return height
 
 
 def plateau(points: int = 45, noise: float = 0.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -55,6 +63,7 @@ def plateau(points: int = 45, noise: float = 0.0, seed: int = 1) -> tuple[np.nda
     return x, y + np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
 
 
+@cache
 def noisy_femur(noise: float, points: int = 120, seed: int = 2) -> Profile:
     """An ellipse with radial noise [m]."""
     t = np.linspace(-np.pi - 0.9, 0.9, points)
@@ -85,6 +94,7 @@ class Sampled:
         return cls(dense, spline(inside) + spline(inside, 1) * (dense - inside), spline(inside, 1))
 
     @classmethod
+    @cache
     def circle(cls, radius: float) -> Sampled:
         t = np.linspace(-1.0, 1.0, 40001)
         return cls(radius * np.sin(t), radius * (1.0 - np.cos(t)), np.tan(t))
@@ -95,14 +105,19 @@ class Sampled:
 
     def depth(self, femur: Profile, angle: float, x: float, height: float, points_per_segment: int = 400) -> float:
         points = turn(curve(femur, points_per_segment), angle) + np.array([x, height])
-        way = np.hypot(*np.diff(points, axis=0).T).max()  # between two, the distance changes by no more than that
-        chosen = np.arange(0, len(points), 400)
-        for stride, finer in ((400, 20), (20, 1)):
-            distances = self.distances(points[chosen])
-            near = chosen[distances < distances.min() + stride * way]
-            chosen = (near[:, None] + np.arange(0, stride, finer)).ravel()
-            chosen = chosen[chosen < len(points)]
-        return -float(self.distances(points[chosen]).min())
+        return -least_along(points, self.distances)
+
+
+def least_along(points: np.ndarray, distances: Callable[[np.ndarray], np.ndarray]) -> float:
+    """The least distance of points of a curve: of every 400th, then of all that may be nearer than those."""
+    way = np.hypot(*np.diff(points, axis=0).T).max()  # between two, the distance changes by no more than that
+    chosen = np.arange(0, len(points), 400)
+    for stride, finer in itertools.pairwise((400, 80, 16, 4, 1)):
+        found = distances(points[chosen])
+        near = chosen[found < found.min() + stride * way]
+        chosen = (near[:, None] + np.arange(0, stride, finer)).ravel()
+        chosen = chosen[chosen < len(points)]
+    return float(distances(points[chosen]).min())
 
 
 CUP = TibialCircle(TIBIAL_RADIUS)
@@ -281,23 +296,26 @@ def wavy(points: int, height: float, waves: int, phase: float) -> tuple[Profile,
 
 @pytest.mark.parametrize("cup", [False, True])
 @given(
-    angle=st.floats(-3.2, 3.2), x=st.floats(-0.03, 0.03), depth=st.floats(-0.02, 0.008),
     height=st.sampled_from([0.0, 1e-6, 1e-5, 1e-4, 3e-4]), waves=st.integers(2, 12), phase=st.floats(0.0, 6.3),
+    poses=st.lists(
+        st.tuples(st.floats(-3.2, 3.2), st.floats(-0.03, 0.03), st.floats(-0.02, 0.008)), min_size=5, max_size=5
+    ),
 )  # fmt: skip
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_what_is_certain_is_what_a_search_of_all_finds(
-    cup: bool, angle: float, x: float, depth: float, height: float, waves: int, phase: float
+    cup: bool, height: float, waves: int, phase: float, poses: list[tuple[float, float, float]]
 ) -> None:
     """To rounding, of 0.1 m and of the places, which the distance does not fix, times curvatures up to 1000/m."""
     femur, measured = wavy(60, height, waves, phase)
     pair = CurveContact(femur, CUP if cup else measured)
-    above = touching(PAIRS["circle in circle"], angle, x, depth)
-    certain = certain_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
-    if certain.proven:
-        found = searched_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
-        assert certain.contact.depth == pytest.approx(found.depth, abs=LAST_BITS)
-        assert certain.contact.turning == pytest.approx(found.turning, abs=1e-11)
-        assert certain.contact.normal_x == pytest.approx(found.normal_x, abs=1e-11)
+    for angle, x, depth in poses:
+        above = touching(PAIRS["circle in circle"], angle, x, depth)
+        certain = certain_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
+        if certain.proven:
+            found = searched_contact(pair.searched.curve, pair.tibia, pose_at(angle, x), above)
+            assert certain.contact.depth == pytest.approx(found.depth, abs=LAST_BITS)
+            assert certain.contact.turning == pytest.approx(found.turning, abs=1e-11)
+            assert certain.contact.normal_x == pytest.approx(found.normal_x, abs=1e-11)
 
 
 def test_smooth_contacts_are_certain() -> None:
@@ -363,9 +381,9 @@ def test_far_away_and_deep_under_the_answer_is_finite(pair: CurveContact, height
 def test_a_wide_gap_is_the_least_distance(height: float) -> None:
     femur, points = ellipse(80), plateau()
     pair, brute = CurveContact(femur, TibialProfile(*points)), Sampled.profile(*points)
-    nearest, _ = brute.tree.query(turn(curve(femur), 0.3) + np.array([0.001, height]))
+    nearest = least_along(turn(curve(femur), 0.3) + np.array([0.001, height]), lambda some: brute.tree.query(some)[0])
     # (4 um between the samples)² x curvatures (below 200/m) / 8
-    assert pair.closest(0.3, 0.001, height).depth == pytest.approx(-float(nearest.min()), abs=5e-10)
+    assert pair.closest(0.3, 0.001, height).depth == pytest.approx(-nearest, abs=5e-10)
 
 
 DEGENERATE = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tests.helpers.scenes import RADIUS
 ANGLES = np.radians(np.linspace(-10.0, 110.0, 97))
 
 
+@cache
 def ellipse(points: int, a: float = 0.034, b: float = 0.028) -> Profile:
     """The lower part of an ellipse, from posterior over inferior to anterior."""
     t = np.linspace(-np.pi - 0.9, 0.9, points)

@@ -19,7 +19,7 @@ from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Point, Status
 from tests.core.test_geometries import ellipse
-from tests.helpers.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model
+from tests.helpers.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model, quick
 
 TICKS = np.arange(0.0, 0.4, 0.005)
 ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)
@@ -44,7 +44,7 @@ def test_independent_answers_are_met_to_the_tolerance(
     reference_data: Path, scene: str, name: str, tolerance: float
 ) -> None:
     reference = read_reference(reference_data / "reference" / f"{scene}.csv")
-    series = model(law(name), tolerance).run(reference["t"], reference["flexion_angle"], reference["load"])
+    series = quick(model(law(name), tolerance)).run(reference["t"], reference["flexion_angle"], reference["load"])
     depth = series.penetration_depth - series.gap
     error = np.abs(depth - (RADIUS - reference["femoral_height"]))
     assert error.max() <= tolerance
@@ -131,7 +131,7 @@ def test_the_knee_lifts_off_and_lands() -> None:
     assert np.all(series.penetration_depth * series.gap == 0.0)
     assert np.all(series.contact_force >= 0.0)
     # A knee thrown 5 cm off carries its speed's error along: what exceeds the tolerance is said, and covered.
-    exact = model(law("kelvin_voigt"), 1e-11).run(TICKS, ANGLE, load)
+    exact = quick(model(law("kelvin_voigt"), 1e-11)).run(TICKS, ANGLE, load)
     assert np.all(np.abs(series.femoral_height - exact.femoral_height) <= series.error_estimate + 1e-14)
     assert np.array_equal(series.status == Status.NOT_CONVERGED, series.error_estimate > 1e-6)
 
@@ -167,7 +167,7 @@ def test_a_sloped_plateau_carries_the_load_by_its_normal_force() -> None:
 
 def test_a_budget_is_kept_and_missing_it_is_said() -> None:
     rough = LOAD * np.where(np.arange(len(TICKS)) % 2, 1.0, 0.2)
-    series = model(law("two_layer_viscoelastic"), 1e-10, budget=100).run(TICKS, ANGLE, rough)
+    series = quick(model(law("two_layer_viscoelastic"), 1e-10, budget=100)).run(TICKS, ANGLE, rough)
     # One step in the making may still be finished: 15 stages with a handful of Newton corrections each.
     assert series.evaluations.max() <= 100 + 15 * 30
     missed = series.status & Status.NOT_CONVERGED != 0
@@ -176,7 +176,7 @@ def test_a_budget_is_kept_and_missing_it_is_said() -> None:
     assert np.all(missed[settled])
     # What could not be computed is answered with the static solution, and the next tick goes on from there.
     assert series.contact_force[settled] == pytest.approx(rough[settled], rel=1e-12)
-    exact = model(law("two_layer_viscoelastic"), 1e-10).run(TICKS, ANGLE, rough)
+    exact = quick(model(law("two_layer_viscoelastic"), 1e-10)).run(TICKS, ANGLE, rough)
     assert np.all(np.abs(series.penetration_depth - exact.penetration_depth)[settled] <= series.error_estimate[settled])
 
 
@@ -251,7 +251,8 @@ def test_the_largest_samples_do_not_break_the_run(
     scene = law(name, stiffness=stiffness, exponent=exponent, **damping)
     load = np.array([LARGEST_LOAD, -LARGEST_LOAD, LARGEST_LOAD, -LARGEST_LOAD, 0.0, LARGEST_LOAD])
     angle = np.array([LARGEST_ANGLE, -LARGEST_ANGLE, LARGEST_ANGLE, 0.0, -LARGEST_ANGLE, LARGEST_ANGLE])
-    series = model(scene, 1e-12, ellipse(24), mass=mass, budget=1000).run(np.arange(6) * period, angle, load)
+    knee = quick(model(scene, 1e-12, ellipse(24), mass=mass, budget=1000))
+    series = knee.run(np.arange(6) * period, angle, load)
     for field in ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate"):
         assert np.isfinite(series[field]).all(), field
 
@@ -280,7 +281,7 @@ def test_at_the_extremes_answers_are_finite_and_misses_are_said(data: st.DataObj
     angle = np.array(data.draw(st.lists(st.floats(-0.2, 1.5), min_size=ticks, max_size=ticks)))
     tolerance = power_of_ten(-10, -5)
     # The budget keeps the test short: what cannot be solved within it must be said.
-    knee = model(law(name, **changes), tolerance, ellipse(24), mass=power_of_ten(-4, 3), budget=2000)
+    knee = quick(model(law(name, **changes), tolerance, ellipse(24), mass=power_of_ten(-4, 3), budget=2000))
     series = knee.run(time, angle, load)
     for field in ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate"):
         assert np.isfinite(series[field]).all(), field

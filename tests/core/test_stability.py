@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from knee_contact_ros.compiled.layout import kind_of
 from knee_contact_ros.core.types import Status
 from studies.stability import against_reference
-from studies.stability_checks import energy_gains, judge, promises, signed_depth
+from studies.stability_checks import Outcome, energy_gains, judge, promises, signed_depth
 from studies.stability_families import DEGENERATE, LAWS, SPEED, Uniform, random_scene
 from studies.stability_scenes import Scene, arguments_of, femur, knee, run
+from tests.helpers.scenes import comes_with_the_package
 
 BUDGET = 2000
 """Keeps the tests short: what cannot be solved within it must be said."""
+
+
+def judged(scene: Scene, level: str = "dynamic") -> Outcome:
+    return judge(scene, level, quick=has_kernel(scene))
+
+
+def answers(scene: Scene, tolerance: float | None = None, budget: int = BUDGET) -> np.recarray[Any, Any]:
+    return run(scene, tolerance, budget, quick=has_kernel(scene))
+
+
+def has_kernel(scene: Scene) -> bool:
+    return comes_with_the_package(kind_of(knee(scene, scene.tolerance, BUDGET).scene))
 
 
 def uniform(data: st.DataObject) -> Uniform:
@@ -25,7 +41,7 @@ def uniform(data: st.DataObject) -> Uniform:
 @given(data=st.data())
 def test_answers_are_finite_never_pull_and_misses_are_said(data: st.DataObject) -> None:
     scene = random_scene(uniform(data))
-    assert not promises(run(scene, budget=BUDGET), scene.tolerance)
+    assert not promises(answers(scene), scene.tolerance)
 
 
 @settings(deadline=None, max_examples=40)
@@ -33,7 +49,7 @@ def test_answers_are_finite_never_pull_and_misses_are_said(data: st.DataObject) 
 def test_no_energy_is_made(data: st.DataObject) -> None:
     scene = random_scene(uniform(data), ("circle",))
     scene = scene._replace(load=(scene.load[0],) * len(scene.time))
-    assert energy_gains(scene, run(scene, budget=BUDGET)).max(initial=-np.inf) <= 1.0
+    assert energy_gains(scene, answers(scene)).max(initial=-np.inf) <= 1.0
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -42,7 +58,7 @@ def test_no_energy_is_made(data: st.DataObject) -> None:
 def test_impacts_meet_the_tolerance_or_say_so(law: str, speed: float, mass: float, load: float) -> None:
     time, held = tuple(2e-3 * i for i in range(5)), (0.3,) * 5
     scene = Scene(law, arguments_of(law, 7.9e7, 1.5, 5e3), mass, 1e-7, time, held, (load,) * 5, thrown=speed)
-    assert not judge(scene).failures
+    assert not judged(scene).failures
 
 
 @settings(deadline=None, max_examples=8)
@@ -55,7 +71,7 @@ def test_load_steps_on_a_damped_knee_meet_the_tolerance(
     arguments = arguments_of("kelvin_voigt", 10.0**stiffness, 1.5, 10.0**damping)
     time, load = tuple(10.0**tick * i for i in range(6)), (800.0, 800.0, 2e4, 2e4, 100.0, 100.0)
     scene = Scene("kelvin_voigt", arguments, 10.0**mass, 1e-7, time, (0.3,) * 6, load)
-    assert not judge(scene).failures
+    assert not judged(scene).failures
 
 
 @pytest.mark.parametrize("name", ["mri", "ellipse", *DEGENERATE])
@@ -64,7 +80,7 @@ def test_load_steps_on_a_damped_knee_meet_the_tolerance(
 def test_flexion_jumps_keep_the_promises_on_any_profile(name: str, data: st.DataObject) -> None:
     scene = random_scene(uniform(data), (name,))
     jumps = tuple(data.draw(st.lists(st.floats(-0.2, 1.6), min_size=8, max_size=8)))
-    assert not promises(run(scene._replace(angle=jumps), budget=BUDGET), scene.tolerance)
+    assert not promises(answers(scene._replace(angle=jumps)), scene.tolerance)
 
 
 @settings(deadline=None, max_examples=40)
@@ -98,14 +114,14 @@ def test_bumps_of_a_raw_profile_are_not_stepped_across(tibia: str) -> None:
     time, angle = tuple(0.01 * i for i in range(8)), tuple(0.02 * i for i in range(8))
     arguments = arguments_of("kelvin_voigt", 7.9e7, 1.5, 5e3)
     scene = Scene("kelvin_voigt", arguments, 9.3, 1e-7, time, angle, (600.0,) * 8, "raw", tibia=tibia)
-    assert not judge(scene).failures
+    assert not judged(scene).failures
 
 
 def test_a_settled_lift_off_stays_in_doubt_while_the_femur_flies() -> None:
     arguments = {"stiffness": 1e13, "exponent": 1.0, "restitution": 0.482, "least_impact_speed": 0.01}
     time, load = tuple(1e-3 * i for i in range(5)), (2500.0, 2500.0, -300.0, -300.0, -300.0)
     scene = Scene("hunt_crossley", arguments, 1e-4, 1e-7, time, (0.3,) * 5, load)
-    short, long = run(scene, budget=500), run(scene, 1e-9, budget=100_000)
+    short, long = answers(scene, budget=500), answers(scene, 1e-9, budget=100_000)
     off = np.abs(signed_depth(short) - signed_depth(long))
     assert np.all((off <= scene.tolerance) | (short.status & Status.NOT_CONVERGED != 0))
 
@@ -114,5 +130,5 @@ def test_a_settled_lift_off_stays_in_doubt_while_the_femur_flies() -> None:
 def test_the_level_that_is_picked_meets_the_tolerance_or_says_so(number: int) -> None:
     # A bumpy femur that turns within a tick; one that leaps; and an impact that the law still remembers at lift-off.
     scene = random_scene(np.random.default_rng((0, number)).uniform)
-    assert not judge(scene).failures
-    assert not judge(scene, "auto").failures
+    assert not judged(scene).failures
+    assert not judged(scene, "auto").failures

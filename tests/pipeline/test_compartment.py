@@ -33,6 +33,7 @@ from knee_contact_ros.parameters.lateral import lateral_knee
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.scenes import quick
 
 STEP = 5_000_000
 """[ns]"""
@@ -65,7 +66,14 @@ def one_by_one(pipeline: Pipeline, moment: float = 0.0) -> tuple[list[Answer], l
 
 
 def pipeline_of(values: dict[str, Any]) -> Pipeline:
-    return Pipeline(load_parameters([BOTH, values]), compiled=False)
+    return quick_pipeline([BOTH, values])
+
+
+def quick_pipeline(sources: Any) -> Pipeline:
+    """Each compartment with the kernel that comes with the package for it, if there is one."""
+    pipeline = Pipeline(load_parameters(sources), compiled=False)
+    pipeline.compile(quick)
+    return pipeline
 
 
 def without_place(rows: Rows) -> list[tuple[Any, ...]]:
@@ -90,13 +98,12 @@ def test_each_compartment_answers_as_if_it_were_alone(values: dict[str, Any]) ->
     """The medial one the same bits as with `fixed_share`; the lateral one those of its own model."""
     _, (medial, lateral) = one_by_one(pipeline_of(values | {"load.share": 0.6}))
     parameters = load_parameters([BOTH, values, {"load.share": 0.6}])
-    alone = Pipeline(load_parameters([values, {"load.share": 0.6}]), compiled=False)
-    _, (expected,) = one_by_one(alone)
+    _, (expected,) = one_by_one(quick_pipeline([values, {"load.share": 0.6}]))
     assert without_place(medial) == without_place(expected)
     own = lateral_knee(parameters)
     texts = {name: (Path(knee_contact_ros.__file__).parents[1] / "config" / file).read_text()
              for name, file in (("femur.profile", own.femur.profile),) if file}  # fmt: skip
-    stream = build_model(own, curves=texts).stream()
+    stream = quick(build_model(own, curves=texts)).stream()
     again = [stream.tick_ns(int(row["stamp"]), float(row["flexion_angle"]), float(row["load"])) for row in lateral]
     assert without_place(np.array(again, ROW)) == without_place(lateral)
 
@@ -159,13 +166,13 @@ def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
 def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_path: Path) -> None:
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
     parameters = load_parameters(["healthy", "both_compartments", {"lateral.contact.damping": 900.0}])
-    summary = solve(right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=False)
+    summary = solve(right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=True)
     assert summary.lateral is not None
     assert summary.lateral.ticks == summary.ticks == 387
     provenance = read_provenance(tmp_path / "one.mcap")
     assert provenance is not None
     assert provenance.parameters == parameters
-    solve(tmp_path / "one.mcap", provenance, tmp_path / "two.mcap", lambda _done, _total: None, compiled=False)
+    solve(tmp_path / "one.mcap", provenance, tmp_path / "two.mcap", lambda _done, _total: None, compiled=True)
     one, two = ([(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
                 for name in ("one.mcap", "two.mcap"))  # fmt: skip
     assert one == two
@@ -173,10 +180,10 @@ def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_
 
 
 def test_results_in_memory_have_the_lateral_ones(right_bag: Path) -> None:
-    results = knee_contact_ros.solve(right_bag, ["healthy", BOTH], {"load.share": 0.75}, compiled=False)
+    results = knee_contact_ros.solve(right_bag, ["healthy", BOTH], {"load.share": 0.75}, compiled=True)
     assert results.lateral is not None
     assert results.lateral.load == pytest.approx(results.load / 3.0, rel=1e-15 * 8)
-    assert knee_contact_ros.solve(right_bag, compiled=False).lateral is None
+    assert knee_contact_ros.solve(right_bag, compiled=True).lateral is None
 
 
 def test_time_that_goes_back_starts_both_anew() -> None:
