@@ -27,6 +27,7 @@ from sensor_msgs.msg import JointState
 
 from knee_contact_ros.system.ros_graph import private_graph
 from tests.helpers.messages import RosMessages, header
+from tests.helpers.processes import NO_BYTECODE
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
@@ -72,6 +73,7 @@ class NodeProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            env=os.environ | (NO_BYTECODE if largest_file != resource.RLIM_INFINITY else {}),
         )
         resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
