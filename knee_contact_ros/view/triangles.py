@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Triangles = NDArray[np.uint32]
 """Triangles as indices of their corners, shape (m, 3)"""
+Corners = tuple[int, int, int]
+"""Indices of three neighbours"""
 
 
 def triangles_of(polygon: Floats) -> Triangles:
@@ -15,11 +17,14 @@ def triangles_of(polygon: Floats) -> Triangles:
     left = list(range(len(polygon)))
     if _turn(polygon, np.roll(polygon, -1, axis=0), np.zeros(2)).sum() < 0.0:
         left.reverse()
-    triangles = []
+    triangles, in_the_way = [], dict[Corners, int]()
+    there = np.ones(len(polygon), dtype=bool)
     while len(left) > 3:
-        ear = next((i for i in range(len(left)) if _is_ear(polygon[left], i)), 0)  # none is left by rounding alone
-        triangles.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
-        del left[ear]
+        corners = [(left[i - 1], left[i], left[(i + 1) % len(left)]) for i in range(len(left))]
+        ears = (i for i, one in enumerate(corners) if _is_ear(polygon, one, there, in_the_way))
+        ear = next(ears, 0)  # none is left by rounding alone
+        triangles.append(corners[ear])
+        there[left.pop(ear)] = False
     return np.array([*triangles, left], dtype=np.uint32)
 
 
@@ -38,11 +43,21 @@ def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
     )
 
 
-def _is_ear(polygon: Floats, i: int) -> bool:
-    """Return whether corner `i` of a counterclockwise polygon can be cut off."""
-    a, b, c = polygon[i - 1], polygon[i], polygon[(i + 1) % len(polygon)]
-    if _turn(a, b, c) <= 0.0:
+def _is_ear(polygon: Floats, corners: Corners, there: NDArray[np.bool_], in_the_way: dict[Corners, int]) -> bool:
+    """Return whether the middle one of three neighbours of a counterclockwise polygon can be cut off.
+
+    `there` tells which corners are left of the polygon. `in_the_way` keeps, by neighbours, a corner that forbids it as
+    long as it is there.
+    """
+    if (found := in_the_way.get(corners)) is not None and there[found]:
         return False
-    others = np.delete(polygon, [i - 1, i, (i + 1) % len(polygon)], axis=0)
-    inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
-    return not inside.any()
+    a, b, c = polygon[list(corners)]
+    if _turn(a, b, c) <= 0.0:
+        in_the_way[corners] = corners[1]
+        return False
+    inside = (_turn(a, b, polygon) >= 0.0) & (_turn(b, c, polygon) >= 0.0) & (_turn(c, a, polygon) >= 0.0) & there
+    inside[list(corners)] = False
+    if inside.any():
+        in_the_way[corners] = int(inside.argmax())
+        return False
+    return True

@@ -204,9 +204,13 @@ def test_a_damaged_change_is_told(
     assert words in found["source_damage"]["faults"]
 
 
-def test_no_more_changes_are_made_again_than_a_node_makes(right_bag: Path, tmp_path: Path) -> None:
+def test_no_more_changes_are_made_again_than_a_node_makes(
+    right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So many are read; that one more is refused shows with fewer, too."""
     ours = ("knee_contact", provenance_record(load_parameters({}), {}))
-    for count, refused in ((MOST_CHANGES, False), (MOST_CHANGES + 1, True)):
+    for most, count, refused in ((MOST_CHANGES, MOST_CHANGES, False), (100, 100, False), (100, 101, True)):
+        monkeypatch.setattr("knee_contact_ros.bags.provenance.MOST_CHANGES", most)
         recording = recording_with(tmp_path / f"{count}.mcap", right_bag, [ours, *[("reset", {"tick": "5"})] * count])
         with pytest.raises(UsageError, match=f"{count} changes") if refused else nullcontext():
             read_provenance(recording)

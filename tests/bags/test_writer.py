@@ -207,8 +207,9 @@ def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwri
 @pytest.mark.parametrize("name", ["metadata.yaml", "metadata.yaml.partial"])
 def test_what_lies_where_metadata_is_to_be_holds_nothing_up(tmp_path: Path, plant: Any, name: str) -> None:
     plant(tmp_path / name)
-    code = f"from tests.bags.test_writer import *; write(Path({str(tmp_path / 'out.mcap')!r}), [(1, CONTACT)])"
-    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=180)
+    code = "import sys; from pathlib import Path; from knee_contact_ros.bags.writer import BagWriter"
+    command = [sys.executable, "-c", f"{code}; BagWriter(Path(sys.argv[1])).close()", tmp_path / "out.mcap"]
+    done = subprocess.run(command, check=False, timeout=180)
     assert (tmp_path / "out.mcap").exists()
     if plant is not Path.mkdir:
         assert done.returncode == 0

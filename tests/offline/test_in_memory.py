@@ -41,12 +41,14 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     arguments, asked = WAYS[way]
     assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 0
     (tmp_path / "ours").mkdir()
-    results = knee_contact_ros.solve(right_bag, output=tmp_path / "ours" / "out.mcap", **asked)
+    results = knee_contact_ros.solve(right_bag, output=tmp_path / "ours" / "out.mcap", **asked, compiled=True)
     assert isinstance(results, Results)
     assert told(results) == told(read_answers(tmp_path / "out.mcap"))
     assert (tmp_path / "ours" / "out.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
-    assert told(knee_contact_ros.solve(str(right_bag), **asked)) == told(results)
-    assert told(knee_contact_ros.solve(tmp_path / "out.mcap")) == told(results)  # by the parameters in it
+    assert told(knee_contact_ros.solve(str(right_bag), **asked, compiled=True)) == told(results)
+    assert told(knee_contact_ros.solve(tmp_path / "out.mcap", compiled=True)) == told(
+        results
+    )  # by the parameters in it
 
 
 def test_it_gives_what_the_model_gives(right_bag: Path) -> None:

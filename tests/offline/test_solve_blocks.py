@@ -69,7 +69,7 @@ def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
     """The summary, or why there is none."""
     output.unlink(missing_ok=True)
     try:
-        return solve(bag, parameters, output, silent)
+        return solve(bag, parameters, output, silent, compiled=True)
     except UsageError as error:
         return str(error)
 

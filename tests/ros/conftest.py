@@ -27,6 +27,7 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import private_graph
 from tests.helpers.messages import RosMessages, header
+from tests.helpers.processes import NO_BYTECODE
 from tests.ros.nursery import COMMAND, Forked, nursery
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
@@ -77,13 +78,14 @@ class NodeProcess:
 
         It is forked by the nursery, unless it is to inherit what that has not, or to begin `anew` for another reason.
         """
-        words = [*kind.split(), "--ros-args", *arguments]
+        words, limited = [*kind.split(), "--ros-args", *arguments], largest_file != resource.RLIM_INFINITY
         self.process: Forked | subprocess.Popen[str]
-        if anew or not nursery().is_like_us():
+        if anew or limited or not nursery().is_like_us():
             command = ["-c", WITHOUT.format(without)] if without else ["-m", COMMAND]
             self.process = subprocess.Popen(
-                [sys.executable, *command, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-            )
+                [sys.executable, *command, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                env=os.environ | (NO_BYTECODE if limited else {}),
+            )  # fmt: skip
         else:
             self.process = nursery().fork(words, without)
         resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))

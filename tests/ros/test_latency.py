@@ -14,7 +14,7 @@ import pytest
 
 from tests.helpers.processes import has_ended
 from tests.ros.conftest import own_words
-from tests.ros.test_demo import COMMAND, TIMEOUT, run
+from tests.ros.test_demo import COMMAND, TIMEOUT, Said, run, told_of_bad_input
 
 CANDIDATES = ["this node", "this node, both", "bare", "bare, single-threaded", "bare, bytes"]
 
@@ -102,13 +102,10 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
         (["--output", "file/out"], "there is no folder file"),
     ],
 )
-def test_bad_input_is_told_in_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
+def test_bad_input_is_told_in_one_line(
+    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Said
+) -> None:
     (tmp_path / "file").touch()
-    done = subprocess.run(
-        [*COMMAND, "latency", *arguments], capture_output=True, text=True, timeout=TIMEOUT, check=False, cwd=tmp_path
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert words in done.stderr
+    monkeypatch.chdir(tmp_path)
+    assert words in told_of_bad_input(["latency", *arguments], capfd)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -25,6 +25,7 @@ from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 from tests.helpers.terminals import Terminal
 from tests.ros.conftest import PATIENCE, Peer, own_words
+from tests.ros.test_demo import Said, told_of_bad_input
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
@@ -215,23 +216,18 @@ def test_a_replay_that_was_stopped_goes_on_where_it_was(ear: Ear, right_bag: Pat
         (["--remap", "joint_states:=/exo"], "has no topic /exo (sensor_msgs/msg/JointState); its topics"),
     ],
 )
-def test_what_cannot_be_played_is_told_in_one_line(arguments: list[str], words: str, start, right_bag: Path) -> None:
-    replay = start(right_bag, *arguments)
-    output, errors = replay.communicate(timeout=PATIENCE)
-    assert replay.returncode == 2
-    assert output == ""
-    assert len(own_words(errors).splitlines()) == 1
-    assert words in errors
+def test_what_cannot_be_played_is_told_in_one_line(
+    arguments: list[str], words: str, right_bag: Path, capfd: Said
+) -> None:
+    assert words in told_of_bad_input(["replay", right_bag, *arguments], capfd)
 
 
-def test_a_bag_that_has_lost_its_messages_is_told(start, gait: list[RawMessage], tmp_path: Path) -> None:
+def test_a_bag_that_has_lost_its_messages_is_told(gait: list[RawMessage], tmp_path: Path, capfd: Said) -> None:
     bag = write_rosbag2(tmp_path / "bag", gait, StoragePlugin.SQLITE3)
     (file,) = bag.glob("*.db3")
     with sqlite3.connect(file) as database:
         database.execute("DELETE FROM messages")
-    replay = start(bag)
-    _, errors = replay.communicate(timeout=PATIENCE)
-    assert replay.returncode == 2
+    errors = told_of_bad_input(["replay", bag], capfd)
     assert "no message can be read of it" in errors
     assert "387 of 387 messages are missing on /joint_states" in errors
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_address
-from pathlib import Path
 
 import psutil
 import pytest
@@ -45,49 +44,44 @@ def listeners(process: psutil.Process) -> set[str]:
     }
 
 
-def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def stand_still(place: str) -> None:
+    """Stop the viewers of an address."""
+    viewers = [
+        process
+        for process in psutil.process_iter(["name", "cmdline"])  # zombies have no command line
+        if process.info["name"] == "rerun" and place in (process.info["cmdline"] or [])
+    ]
+    assert viewers
+    for viewer in viewers:
+        viewer.send_signal(signal.SIGSTOP)
+
+
+def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: Start) -> None:
+    """One that stands still takes nothing from its socket any more; what is kept for it is bounded."""
     port = free_port()
     node = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}")
     peer.wait_for_node()
     assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
     walk(peer, 0, 400)  # nobody looks
+    (server,) = children(node)
     with rendered(address(port)) as screen:
         wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
         assert len(screen.views()) == 3 + len(DETAILS) + len(READ_OFF) + 3  # plots of a circle; plane, events, states
         assert screen.complaints() == []
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
-    walk(peer, 500, 100)  # it was killed
-    peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "600")
+        stand_still(address(port))
+        for begin in range(500, 3500, 100):
+            walk(peer, begin, 100)
+        peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3500")
+    walk(peer, 3500, 100)  # it was killed
+    peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3600")
     assert peer.diagnostics[VIEWER]["dropped"] == "0"
+    assert server.is_running()
     code, said = node.stop()
     assert code == 0
     assert f"knee-contact view {address(port)}" in said
-    assert [contact.status for contact in peer.contacts] == [0] * 600
-
-
-def test_a_viewer_that_stands_still_costs_nothing(peer: Peer, start_node: Start) -> None:
-    """It takes nothing from its socket any more; what is kept for it is bounded."""
-    port = free_port()
-    node = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}")
-    peer.wait_for_node()
-    walk(peer, 0, 50)
-    with rendered(address(port)):
-        (server,) = children(node)
-        viewers = [
-            process
-            for process in psutil.process_iter(["name", "cmdline"])  # zombies have no command line
-            if process.info["name"] == "rerun" and address(port) in (process.info["cmdline"] or [])
-        ]
-        assert viewers
-        for viewer in viewers:
-            viewer.send_signal(signal.SIGSTOP)
-        for begin in range(50, 3050, 100):
-            walk(peer, begin, 100)
-        peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3050")
-        assert peer.diagnostics[VIEWER]["dropped"] == "0"
-        assert server.is_running()
-    assert node.stop()[0] == 0
+    assert [contact.status for contact in peer.contacts] == [0] * 3600
 
 
 def test_a_strange_knee_ends_the_start(start_node: Start) -> None:

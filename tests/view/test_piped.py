@@ -16,6 +16,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.view.piped import BLOCK, PipedFile
 from tests.helpers.needs import needs_viewer
+from tests.helpers.processes import NO_BYTECODE
 
 
 def test_all_that_comes_is_in_the_file(tmp_path: Path) -> None:
@@ -56,15 +57,21 @@ def test_a_disk_that_tells_at_the_end_is_told(tmp_path: Path) -> None:
     assert told.value.filename == path
 
 
+@pytest.fixture(scope="module")
+def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "answers.mcap"
+    solve(right_bag, load_parameters({}), path, lambda *_: None)
+    return path
+
+
 @needs_viewer
 @pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
-def test_view_ends_with_one_line_when_the_disk_is_full(right_bag: Path, tmp_path: Path, size: int) -> None:
-    recording, path = tmp_path / "answers.mcap", tmp_path / "pictures" / "knee.rrd"
+def test_view_ends_with_one_line_when_the_disk_is_full(recording: Path, tmp_path: Path, size: int) -> None:
+    path = tmp_path / "pictures" / "knee.rrd"
     path.parent.mkdir()
-    solve(right_bag, load_parameters({}), recording, lambda *_: None)
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.cli.main", "view", str(recording), "--save", str(path)],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=180, check=False, env=os.environ | NO_BYTECODE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
     )  # fmt: skip
     assert done.stderr.splitlines()[-1] == f"knee-contact: {path}.partial: File too large"

@@ -39,6 +39,7 @@ from tests.helpers.answers import contact, rows_of
 from tests.helpers.messages import raw_inputs
 from tests.view.rrd import column, entities, lists, still
 
+pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
 WEIGHT = 737.068
 PLOTS = (*KNEE, *DETAILS)
 
@@ -68,6 +69,13 @@ def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, list[Answer]]:
     return drawing_of(pipeline.model, "knee", WEIGHT), answers
 
 
+@pytest.fixture(scope="module")
+def drawn(knee: tuple[KneeOutlines, list[Answer]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All of it, drawn at once."""
+    drawing, answers = knee
+    return written(tmp_path_factory.mktemp("drawn") / "knee.rrd", drawing, [rows_of(answers)])
+
+
 def at(rows: Rows, stamps: Any) -> Rows:
     """The same answers at other stamps [ns]."""
     rows = rows.copy()
@@ -75,10 +83,9 @@ def at(rows: Rows, stamps: Any) -> Rows:
     return rows
 
 
-def test_every_curve_holds_every_tick(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
-    assert [p.name for p in tmp_path.iterdir()] == ["knee.rrd"]
+def test_every_curve_holds_every_tick(knee: tuple[KneeOutlines, list[Answer]], drawn: Path) -> None:
+    (_, answers), path = knee, drawn
+    assert [p.name for p in path.parent.iterdir()] == ["knee.rrd"]
     contacts = list(rows_of(answers))
     curves = {
         plot.path: column(path, f"/knee/curves/{plot.path}", "Scalars:scalars") for plot in PLOTS if not plot.live
@@ -155,11 +162,10 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
 
-def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
+def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, list[Answer]], drawn: Path) -> None:
+    _, answers = knee
     contacts = rows_of(answers)
-    path = written(tmp_path / "knee.rrd", drawing, [contacts])
-    corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
+    corners = column(drawn, "/knee/body/overlap", "Mesh3D:vertex_positions")
     # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
     assert corners.shape == (len(answers), 3 * 2 * POINTS, 3)
     upper, lower, top, cartilage, bone, bottom = corners.reshape(len(answers), 6, POINTS, 3).transpose(1, 0, 2, 3)
@@ -175,7 +181,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, lis
     point = 1e3 * contacts["contact_point"]["x"]
     assert (upper[:, 0, 0] < point).all()
     assert (point < upper[:, -1, 0]).all()
-    told = [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")]
+    told = [text[0] for _, text in lists(drawn, "/knee/sagittal/depth", "Points2D:labels")]
     assert told == [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
 
 
@@ -212,17 +218,20 @@ SHIPPED: dict[str, list[str]] = {
 }
 
 
-@pytest.mark.parametrize("latency", [False, True])
 @pytest.mark.parametrize("name", SHIPPED)
 def test_no_plot_is_flat_and_no_legend_empty_for_any_shipped_knee(
-    config: Path, right_bag: Path, tmp_path: Path, name: str, latency: bool
+    config: Path, right_bag: Path, tmp_path: Path, name: str
 ) -> None:
-    files = SHIPPED[name]
-    pipeline = Pipeline(load_parameters([config / file for file in files]), compiled=False)
+    pipeline = Pipeline(load_parameters([config / file for file in SHIPPED[name]]), compiled=False)
     drawing = drawing_of(pipeline.model, "knee", WEIGHT)
     rows = rows_of(answered(pipeline, right_bag, 150)).copy()
     rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)
-    path = written(tmp_path / "knee.rrd", drawing, [rows], latency)
+    for latency in (False, True):
+        path = written(tmp_path / f"latency_{latency}.rrd", drawing, [rows], latency)
+        check_plots_and_legends(name, drawing, latency, path)
+
+
+def check_plots_and_legends(name: str, drawing: KneeOutlines, latency: bool, path: Path) -> None:
     with_bone, moving = "osteoarthritis" in name, "MRI" in name
     plots = plots_of(drawing, latency)
     assert [plot.path for plot in plots if plot in KNEE] == (
@@ -344,10 +353,9 @@ def test_of_the_same_load_the_largest_force_is_found_and_nothing_counts_as_more(
 
 
 def test_how_answers_are_cut_into_batches_makes_no_difference(
-    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
+    knee: tuple[KneeOutlines, list[Answer]], drawn: Path, tmp_path: Path
 ) -> None:
-    drawing, answers = knee
-    whole = written(tmp_path / "whole.rrd", drawing, [rows_of(answers)])
+    (drawing, answers), whole = knee, drawn
     cuts = [0, 1, 2, 40, 41, 200, 387]
     parts = [rows_of(answers[begin:end]) for begin, end in pairwise(cuts)]
     cut = written(tmp_path / "cut.rrd", drawing, parts)
@@ -397,10 +405,9 @@ def test_states_are_repeated_where_what_is_old_gets_lost(
     assert {state[0] for _, state in told} == {"cartilage"}
 
 
-def test_events_are_told_with_their_times(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers)])
-    told = [text[0] for _, text in lists(path, "/knee/events", "TextLog:text")]
+def test_events_are_told_with_their_times(knee: tuple[KneeOutlines, list[Answer]], drawn: Path) -> None:
+    _, answers = knee
+    told = [text[0] for _, text in lists(drawn, "/knee/events", "TextLog:text")]
     assert "2.015 s  load peak 1.81 BW (1337.7 N)" in told
     assert "2.430 s  load peak 2.19 BW (1613.8 N)" in told
     assert "1.955 s  bone contact begins" in told
