@@ -7,6 +7,7 @@ import lzma
 import platform
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,21 @@ from scripts.make_kernels import SOURCES
 TIME = np.arange(0.0, 1.0, 0.005)
 SERIES = (TIME, 0.5 + 0.4 * np.sin(7.0 * TIME), 600.0 + 900.0 * np.sin(13.0 * TIME))  # lifts off, too
 FILES = shipped_parameter_files()
-KINDS = {kind_of(load_model(source, compiled=False).scene): source for source in SOURCES}
+KERNELS = sorted(path.name for path in shipped.FOLDER.glob(f"*{shipped.SUFFIX}"))
+one_process = pytest.mark.xdist_group("shipped")
+"""Of tests that share what they load"""
+
+
+@cache
+def knees() -> dict[str, tuple[Any, KneeModel]]:
+    """Parameters of all knees that kernels are shipped for, and their plain models, by the parameters as text."""
+    return {str(source): (source, load_model(source, compiled=False)) for source in SOURCES}
+
+
+@cache
+def by_kernel() -> dict[str, tuple[Any, KneeModel]]:
+    """One of these knees for every kernel, by the name of that."""
+    return {file.name: knee for knee in knees().values() if (file := shipped.file_of(kind_of(knee[1].scene)))}
 
 
 def compiled(source: Any) -> KneeModel:
@@ -42,9 +57,10 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@one_process
 @pytest.mark.parametrize("source", SOURCES, ids=str)
 def test_every_law_and_shipped_knee_has_a_kernel_of_this_model(source: Any) -> None:
-    file = shipped.file_of(kind_of(load_model(source, compiled=False).scene))
+    file = shipped.file_of(kind_of(knees()[str(source)][1].scene))
     assert file is not None
     assert file.is_file(), "the model has changed: `python -m scripts.make_kernels`"
 
@@ -53,11 +69,12 @@ def test_no_kernel_of_another_model_is_left() -> None:
     assert [path.name for path in shipped.FOLDER.iterdir() if model_meaning() not in path.name] == []
 
 
-@pytest.mark.parametrize("source", KINDS.values(), ids=str)
-def test_it_gives_the_bits_of_the_plain_model(source: Any, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@one_process
+@pytest.mark.parametrize("name", KERNELS)
+def test_it_gives_the_bits_of_the_plain_model(name: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(kernel, "_compiled")
+    source, knee = by_kernel()[name]
     series = [column[: 40 if "mri_knee" in str(source) else None] for column in SERIES]
-    knee = load_model(source, compiled=False)
     answers = compiled(source).run(*series)
     assert answers.tobytes() == knee.run(*series).tobytes()
     assert len(list(empty_cache.rglob("*.kernel"))) == 1
