@@ -15,6 +15,7 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.view.anatomy import DRAWN_THICKNESS, SURFACE_POINTS, Picture, anatomy_of, picture_of
+from knee_contact_ros.view.triangles import triangles_of
 
 DEPTH = 0.7e-3
 KNEES: dict[str, list[Any]] = {
@@ -86,6 +87,16 @@ def test_polygons_are_simple_and_on_their_sides(config: Path, name: str, angle: 
     assert Outline(picture.femur_cartilage).contains_point(point - (DEPTH - inside) * normal)
     overlap = picture.overlap.mean(axis=0)
     assert Outline(np.concatenate([picture.overlap, picture.overlap[:1]])).contains_point(overlap)
+
+
+@pytest.mark.parametrize("name", KNEES)
+def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
+    picture = pressed(model_of(config, name), 0.3)
+    for polygon in (picture.femur_bone, picture.tibia_bone[::-1]):
+        triangles = triangles_of(polygon)
+        assert len(triangles) == len(polygon) - 2
+        # As much as the polygon, to rounding: none lies over another, or outside.
+        assert sum(area(polygon[corners]) for corners in triangles) == pytest.approx(area(polygon), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", KNEES)
