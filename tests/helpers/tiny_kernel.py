@@ -72,7 +72,7 @@ def use_in_turn(home: Path, value: Any) -> Outcome:
 
 
 def _use(home: Path, value: Any, largest_file: int = UNLIMITED, **environment: str) -> Outcome:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, UNLIMITED))
+    limit_files(largest_file)
     os.environ.update(environment)
     return alone(home, twice, value)
 
@@ -80,8 +80,14 @@ def _use(home: Path, value: Any, largest_file: int = UNLIMITED, **environment: s
 def _use_all(
     home: Path, values: Sequence[Any], announce: Announce = nullcontext, largest_file: int = UNLIMITED
 ) -> Outcome:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, UNLIMITED))
+    limit_files(largest_file)
     return alone(home, twice, *values, announce=announce)
+
+
+def limit_files(largest: int) -> None:
+    """Let no file that is written grow beyond a size [B]; bytecode of modules would be cut off, so none is written."""
+    sys.dont_write_bytecode = largest != UNLIMITED
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, UNLIMITED))
 
 
 def alone(home: Path, function: Any, *values: Any, announce: Announce | None = None) -> Outcome:
