@@ -180,6 +180,7 @@ def main() -> None:
     """Be the nursery, and then what it has forked."""
     for module in IMPORTED:
         import_module(module)
+    assert "rclpy" not in sys.modules, "its tracing starts threads, which a fork loses"
     gc.freeze()  # what is shared with those that are forked stays so: their garbage collections do not touch it
     birth = serve(Connection(int(sys.argv[1])))
     if birth:
