@@ -21,6 +21,8 @@ from tests.helpers.sinks import Started
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
+LONG = {"packaging", "studies", "calibration"}
+"""Folders with tests of half a minute"""
 REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
@@ -32,6 +34,12 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "xdist_group(name): tests that one process runs, in turn")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the rooms whose tests take longest, so that at the end no worker waits for another one's."""
+    items.sort(key=lambda item: LONG.isdisjoint(item.path.relative_to(ROOT).parts))
 
 
 @pytest.fixture(scope="session")
