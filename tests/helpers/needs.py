@@ -28,3 +28,5 @@ TRIALS = ROOT.parent / "shared" / "data" / "instrumented_knee"
 """Two walking trials of a knee with an instrumented implant; not ours to pass on"""
 needs_trials = pytest.mark.skipif(not TRIALS.is_dir(), reason="needs the measured trials")
 needs_viewer = pytest.mark.skipif(not HAS_VIEWER, reason="needs the extra viewer")
+needs_opensim = pytest.mark.skipif(find_spec("opensim") is None, reason="needs the extra opensim")
+"""OpenSim is not imported here: that sets LD_LIBRARY_PATH to PATH, and no ROS process could be started by the tests"""

@@ -17,11 +17,12 @@ from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.tools.opensim import opensim_step
 from knee_contact_ros.tools.opensim.opensim_process import run_python
 from knee_contact_ros.tools.opensim.opensim_setups import Setup, dynamics_setup, read_setup
+from tests.helpers.needs import needs_opensim
 from tests.offline.test_solve import silent
 from tests.tools.opensim.test_leg import TOPICS
 from tests.tools.opensim.test_opensim_pipeline import command
 
-pytest.importorskip("opensim", reason="needs the extra opensim")
+pytestmark = needs_opensim
 
 KINEMATICS, REACTIONS = "reference_CMC_Kinematics_q.sto", "reference_JointReaction_ReactionLoads.sto"
 LOADS = "subject01_walk1_grf.xml"

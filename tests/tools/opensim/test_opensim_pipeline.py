@@ -16,9 +16,10 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.tools.opensim.opensim_results import Files, Settings, read_knee
 from knee_contact_ros.tools.opensim.opensim_setups import find_setups
+from tests.helpers.needs import needs_opensim
 from tests.tools.opensim.test_import_opensim import origin
 
-pytest.importorskip("opensim", reason="needs the extra opensim")
+pytestmark = needs_opensim
 
 BODY_WEIGHT = 711.96
 """[N] of the scaled subject"""
