@@ -45,18 +45,13 @@ class Contact(NamedTuple):
     force: Force
 
 
-def power(depth: Floats, exponent: float) -> Floats:
-    """Power of the depths that are > 0, of others 0; the usual one in a tenth of the time."""
-    pressed = np.maximum(depth, 0.0)
-    return pressed * np.sqrt(pressed) if exponent == 1.5 else pressed**exponent
-
-
 def one_layer(damping: float, exponent: float = 1.5) -> Contact:
     """A spring and a dashpot; the spring is as stiff at 0.1 mm, whatever its exponent."""
     stiffness = STIFFNESS * 1e-4 ** (1.5 - exponent)
 
     def force(depth: Floats, rate: Floats) -> Floats:
-        return np.maximum(stiffness * power(depth, exponent) + damping * rate, 0.0) * (depth > 0.0)
+        pressing = stiffness * np.maximum(depth, 0.0) ** exponent + damping * rate
+        return np.where(depth > 0.0, np.maximum(pressing, 0.0), 0.0)
 
     law = CONTACT_LAWS["kelvin_voigt"](stiffness=stiffness, exponent=exponent, damping=damping)
     return Contact(law, force)
@@ -67,9 +62,9 @@ def two_layers(damping: float, *, damped_first: bool = False, bone: float = BONE
     begin = STIFFNESS * BOUNDARY**1.5
 
     def force(depth: Floats, rate: Floats) -> Floats:
-        first = STIFFNESS * power(depth, 1.5) + (damping * rate if damped_first else 0.0)
-        second = begin + bone * power(depth - BOUNDARY, 1.5) + damping * rate
-        return np.maximum(np.where(depth < BOUNDARY, first, second), 0.0) * (depth > 0.0)
+        first = STIFFNESS * np.maximum(depth, 0.0) ** 1.5 + (damping * rate if damped_first else 0.0)
+        second = begin + bone * np.maximum(depth - BOUNDARY, 0.0) ** 1.5 + damping * rate
+        return np.where(depth > 0.0, np.maximum(np.where(depth < BOUNDARY, first, second), 0.0), 0.0)
 
     law = CONTACT_LAWS["two_layer_viscoelastic"](
         stiffness=STIFFNESS, exponent=1.5, damping=damping, layer_depth=BOUNDARY, stiffness_2=bone,
