@@ -23,6 +23,8 @@ settings.load_profile("no timed tests")
 
 LONG = {"packaging", "studies", "calibration"}
 """Folders with tests of half a minute"""
+LONGEST_NAME = 60
+"""Largest length of a text, or of bytes, by which a case is named"""
 REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
@@ -34,6 +36,11 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "xdist_group(name): tests that one process runs, in turn")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Name a case after the beginning of a long text: workers send each other the names of all."""
+    return ascii(val[:LONGEST_NAME]) if isinstance(val, str | bytes) and len(val) > LONGEST_NAME else None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from knee_contact_ros.pipeline.samples import angle_sample, joint_state_of, load
 from knee_contact_ros.system.resources import share_folder
 
 
+@cache
 def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return time [s], flexion angle [rad] and half the axial load [N] of a bundled bag.
 
@@ -21,7 +24,7 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
         side: `right` or `left`.
 
     Returns:
-        Three arrays of shape (n,).
+        Three arrays of shape (n,), which cannot be written: all callers share them.
     """
     angles, loads = {}, {}
     with BagReader(share_folder() / "bags" / f"gait2354_{side}") as reader:
@@ -34,4 +37,7 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
                 loads[load.stamp] = 0.5 * load.axial
     stamps = sorted(loads)
     time = np.array(stamps, dtype=np.float64) * 1e-9
-    return time, np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])
+    angle, load = np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])
+    for column in (time, angle, load):
+        column.flags.writeable = False
+    return time, angle, load
