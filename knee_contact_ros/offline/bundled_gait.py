@@ -37,7 +37,7 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
                 loads[load.stamp] = 0.5 * load.axial
     stamps = sorted(loads)
     time = np.array(stamps, dtype=np.float64) * 1e-9
-    angle, load = np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])
-    for column in (time, angle, load):
+    columns = time, np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])
+    for column in columns:
         column.flags.writeable = False
-    return time, angle, load
+    return columns

@@ -15,7 +15,7 @@ from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.mechanisms import Hinge, Mechanism, Table
 from knee_contact_ros.core.model import KneeModel
 from studies.gait import gait
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import MASS, RADIUS, law, model, quick
 
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]

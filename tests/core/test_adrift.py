@@ -31,7 +31,7 @@ from knee_contact_ros.core.error_estimate import CarriedError
 from knee_contact_ros.core.types import Status
 from studies.honesty.ours import knee
 from studies.long_runs import held_in_swing, long_runs, scene_of
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]

@@ -23,7 +23,7 @@ from knee_contact_ros.core.kernel_source import METHODS
 from knee_contact_ros.core.mechanisms import Hinge, Mechanism, ParallelMechanism, Table
 from studies.accuracy import Forwards
 from studies.ellipse import Ellipse
-from tests.core.test_contact_pairs import noisy_femur, plateau
+from tests.core.surfaces import noisy_femur, plateau
 from tests.helpers.scenes import RADIUS
 
 POSES = 300

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
-from scipy.spatial import cKDTree
 
 from knee_contact_ros.core.contact_pairs.base import Closest, pose_at
 from knee_contact_ros.core.contact_pairs.certain import certain_contact
@@ -21,10 +18,10 @@ from knee_contact_ros.core.contact_pairs.profile_search import deepest_of, searc
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile
 from knee_contact_ros.core.geometries import Circle, Profile
-from tests.core.test_geometries import ellipse
+from tests.core.sampled import Sampled, curve, least_along, turn
+from tests.core.surfaces import CUP, DEGENERATE, PLATEAU, TIBIAL_RADIUS, ellipse, noisy_femur, plateau, wavy
 from tests.helpers.scenes import RADIUS
 
-TIBIAL_RADIUS = 0.095
 LAST_BITS = 1e-15
 """A few rounding errors of lengths below 0.2 m, in m"""
 SAMPLING = 3e-9
@@ -33,12 +30,6 @@ SAMPLING = 3e-9
 angles = st.floats(-0.5, 2.2)
 offsets = st.floats(-0.008, 0.008)
 depths = st.floats(-0.01, 0.003)
-
-
-def turn(points: np.ndarray, angle: float) -> np.ndarray:
-    """Points (n, 2) of the femur in the directions of the tibia."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return points @ np.array([[cosine, sine], [-sine, cosine]])
 
 
 def touching(pair: CurveContact, angle: float, x: float, depth: float) -> float:
@@ -56,72 +47,6 @@ def touching(pair: CurveContact, angle: float, x: float, depth: float) -> float:
     return height
 
 
-def plateau(points: int = 45, noise: float = 0.0, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """A cup of radius 45 mm in the middle that rolls off at both edges, like a measured one."""
-    x = np.linspace(-0.022, 0.022, points)
-    y = 0.5 * x * x / 0.045 - 0.004 * (x / 0.022) ** 6 + 0.1 * x
-    return x, y + np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
-
-
-@cache
-def noisy_femur(noise: float, points: int = 120, seed: int = 2) -> Profile:
-    """An ellipse with radial noise [m]."""
-    t = np.linspace(-np.pi - 0.9, 0.9, points)
-    radial = np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
-    return Profile((0.034 + radial) * np.cos(t), (0.028 + radial) * np.sin(t))
-
-
-def curve(femur: Profile, points_per_segment: int = 400) -> np.ndarray:
-    """Many points of a femoral profile and its last one, which its outline leaves out."""
-    last = femur.curve.cubics[-1]
-    end = [[np.polyval(axis[::-1], last[0]) for axis in (last[2:6], last[6:])]]
-    return np.concatenate([femur.outline(points_per_segment), end])
-
-
-class Sampled:
-    """A tibial surface by many points and their normals; depths by the nearest of them."""
-
-    def __init__(self, x: np.ndarray, y: np.ndarray, slope: np.ndarray) -> None:
-        self.points = np.stack([x, y], axis=1)
-        self.normals = np.stack([-slope, np.ones_like(slope)], axis=1) / np.hypot(1.0, slope)[:, None]
-        self.tree = cKDTree(self.points)
-
-    @classmethod
-    def profile(cls, x: np.ndarray, y: np.ndarray, reach: float = 0.09, points: int = 40001) -> Sampled:
-        spline = CubicSpline(x, y)
-        dense = np.linspace(-reach, reach, points)
-        inside = np.clip(dense, x[0], x[-1])
-        return cls(dense, spline(inside) + spline(inside, 1) * (dense - inside), spline(inside, 1))
-
-    @classmethod
-    @cache
-    def circle(cls, radius: float) -> Sampled:
-        t = np.linspace(-1.0, 1.0, 40001)
-        return cls(radius * np.sin(t), radius * (1.0 - np.cos(t)), np.tan(t))
-
-    def distances(self, points: np.ndarray) -> np.ndarray:
-        _, nearest = self.tree.query(points)
-        return np.sum((points - self.points[nearest]) * self.normals[nearest], axis=1)
-
-    def depth(self, femur: Profile, angle: float, x: float, height: float, points_per_segment: int = 400) -> float:
-        points = turn(curve(femur, points_per_segment), angle) + np.array([x, height])
-        return -least_along(points, self.distances)
-
-
-def least_along(points: np.ndarray, distances: Callable[[np.ndarray], np.ndarray]) -> float:
-    """The least distance of points of a curve: of every 400th, then of all that may be nearer than those."""
-    way = np.hypot(*np.diff(points, axis=0).T).max()  # between two, the distance changes by no more than that
-    chosen = np.arange(0, len(points), 400)
-    for stride, finer in itertools.pairwise((400, 80, 16, 4, 1)):
-        found = distances(points[chosen])
-        near = chosen[found < found.min() + stride * way]
-        chosen = (near[:, None] + np.arange(0, stride, finer)).ravel()
-        chosen = chosen[chosen < len(points)]
-    return float(distances(points[chosen]).min())
-
-
-CUP = TibialCircle(TIBIAL_RADIUS)
-PLATEAU = TibialProfile(*plateau())
 PAIRS = {
     "circle in circle": CurveContact(Circle(RADIUS), CUP),
     "circle on profile": CurveContact(Circle(RADIUS), PLATEAU),
@@ -283,17 +208,6 @@ def test_the_listed_segments_hold_the_deepest_point() -> None:
             assert found.depth == deepest_of(every, curve, CUP, pose_at(angle, x), height).depth
 
 
-def wavy(points: int, height: float, waves: int, phase: float) -> tuple[Profile, TibialProfile]:
-    """A femur and a plateau with waves [m], which are dents where they are high."""
-    t = np.linspace(-np.pi - 0.9, 0.9, points)
-    wave = height * np.cos(waves * t + phase)
-    x, y = plateau(points)
-    return (
-        Profile((0.034 + wave) * np.cos(t), (0.028 + wave) * np.sin(t)),
-        TibialProfile(x, y + 0.3 * height * np.cos(40.0 * waves * x - phase)),
-    )
-
-
 @pytest.mark.parametrize("cup", [False, True])
 @given(
     height=st.sampled_from([0.0, 1e-6, 1e-5, 1e-4, 3e-4]), waves=st.integers(2, 12), phase=st.floats(0.0, 6.3),
@@ -384,14 +298,6 @@ def test_a_wide_gap_is_the_least_distance(height: float) -> None:
     nearest = least_along(turn(curve(femur), 0.3) + np.array([0.001, height]), lambda some: brute.tree.query(some)[0])
     # (4 um between the samples)² x curvatures (below 200/m) / 8
     assert pair.closest(0.3, 0.001, height).depth == pytest.approx(-nearest, abs=5e-10)
-
-
-DEGENERATE = {
-    "straight": (np.linspace(-0.02, 0.02, 9), np.full(9, -0.03)),
-    "four": ([-0.02, -0.01, 0.01, 0.02], [-0.02, -0.03, -0.03, -0.02]),
-    "repeated": (np.repeat([-0.02, -0.01, 0.01, 0.02], 3), np.repeat([-0.02, -0.03, -0.03, -0.02], 3)),
-    "zigzag": (np.linspace(-0.02, 0.02, 41), -0.03 + 0.001 * (-1.0) ** np.arange(41)),
-}
 
 
 @pytest.mark.parametrize("femur", DEGENERATE.values(), ids=DEGENERATE)

@@ -14,7 +14,7 @@ from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.mechanisms import Table
 from knee_contact_ros.core.types import ContactState, Fidelity, Status
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import DAMPING, LAYER_DEPTH, RADIUS, STIFFNESS, law, model
 
 TIME = np.arange(0.0, 0.1, 0.001)

@@ -42,7 +42,7 @@ from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.scene import RunState, Scene, TickResult
 from knee_contact_ros.core.stepping import orders
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS, law, moving
 
 MASS = 2.0

@@ -27,7 +27,7 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import Scene
 from studies.ellipse import Ellipse
-from tests.core.test_contact_pairs import PLATEAU, noisy_femur
+from tests.core.surfaces import PLATEAU, noisy_femur
 from tests.helpers.scenes import RADIUS, moving
 
 REGIONS = ContactModes(CONTACT_LAWS["kelvin_voigt"](stiffness=7.9e7, exponent=1.5, damping=5000.0), allow_tension=False)

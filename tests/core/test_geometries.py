@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from functools import cache
 
 import numpy as np
 import pytest
@@ -12,16 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.geometries import Circle, Profile
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS
 
 ANGLES = np.radians(np.linspace(-10.0, 110.0, 97))
-
-
-@cache
-def ellipse(points: int, a: float = 0.034, b: float = 0.028) -> Profile:
-    """The lower part of an ellipse, from posterior over inferior to anterior."""
-    t = np.linspace(-np.pi - 0.9, 0.9, points)
-    return Profile(a * np.cos(t), b * np.sin(t))
 
 
 def densest(outline: np.ndarray, angle: float) -> float:

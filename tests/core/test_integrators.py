@@ -23,7 +23,7 @@ from knee_contact_ros.core.integrators.tableaus import ESDIRK4, FEHLBERG
 from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.prescribed import Interval
 from knee_contact_ros.core.statics import NO_LIMIT
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS, law
 
 MASS, SPRING, DASHPOT = 2.0, 4e6, 2e3

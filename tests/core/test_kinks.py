@@ -13,7 +13,7 @@ from knee_contact_ros.core.contact_pairs import OnPlane
 from knee_contact_ros.core.geometries import Circle, Profile
 from knee_contact_ros.core.mechanisms import Hinge
 from knee_contact_ros.core.prescribed import KINK_WIDTH, Interval, stretch_from
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS
 
 BUMP = 0.01

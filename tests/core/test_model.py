@@ -18,7 +18,7 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw, Layer, LayerForm
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.core.types import Contact, ContactState, Fidelity, Point, Status
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import DAMPING, LAW_ARGUMENTS, MASS, RADIUS, STIFFNESS, law, model, quick
 
 TICKS = np.arange(0.0, 0.4, 0.005)

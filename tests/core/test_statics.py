@@ -20,7 +20,7 @@ from knee_contact_ros.core.statics import (
     static_contact,
     static_depth,
 )
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import BODY_WEIGHT, RADIUS, law
 
 FIRST_PEAK, SECOND_PEAK = 1.81 * BODY_WEIGHT, 2.19 * BODY_WEIGHT

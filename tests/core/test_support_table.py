@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.core.geometries import Profile
 from knee_contact_ros.core.geometries.profile import lowest_point
 from knee_contact_ros.core.geometries.support_table import CELLS, tabulated
-from tests.core.test_contact_pairs import DEGENERATE, noisy_femur, wavy
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import DEGENERATE, ellipse, noisy_femur, wavy
 
 ROUNDING = 1e-16
 """Several rounding errors of lengths below 0.05 m, in m"""

@@ -18,7 +18,7 @@ from knee_contact_ros.core.mechanisms.hinge import Hinge
 from knee_contact_ros.core.mechanisms.table import Table
 from knee_contact_ros.core.ticks import is_exact_enough
 from knee_contact_ros.core.types import FLAT, MESSAGE, ROW, WRENCH, Status
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS, law
 from tests.helpers.scenes import model as knee
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.core.contact_pairs.femoral_curve import femoral_curve
 from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile, height_at
 from knee_contact_ros.core.geometries import Profile
-from tests.core.test_contact_pairs import plateau, wavy
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse, plateau, wavy
 
 FINE = 12
 """Places on each segment or piece"""

@@ -22,7 +22,7 @@ from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from tests.core.test_geometries import ellipse
+from tests.core.surfaces import ellipse
 from tests.helpers.scenes import RADIUS, law, model
 from tests.offline.test_solve import make_bag, silent
 
