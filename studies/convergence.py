@@ -96,7 +96,7 @@ class Across(NamedTuple):
 
 
 METHODS = {"implicit": math.inf, "explicit": 0.0}
-"""Methods by the swiftness [1/s] of the contact above which a step takes the implicit one"""
+"""Methods by the spectral radius [1/s] of the contact above which a step takes the implicit one"""
 
 
 def cases() -> list[Case]:

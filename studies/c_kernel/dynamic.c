@@ -26,10 +26,10 @@ typedef struct { double duration, load, load_rate; } Interval;
 typedef struct { double height, velocity; } State; /* or its error */
 typedef struct { double value, stiffness, damping; } Force;
 typedef struct { double depth, rate, force, stiffness; } Stage;
-typedef struct { int layer; bool pressing; } Region;
-typedef struct { Region region; Force force; } Entry;
+typedef struct { int layer; bool pressing; } ContactMode;
+typedef struct { ContactMode mode; Force force; } Entry;
 typedef struct { int boundary; double fraction; } Crossing;
-typedef struct { const Scene *scene; const Interval *interval; Region region; int known; } Motion;
+typedef struct { const Scene *scene; const Interval *interval; ContactMode mode; int known; } Motion;
 typedef struct {
     State state, error;
     Stage begin, end;
@@ -38,16 +38,16 @@ typedef struct {
     int evaluations;
     bool solved;
 } Step;
-typedef struct { State state, error; double try_step, depth; bool touching; } Progress;
-typedef struct { Progress progress; double depth, error_estimate; int evaluations; bool quiet; } Advance;
+typedef struct { State state, error; double try_step, depth; bool touching; } RunState;
+typedef struct { RunState run_state; double depth, error_estimate; int evaluations; bool smooth; } TickResult;
 typedef struct {
     double s;
     State state, error;
-    double try_step, swiftness;
+    double try_step, spectral_radius;
     bool touching;
     double error_at_events;
     int evaluations;
-} Going;
+} StepperState;
 
 static const Crossing INSIDE = {NOWHERE, 1.0};
 
@@ -70,7 +70,7 @@ INLINE Force force_at(const Layer *layer, double depth, double rate) {
 }
 
 INLINE Force force_on(const Motion *motion, double depth, double rate) {
-    return force_at(&motion->scene->layers[motion->region.layer], depth, rate);
+    return force_at(&motion->scene->layers[motion->mode.layer], depth, rate);
 }
 
 INLINE double force_rounding(double load) { return FORCE_ROUNDING * larger(1.0, fabs(load)); }
@@ -93,10 +93,10 @@ static Entry enter(const Scene *scene, double depth, double rate, double load) {
     return enter_layer(scene, layer, depth, rate, load);
 }
 
-INLINE double margin(const Scene *scene, Region region, int boundary, double depth, double force) {
-    if (boundary == ABOVE && region.layer >= 0) return depth - scene->layers[region.layer].begin;
-    if (boundary == FORCE && region.layer >= 0) return region.pressing ? force : -force;
-    if (boundary == BELOW && region.layer + 1 < scene->count) return scene->layers[region.layer + 1].begin - depth;
+INLINE double event_function(const Scene *scene, ContactMode mode, int boundary, double depth, double force) {
+    if (boundary == ABOVE && mode.layer >= 0) return depth - scene->layers[mode.layer].begin;
+    if (boundary == FORCE && mode.layer >= 0) return mode.pressing ? force : -force;
+    if (boundary == BELOW && mode.layer + 1 < scene->count) return scene->layers[mode.layer + 1].begin - depth;
     return INFINITY;
 }
 
@@ -109,7 +109,7 @@ INLINE Crossing earlier(Crossing found, const Motion *motion, const Stage *stage
     double load = load_at(motion->interval, s);
     for (int boundary = ABOVE; boundary <= BELOW; boundary++) {
         if (fraction == 1.0 && boundary == motion->known) continue;
-        if (margin(motion->scene, motion->region, boundary, stage->depth, stage->force) < -rounding(boundary, load))
+        if (event_function(motion->scene, motion->mode, boundary, stage->depth, stage->force) < -rounding(boundary, load))
             return (Crossing){boundary, fraction};
     }
     return found;
@@ -140,7 +140,7 @@ static double decay_rate(double stiffness, double damping, double mass) {
     return discriminant <= 0.0 ? half_rate : stiffness / mass / (half_rate + sqrt(discriminant));
 }
 
-static double swiftness(double stiffness, double damping, double mass) {
+static double spectral_radius(double stiffness, double damping, double mass) {
     double half_rate = 0.5 * damping / mass, discriminant = half_rate * half_rate - stiffness / mass;
     return discriminant <= 0.0 ? sqrt(stiffness / mass) : half_rate + sqrt(discriminant);
 }
@@ -242,7 +242,7 @@ INLINE Stride fehlberg_stride(const Motion *motion, double s, State state, doubl
     State to = {y + h * (B1 * v + B3 * v3 + B4 * v4) + h * B5 * v5, v + h * (B1 * a + B3 * a3 + B4 * a4) + h * B5 * a5};
     Slope end = slope_at(motion, s + h, to.height, to.velocity);
     double from_depth = one->stage.depth, to_depth = end.stage.depth;
-    double layer_begin = motion->scene->layers[motion->region.layer].begin;
+    double layer_begin = motion->scene->layers[motion->mode.layer].begin;
     bool begins_layer = fabs(to_depth - from_depth) >= smaller(from_depth, to_depth) - layer_begin;
     double estimate = begins_layer ? h * SINGULAR : h;
     State error = {
@@ -391,7 +391,7 @@ static double launch_rounding(State begin, State end) { return 2e-12 * fabs(end.
 static Stage in_flight(const Motion *motion, double s, State state, double t) {
     State there = flight(motion, s, state, t);
     double depth = depth_at(motion->scene, there.height), rate = -motion->scene->cosine * there.velocity;
-    double force = motion->region.layer >= 0 ? force_on(motion, depth, rate).value : 0.0;
+    double force = motion->mode.layer >= 0 ? force_on(motion, depth, rate).value : 0.0;
     return (Stage){depth, rate, force, 0.0};
 }
 
@@ -434,47 +434,47 @@ static Step free_flight_step(const Motion *motion, double s, State state, double
         before = stage;
     }
     State end = flight(motion, s, state, h), error = {launch_rounding(state, end), 0.0};
-    return (Step){end, error, begin, before, crossing, 0.0, 0.0, motion->region.layer >= 0 ? looks : 0, true};
+    return (Step){end, error, begin, before, crossing, 0.0, 0.0, motion->mode.layer >= 0 ? looks : 0, true};
 }
 
 /* Steps with error control, which end on boundaries */
 
 static Step attempt(
-    const Scene *scene, const Interval *interval, Going *going, Region region, double h, int known
+    const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, double h, int known
 ) {
-    Motion motion = {scene, interval, region, known};
+    Motion motion = {scene, interval, mode, known};
     Step step;
-    if (!region.pressing) step = free_flight_step(&motion, going->s, going->state, h);
-    else if (going->swiftness * h <= EXPLICIT) step = fehlberg_step(&motion, going->s, going->state, h);
-    else step = doubled_step(&motion, going->s, going->state, h, NEWTON_SHARE * scene->tolerance);
-    going->evaluations += step.evaluations;
+    if (!mode.pressing) step = free_flight_step(&motion, stepper->s, stepper->state, h);
+    else if (stepper->spectral_radius * h <= EXPLICIT) step = fehlberg_step(&motion, stepper->s, stepper->state, h);
+    else step = doubled_step(&motion, stepper->s, stepper->state, h, NEWTON_SHARE * scene->tolerance);
+    stepper->evaluations += step.evaluations;
     return step;
 }
 
 static double error_ratio(
-    const Scene *scene, const Interval *interval, const Going *going, const Step *step, double h
+    const Scene *scene, const Interval *interval, const StepperState *stepper, const Step *step, double h
 ) {
     if (!step->solved) return INFINITY;
     double ratio = local_ratio(
         scene, step->state, step->error, step->begin.force, step->end.force, step->stiffness, step->damping, h
     );
-    State lost = {0.0, lost_swing(step, interval, going->s, scene->mass, h)};
+    State lost = {0.0, lost_swing(step, interval, stepper->s, scene->mass, h)};
     ratio += depth_error(lost, step->stiffness, step->damping, scene->mass) / (LOCAL_SHARE * scene->tolerance);
     return ratio < INFINITY ? ratio : INFINITY;
 }
 
-static Step controlled_step(const Scene *scene, const Interval *interval, Going *going, Region region, double *taken) {
-    double remaining = interval->duration - going->s;
-    double h = region.pressing ? smaller(going->try_step, remaining) : remaining;
-    if (EXPLICIT < going->swiftness * h && going->swiftness * remaining <= MOST_EXPLICIT * EXPLICIT && region.pressing)
-        h = remaining / ceil(going->swiftness * remaining / EXPLICIT);
+static Step controlled_step(const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, double *taken) {
+    double remaining = interval->duration - stepper->s;
+    double h = mode.pressing ? smaller(stepper->try_step, remaining) : remaining;
+    if (EXPLICIT < stepper->spectral_radius * h && stepper->spectral_radius * remaining <= MOST_EXPLICIT * EXPLICIT && mode.pressing)
+        h = remaining / ceil(stepper->spectral_radius * remaining / EXPLICIT);
     for (;;) {
-        Step step = attempt(scene, interval, going, region, h, NOWHERE);
+        Step step = attempt(scene, interval, stepper, mode, h, NOWHERE);
         *taken = h;
-        if (!region.pressing) return step;
-        double ratio = error_ratio(scene, interval, going, &step, h), factor = 0.9 / sqrt(sqrt(larger(ratio, 1e-4)));
+        if (!mode.pressing) return step;
+        double ratio = error_ratio(scene, interval, stepper, &step, h), factor = 0.9 / sqrt(sqrt(larger(ratio, 1e-4)));
         if (ratio <= 1.0) {
-            going->try_step = h < remaining ? h * factor : larger(going->try_step, h * factor);
+            stepper->try_step = h < remaining ? h * factor : larger(stepper->try_step, h * factor);
             return step;
         }
         h *= larger(0.1, factor);
@@ -482,34 +482,34 @@ static Step controlled_step(const Scene *scene, const Interval *interval, Going 
 }
 
 static Step end_on_boundary(
-    const Scene *scene, const Interval *interval, Going *going, Region region, const Step *crossing, double *h,
+    const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, const Step *crossing, double *h,
     int *ended_on
 ) {
     int boundary = crossing->crossing.boundary;
-    double high = crossing->crossing.fraction * *h, enough = rounding(boundary, load_at(interval, going->s));
+    double high = crossing->crossing.fraction * *h, enough = rounding(boundary, load_at(interval, stepper->s));
     Stage begin = crossing->begin;
-    Step step = attempt(scene, interval, going, region, high, boundary);
-    double beyond = margin(scene, region, boundary, step.end.depth, step.end.force);
+    Step step = attempt(scene, interval, stepper, mode, high, boundary);
+    double beyond = event_function(scene, mode, boundary, step.end.depth, step.end.force);
     *ended_on = NOWHERE;
     *h = high;
     if (beyond >= 0.0) return step;
-    double low = 0.0, inside = margin(scene, region, boundary, begin.depth, begin.force), last = 0.0;
+    double low = 0.0, inside = event_function(scene, mode, boundary, begin.depth, begin.force), last = 0.0;
     if (inside <= enough) {
         for (int i = 0; i < 3; i++) {
             *h *= 0.1;
-            step = attempt(scene, interval, going, region, *h, boundary);
-            if (margin(scene, region, boundary, step.end.depth, step.end.force) > enough) return step;
+            step = attempt(scene, interval, stepper, mode, *h, boundary);
+            if (event_function(scene, mode, boundary, step.end.depth, step.end.force) > enough) return step;
         }
         *h = 0.0;
         *ended_on = boundary;
-        return (Step){going->state, {0.0, 0.0}, begin, begin, INSIDE, 0.0, 0.0, 0, true};
+        return (Step){stepper->state, {0.0, 0.0}, begin, begin, INSIDE, 0.0, 0.0, 0, true};
     }
     *ended_on = boundary;
     for (int i = 0; i < 60; i++) {
         *h = low + (high - low) * inside / (inside - beyond);
         if (!(low < *h && *h < high)) break;
-        step = attempt(scene, interval, going, region, *h, boundary);
-        double value = margin(scene, region, boundary, step.end.depth, step.end.force);
+        step = attempt(scene, interval, stepper, mode, *h, boundary);
+        double value = event_function(scene, mode, boundary, step.end.depth, step.end.force);
         if (fabs(value) <= 0.01 * enough) break;
         bool again = value * last > 0.0;
         if (value < 0.0) {
@@ -524,115 +524,115 @@ static Step end_on_boundary(
     return step;
 }
 
-static double swiftness_in(const Scene *scene, Entry entry) {
+static double spectral_radius_in(const Scene *scene, Entry entry) {
     double square = scene->cosine * scene->cosine;
-    if (!entry.region.pressing) return 0.0;
-    return swiftness(square * entry.force.stiffness, square * entry.force.damping, scene->mass);
+    if (!entry.mode.pressing) return 0.0;
+    return spectral_radius(square * entry.force.stiffness, square * entry.force.damping, scene->mass);
 }
 
 static void accept(
-    const Scene *scene, const Interval *interval, Going *going, Region region, const Step *step, double h
+    const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, const Step *step, double h
 ) {
     State carried;
-    double lost = lost_swing(step, interval, going->s, scene->mass, h);
-    State error = going->error;
-    if (region.pressing) carried = carry(error, step->stiffness, step->damping, scene->mass, h);
+    double lost = lost_swing(step, interval, stepper->s, scene->mass, h);
+    State error = stepper->error;
+    if (mode.pressing) carried = carry(error, step->stiffness, step->damping, scene->mass, h);
     else carried = carry_in_flight(error, h);
     double velocity = carried.velocity + step->error.velocity;
-    going->swiftness = region.pressing ? swiftness(step->stiffness, step->damping, scene->mass) : 0.0;
-    going->s = h == interval->duration - going->s ? interval->duration : going->s + h;
-    going->state = step->state;
-    going->error = (State){carried.height + step->error.height, velocity + copysign(lost, velocity)};
+    stepper->spectral_radius = mode.pressing ? spectral_radius(step->stiffness, step->damping, scene->mass) : 0.0;
+    stepper->s = h == interval->duration - stepper->s ? interval->duration : stepper->s + h;
+    stepper->state = step->state;
+    stepper->error = (State){carried.height + step->error.height, velocity + copysign(lost, velocity)};
 }
 
-static Region behind_boundary(
-    const Scene *scene, const Interval *interval, Going *going, Region region, const Step *step, int boundary
+static ContactMode behind_boundary(
+    const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, const Step *step, int boundary
 ) {
     double depth = step->end.depth, rate = step->end.rate;
     Entry entry;
     if (boundary != FORCE) {
-        int layer = region.layer + (boundary == BELOW ? 1 : -1);
-        entry = enter_layer(scene, layer, depth, rate, load_at(interval, going->s));
-    } else if (region.pressing) {
-        entry = (Entry){{region.layer, false}, {0.0, 0.0, 0.0}};
+        int layer = mode.layer + (boundary == BELOW ? 1 : -1);
+        entry = enter_layer(scene, layer, depth, rate, load_at(interval, stepper->s));
+    } else if (mode.pressing) {
+        entry = (Entry){{mode.layer, false}, {0.0, 0.0, 0.0}};
     } else {
-        entry = (Entry){{region.layer, true}, force_at(&scene->layers[region.layer], depth, rate)};
+        entry = (Entry){{mode.layer, true}, force_at(&scene->layers[mode.layer], depth, rate)};
     }
-    double jump = entry.force.value - (region.pressing ? step->end.force : 0.0);
-    double late = copysign(interval->duration, going->error.height * rate);
-    if (fabs(going->error.height) < fabs(late * rate)) late = going->error.height / rate;
-    going->error_at_events = larger(going->error_at_events, fabs(going->error.height));
-    if (region.pressing && !entry.region.pressing) {
-        double swung = going->error.height * sqrt(step->stiffness / scene->mass), velocity = going->error.velocity;
-        going->error.velocity = copysign(sqrt(velocity * velocity + swung * swung), velocity);
+    double jump = entry.force.value - (mode.pressing ? step->end.force : 0.0);
+    double late = copysign(interval->duration, stepper->error.height * rate);
+    if (fabs(stepper->error.height) < fabs(late * rate)) late = stepper->error.height / rate;
+    stepper->error_at_events = larger(stepper->error_at_events, fabs(stepper->error.height));
+    if (mode.pressing && !entry.mode.pressing) {
+        double swung = stepper->error.height * sqrt(step->stiffness / scene->mass), velocity = stepper->error.velocity;
+        stepper->error.velocity = copysign(sqrt(velocity * velocity + swung * swung), velocity);
     }
-    double off = boundary == FORCE ? 0.0 : margin(scene, region, boundary, depth, step->end.force);
+    double off = boundary == FORCE ? 0.0 : event_function(scene, mode, boundary, depth, step->end.force);
     double beside = rate != 0.0 ? smaller(interval->duration, fabs(off / rate)) : 0.0;
-    going->error.velocity -= late * jump / scene->mass;
-    going->error.velocity += copysign(beside * jump / scene->mass, going->error.velocity);
-    going->swiftness = swiftness_in(scene, entry);
-    going->touching = entry.region.layer >= 0;
-    going->evaluations += entry.region.pressing || (boundary != FORCE && entry.region.layer >= 0);
-    return entry.region;
+    stepper->error.velocity -= late * jump / scene->mass;
+    stepper->error.velocity += copysign(beside * jump / scene->mass, stepper->error.velocity);
+    stepper->spectral_radius = spectral_radius_in(scene, entry);
+    stepper->touching = entry.mode.layer >= 0;
+    stepper->evaluations += entry.mode.pressing || (boundary != FORCE && entry.mode.layer >= 0);
+    return entry.mode;
 }
 
-static Advance stepwise(const Scene *scene, const Interval *interval, const Progress *start, int spent) {
-    Going going = {0.0, start->state, start->error, start->try_step, 0.0, start->touching, 0.0, spent};
-    double depth = depth_at(scene, going.state.height), rate = -scene->cosine * going.state.velocity;
-    going.touching = going.touching || depth_ahead(depth, rate) >= 0.0;
+static TickResult stepwise(const Scene *scene, const Interval *interval, const RunState *start, int spent) {
+    StepperState stepper = {0.0, start->state, start->error, start->try_step, 0.0, start->touching, 0.0, spent};
+    double depth = depth_at(scene, stepper.state.height), rate = -scene->cosine * stepper.state.velocity;
+    stepper.touching = stepper.touching || depth_ahead(depth, rate) >= 0.0;
     Entry entry = enter(scene, depth, rate, interval->load);
-    Region region = entry.region;
-    going.evaluations += region.layer >= 0;
-    going.swiftness = swiftness_in(scene, entry);
-    while (going.s < interval->duration) {
+    ContactMode mode = entry.mode;
+    stepper.evaluations += mode.layer >= 0;
+    stepper.spectral_radius = spectral_radius_in(scene, entry);
+    while (stepper.s < interval->duration) {
         double h;
         int boundary = NOWHERE;
-        Step step = controlled_step(scene, interval, &going, region, &h);
+        Step step = controlled_step(scene, interval, &stepper, mode, &h);
         while (h > 0.0 && step.crossing.boundary != NOWHERE)
-            step = end_on_boundary(scene, interval, &going, region, &step, &h, &boundary);
-        accept(scene, interval, &going, region, &step, h);
-        if (boundary != NOWHERE) region = behind_boundary(scene, interval, &going, region, &step, boundary);
+            step = end_on_boundary(scene, interval, &stepper, mode, &step, &h, &boundary);
+        accept(scene, interval, &stepper, mode, &step, h);
+        if (boundary != NOWHERE) mode = behind_boundary(scene, interval, &stepper, mode, &step, boundary);
     }
-    depth = depth_at(scene, going.state.height);
-    rate = -scene->cosine * going.state.velocity;
-    double error = fabs(going.error.height);
-    if (region.pressing) {
-        Force force = force_at(&scene->layers[region.layer], depth, rate);
-        going.evaluations++;
-        error = depth_error(going.error, force.stiffness, force.damping, scene->mass);
+    depth = depth_at(scene, stepper.state.height);
+    rate = -scene->cosine * stepper.state.velocity;
+    double error = fabs(stepper.error.height);
+    if (mode.pressing) {
+        Force force = force_at(&scene->layers[mode.layer], depth, rate);
+        stepper.evaluations++;
+        error = depth_error(stepper.error, force.stiffness, force.damping, scene->mass);
     }
-    Progress progress = {going.state, going.error, going.try_step, depth, going.touching};
-    return (Advance){progress, depth, SAFETY * larger(error, going.error_at_events), going.evaluations, true};
+    RunState run_state = {stepper.state, stepper.error, stepper.try_step, depth, stepper.touching};
+    return (TickResult){run_state, depth, SAFETY * larger(error, stepper.error_at_events), stepper.evaluations, true};
 }
 
 /* Ticks */
 
-static Advance quiet_tick(const Scene *scene, const Interval *interval, const Progress *start) {
-    Advance advance = {*start, 0.0, 0.0, 0, false};
+static TickResult smooth_tick(const Scene *scene, const Interval *interval, const RunState *start) {
+    TickResult result = {*start, 0.0, 0.0, 0, false};
     double h = interval->duration, mass = scene->mass, square = scene->cosine * scene->cosine;
     State state = start->state, error = start->error;
-    if (!start->touching) return advance;
+    if (!start->touching) return result;
     double depth = depth_at(scene, state.height), rate = -scene->cosine * state.velocity;
     Entry entry = enter(scene, depth, rate, interval->load);
-    advance.evaluations += entry.region.layer >= 0;
-    if (!entry.region.pressing) return advance;
+    result.evaluations += entry.mode.layer >= 0;
+    if (!entry.mode.pressing) return result;
     Force force = entry.force;
-    double swift = swiftness(square * force.stiffness, square * force.damping, mass);
-    double parts = ceil(larger(larger(1.0, h * swift / EXPLICIT), h / start->try_step));
-    if (parts > smaller(FINEST, h * swift > EXPLICIT ? MOST_EXPLICIT : FINEST)) return advance;
+    double spectral = spectral_radius(square * force.stiffness, square * force.damping, mass);
+    double parts = ceil(larger(larger(1.0, h * spectral / EXPLICIT), h / start->try_step));
+    if (parts > smaller(FINEST, h * spectral > EXPLICIT ? MOST_EXPLICIT : FINEST)) return result;
 
-    Motion motion = {scene, interval, entry.region, NOWHERE};
+    Motion motion = {scene, interval, entry.mode, NOWHERE};
     Stage begin = {depth, rate, force.value, force.stiffness};
     Slope slope = {(scene->cosine * force.value - interval->load) / mass, begin, force.damping};
     double part = h / parts, largest = 0.0;
     for (int i = 0; i < (int)parts; i++) {
         Stride stride = fehlberg_stride(&motion, i * part, state, part, &slope);
-        advance.evaluations += 6;
+        result.evaluations += 6;
         double stiffness = square * stride.middle.stage.stiffness, damping = square * stride.middle.damping;
         double ratio = local_ratio(
             scene, stride.state, stride.error, slope.stage.force, stride.end.stage.force, stiffness, damping, part
         );
-        if (stride.crossing.boundary != NOWHERE || !(ratio <= 1.0)) return advance;
+        if (stride.crossing.boundary != NOWHERE || !(ratio <= 1.0)) return result;
         State carried = carry(error, stiffness, damping, mass, part);
         error = (State){carried.height + stride.error.height, carried.velocity + stride.error.velocity};
         state = stride.state;
@@ -641,32 +641,32 @@ static Advance quiet_tick(const Scene *scene, const Interval *interval, const Pr
     }
     double try_step = part * (0.9 / sqrt(sqrt(larger(largest, 1e-4))));
     if (parts == 1.0) try_step = larger(start->try_step, try_step);
-    advance.progress = (Progress){state, error, try_step, slope.stage.depth, true};
-    advance.depth = slope.stage.depth;
-    advance.error_estimate = SAFETY * depth_error(error, slope.stage.stiffness, slope.damping, mass);
-    advance.quiet = true;
-    return advance;
+    result.run_state = (RunState){state, error, try_step, slope.stage.depth, true};
+    result.depth = slope.stage.depth;
+    result.error_estimate = SAFETY * depth_error(error, slope.stage.stiffness, slope.damping, mass);
+    result.smooth = true;
+    return result;
 }
 
-static bool flies_freely(const Scene *scene, const Interval *interval, const Progress *start) {
+static bool flies_freely(const Scene *scene, const Interval *interval, const RunState *start) {
     double h = interval->duration, load = larger(fabs(interval->load), fabs(load_at(interval, h)));
     return !start->touching && -start->depth > h * (fabs(start->state.velocity) + 0.5 * load * h / scene->mass);
 }
 
-static Advance flying_tick(const Scene *scene, const Interval *interval, const Progress *start) {
+static TickResult flying_tick(const Scene *scene, const Interval *interval, const RunState *start) {
     Motion motion = {scene, interval, {APART, false}, NOWHERE};
     State state = flight(&motion, 0.0, start->state, interval->duration);
     State error = carry_in_flight(start->error, interval->duration);
     error.height += launch_rounding(start->state, state);
     double depth = depth_at(scene, state.height);
-    Progress progress = {state, error, start->try_step, depth, false};
-    return (Advance){progress, depth, SAFETY * fabs(error.height), 0, true};
+    RunState run_state = {state, error, start->try_step, depth, false};
+    return (TickResult){run_state, depth, SAFETY * fabs(error.height), 0, true};
 }
 
-static Advance dynamic_tick(const Scene *scene, const Interval *interval, const Progress *start) {
+static TickResult dynamic_tick(const Scene *scene, const Interval *interval, const RunState *start) {
     if (flies_freely(scene, interval, start)) return flying_tick(scene, interval, start);
-    Advance advance = quiet_tick(scene, interval, start);
-    return advance.quiet ? advance : stepwise(scene, interval, start, advance.evaluations);
+    TickResult result = smooth_tick(scene, interval, start);
+    return result.smooth ? result : stepwise(scene, interval, start, result.evaluations);
 }
 
 static double height_at(const Scene *scene, double depth, double height) {
@@ -678,7 +678,7 @@ static double height_at(const Scene *scene, double depth, double height) {
     return height;
 }
 
-static Advance start_at_rest(const Scene *scene, double load) {
+static TickResult start_at_rest(const Scene *scene, double load) {
     double force = load / scene->cosine, depth = 0.0;
     int evaluations = 0, layer = 0;
     if (force > 0.0) {
@@ -703,8 +703,8 @@ static Advance start_at_rest(const Scene *scene, double load) {
         evaluations++;
     }
     double height = height_at(scene, depth, height_at(scene, 0.0, 0.1));
-    Progress progress = {{height, 0.0}, {0.0, 0.0}, INFINITY, depth, true};
-    return (Advance){progress, depth, 0.0, evaluations, true};
+    RunState run_state = {{height, 0.0}, {0.0, 0.0}, INFINITY, depth, true};
+    return (TickResult){run_state, depth, 0.0, evaluations, true};
 }
 
 void run(
@@ -713,14 +713,14 @@ void run(
 ) {
     Scene scene = {.surface = surface, .cosine = cosine, .mass = mass, .tolerance = tolerance, .count = count};
     for (int i = 0; i < count; i++) scene.layers[i] = layers[i];
-    Advance advance = start_at_rest(&scene, loads[0]);
+    TickResult result = start_at_rest(&scene, loads[0]);
     for (int i = 0; i < n; i++) {
         if (i > 0) {
             Interval interval = {durations[i], loads[i - 1], (loads[i] - loads[i - 1]) / durations[i]};
-            advance = dynamic_tick(&scene, &interval, &advance.progress);
+            result = dynamic_tick(&scene, &interval, &result.run_state);
         }
-        depth[i] = advance.depth;
-        error_estimate[i] = advance.error_estimate;
-        evaluations[i] = advance.evaluations;
+        depth[i] = result.depth;
+        error_estimate[i] = result.error_estimate;
+        evaluations[i] = result.evaluations;
     }
 }

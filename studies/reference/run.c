@@ -23,7 +23,7 @@ typedef struct {
     real implicit_duration, first_duration;
     double cost;
     int idle;
-} Going;
+} StepperState;
 
 typedef struct {
     const Knee *knee;
@@ -55,7 +55,7 @@ static real static_depth(const Knee *k, real force) {
     return layer->begin + powl((force - layer->base) / layer->stiffness, 1.0L / layer->exponent);
 }
 
-static void contact_at(const Problem *p, const Going *g, real *depth, real *rate) {
+static void contact_at(const Problem *p, const StepperState *g, real *depth, real *rate) {
     real growth_rate, growth = grown(p->knee, p->tick, g->s, &growth_rate);
     *depth = p->tick->depth + growth - p->knee->cosine * g->height;
     *rate = growth_rate - p->knee->cosine * g->velocity;
@@ -66,7 +66,7 @@ static int presses(const Knee *k, const Mode *m, real depth, real rate) {
 }
 
 /* Go on behind a boundary of the mode. */
-static void switch_mode(const Problem *p, Going *g, int boundary) {
+static void switch_mode(const Problem *p, StepperState *g, int boundary) {
     real depth, rate;
     Mode *m = &g->mode;
     contact_at(p, g, &depth, &rate);
@@ -83,7 +83,7 @@ static void switch_mode(const Problem *p, Going *g, int boundary) {
 }
 
 /* Take one explicit step by series; 0 if an implicit one would be quicker. */
-static int series_step(const Problem *p, Going *g) {
+static int series_step(const Problem *p, StepperState *g) {
     Series series;
     real left = p->tick->duration - g->s, when;
     develop(p->knee, p->tick, &g->mode, g->s, g->height, g->velocity, p->accuracy->degree, &series);
@@ -139,7 +139,7 @@ typedef struct {
     int solved;
 } Pair;
 
-static Pair pair_step(const Problem *p, Going *g, real h) {
+static Pair pair_step(const Problem *p, StepperState *g, real h) {
     Pair pair;
     real middle = 0.5L * h;
     pair.half[0] = implicit_step(p->knee, p->tick, &g->mode, g->s, g->height, g->velocity, middle);
@@ -162,7 +162,7 @@ static real beyond_at(const Problem *p, const Mode *m, const Pair *pair, int *bo
     return 2.0L;
 }
 
-static void take(const Problem *p, Going *g, const Implicit *end, real h) {
+static void take(const Problem *p, StepperState *g, const Implicit *end, real h) {
     real left = p->tick->duration - g->s;
     g->idle = g->s + h > g->s ? 0 : g->idle + 1;
     g->s = h >= left ? p->tick->duration : g->s + h;
@@ -173,7 +173,7 @@ static void take(const Problem *p, Going *g, const Implicit *end, real h) {
 
 /* End a step on a boundary that a stage at `high` lies beyond. Returns 0 if there is nothing to end on yet: `high` is
    then what to try instead. */
-static int end_on(const Problem *p, Going *g, int boundary, real *high) {
+static int end_on(const Problem *p, StepperState *g, int boundary, real *high) {
     Mode *m = &g->mode;
     real low = 0.0L, at_low, at_high, depth, rate, last = 0.0L, enough = rounding(p, m, boundary);
     Pair pair = pair_step(p, g, *high);
@@ -218,7 +218,7 @@ static int end_on(const Problem *p, Going *g, int boundary, real *high) {
 }
 
 /* Part of the tolerance that the difference of two solutions of a step takes. */
-static real share(const Problem *p, const Going *g, const Implicit *one, const Implicit *two, real h) {
+static real share(const Problem *p, const StepperState *g, const Implicit *one, const Implicit *two, real h) {
     const Knee *k = p->knee;
     real stiffness, damping, cc = k->cosine * k->cosine;
     real depth = two->depth[STAGES - 1], rate = two->rate[STAGES - 1];
@@ -236,7 +236,7 @@ static real share(const Problem *p, const Going *g, const Implicit *one, const I
 }
 
 /* Take one implicit step. */
-static void radau_step(const Problem *p, Going *g) {
+static void radau_step(const Problem *p, StepperState *g) {
     real left = p->tick->duration - g->s, h = fminl(g->implicit_duration, left);
     int first = g->mode.on == ABOVE;
     for (;;) {
@@ -278,7 +278,7 @@ static void radau_step(const Problem *p, Going *g) {
 }
 
 /* Carry the femur over a tick; 0 if it costs too much. */
-static int advance(const Problem *p, Going *g) {
+static int advance(const Problem *p, StepperState *g) {
     real depth, rate;
     contact_at(p, g, &depth, &rate);
     g->mode.pressing = presses(p->knee, &g->mode, depth, rate); /* the angle's rate has jumped, and so has the force */
@@ -317,19 +317,19 @@ static int step(const Knee *k, State *state, const Accuracy *accuracy, real dura
                  (load - state->load) / duration, state->depth, 0.0L};
     tick.support = support(k, tick.phi);
     Problem problem = {k, &tick, accuracy};
-    Going going = {0.0L, 0.0L, state->velocity, state->mode, state->implicit_duration, state->first_duration, 0.0, 0};
+    StepperState stepper = {0.0L, 0.0L, state->velocity, state->mode, state->implicit_duration, state->first_duration, 0.0, 0};
     if (!state->moving) { /* it follows its turning surface */
         real growth_rate;
         grown(k, &tick, 0.0L, &growth_rate);
-        going.velocity = growth_rate / k->cosine;
+        stepper.velocity = growth_rate / k->cosine;
         state->moving = 1;
     }
-    if (!advance(&problem, &going)) return 0;
-    contact_at(&problem, &going, &state->depth, rate);
-    state->velocity = going.velocity;
-    state->mode = going.mode;
-    state->implicit_duration = fminl(fmaxl(going.implicit_duration, 1e-3L * duration), 1.0L);
-    state->first_duration = going.first_duration;
+    if (!advance(&problem, &stepper)) return 0;
+    contact_at(&problem, &stepper, &state->depth, rate);
+    state->velocity = stepper.velocity;
+    state->mode = stepper.mode;
+    state->implicit_duration = fminl(fmaxl(stepper.implicit_duration, 1e-3L * duration), 1.0L);
+    state->first_duration = stepper.first_duration;
     state->angle = angle;
     state->load = load;
     return 1;
