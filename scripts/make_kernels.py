@@ -54,9 +54,9 @@ def main() -> None:
 
 def short_code(scene: Scene) -> bytes:
     """Compile the kernel for a kind of scene, and give LLVM's code with short names."""
-    from knee_contact_ros.compiled.compile_kernel import bitcode
+    from knee_contact_ros.compiled.compile_kernel import bitcode_of
 
-    return without_names(bitcode(scene))
+    return without_names(bitcode_of(scene))
 
 
 def without_names(code: bytes) -> bytes:

@@ -27,8 +27,9 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.cdr import SECOND, decode_joint_state
+from knee_contact_ros.messages.cdr import decode_joint_state
 from knee_contact_ros.messages.ros_types import deserialize
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import RECORDING, node_process
@@ -173,7 +174,7 @@ def soak(peer: Peered, stretches: int, dice: random.Random) -> list[Stretch]:
         fault = dice.choice(faults)
         peer.contacts.clear()
         peer.between = angle_between(peer)
-        step = round(SECOND / RATE)
+        step = round(NANOSECONDS / RATE)
         fault.inject(peer, peer.stamp - step // 2)  # type: ignore[arg-type]
         if fault.name == "angle lost":  # what was held live is there offline
             call(peer, Trigger, "/knee_contact/reset", Trigger.Request())  # type: ignore[arg-type]
@@ -218,7 +219,7 @@ def again(recording: Path, firsts: Sequence[int]) -> Again:
                 different += 1
                 continue
             status = Status(status_of(mine))
-            while stretch + 1 < len(firsts) and mine.log_time >= firsts[stretch + 1] - SECOND // round(RATE):
+            while stretch + 1 < len(firsts) and mine.log_time >= firsts[stretch + 1] - NANOSECONDS // round(RATE):
                 stretch += 1
             flags[stretch].update(bit.name or "" for bit in Status if bit & status)
             held = (held or bool(status & Status.INPUT_HELD)) and not status & Status.TIME_RESET

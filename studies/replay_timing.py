@@ -23,7 +23,7 @@ from rclpy.node import Node
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.replay.keyboard import Keyboard
 from knee_contact_ros.offline.replay.lateness import LATE, Lateness
 from knee_contact_ros.offline.replay.player import Player

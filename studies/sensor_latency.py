@@ -21,7 +21,8 @@ from typing import NamedTuple
 import click
 from tabulate import tabulate
 
-from knee_contact_ros.messages.cdr import SECOND, JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.processes import Child, child_process
@@ -40,7 +41,7 @@ COMMAND = ("-m", "knee_contact_ros.cli.main")
 
 def sensor_samples(rate: float, first: int, factor: float = 1.0) -> Iterator[Sample]:
     """Joints and a ground force that vary as in walking; `factor` makes a joint reaction of the force."""
-    stamp, step, number = first, round(SECOND / rate), 0
+    stamp, step, number = first, round(NANOSECONDS / rate), 0
     while True:
         phase = 2.0 * math.pi * number / rate
         angles = 0.3 * math.sin(phase), 0.5 - 0.4 * math.cos(phase), 0.1 * math.sin(phase)

@@ -19,9 +19,9 @@ from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.levels import LEVELS
 from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
-from knee_contact_ros.core.model import NANOSECOND, KneeModel
+from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.scene import at_height, begin_with
-from knee_contact_ros.core.types import blank
+from knee_contact_ros.core.types import NANOSECOND, blank
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from studies.ellipse import Ellipse
 

@@ -22,7 +22,8 @@ from typing import NamedTuple
 import click
 import psutil
 
-from knee_contact_ros.messages.cdr import SECOND, JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.stage import node_process
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import private_graph
@@ -73,7 +74,7 @@ def feed(peer: Peered, case: Case, seconds: float, rate: float, look: Callable[[
     """Publish the samples that do not stand still, on schedule."""
     begin, due = time.perf_counter(), LOOK
     for number in range(round(seconds * rate)):
-        stamp = peer.stamp + round(number * SECOND / rate)
+        stamp = peer.stamp + round(number * NANOSECONDS / rate)
         angle = 0.3 + 0.2 * (number % 1000) * 1e-3
         if case.angles:
             values = (*(0.0,) * (len(JOINTS) - 1), angle)

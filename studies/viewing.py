@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.cdr import SECOND
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
@@ -104,9 +104,9 @@ def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
     with ExitStack() as stack:
         if looked_at:
             stack.enter_context(viewer(parameters.rerun.port))
-        paced(pipeline, outputs, WARM_UP, SECOND)
+        paced(pipeline, outputs, WARM_UP, NANOSECONDS)
         before, ticks = snapshot(os.getpid()), round(seconds * RATE)
-        times = paced(pipeline, outputs, ticks, 2 * SECOND)
+        times = paced(pipeline, outputs, ticks, 2 * NANOSECONDS)
         cpu = taken_beside(before, snapshot(os.getpid())) / ticks
         dropped = sum(int(values["dropped"]) for _, values, *_ in outputs.reports())
     outputs.close(Ending((), {}))
@@ -172,7 +172,7 @@ def size_of(files: list[str], minutes: int, folder: Path) -> Size:
     scene = Scene(outlet.recording, drawing, latency=True)
     rows: list[bytes] = []
     begun = 0
-    for number, sample in enumerate(islice(samples(RATE, SECOND), ticks)):
+    for number, sample in enumerate(islice(samples(RATE, NANOSECONDS), ticks)):
         if number == first:
             begun = snapshot(os.getpid()).family[0].resident
         pairs = pipeline.take_joint_state(sample.angle) + pipeline.take_force(sample.force)

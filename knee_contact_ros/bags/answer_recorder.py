@@ -14,7 +14,7 @@ from threading import Event, Thread
 
 from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Limits, Settings
 from knee_contact_ros.messages.answer import Ending, Record
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.sinks.protocol import PROVENANCE, Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError

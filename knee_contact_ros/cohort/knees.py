@@ -20,7 +20,7 @@ from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.readouts import ContactPatch
 from knee_contact_ros.core.scene import PRESCRIBED_HEIGHT, Scene
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.core.types import NANOSECOND, Status
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
 from knee_contact_ros.parameters.build import (
     contact_law,
@@ -40,8 +40,6 @@ from knee_contact_ros.system.errors import UsageError
 Floats = NDArray[np.float64]
 Values = Mapping[str, Any]
 """Values of the varied parameters of a case, by name"""
-NANOSECOND = 1e-9
-"""Duration [s] of a nanosecond"""
 KEPT_SURFACES = 64
 """Number of pairs of surfaces, and of series of loads, that are kept for the next case that has the same ones"""
 SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.", "fidelity.", "body_weight")

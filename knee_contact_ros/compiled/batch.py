@@ -16,19 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.compiled.kernel import addresses_of, kernel_of
-from knee_contact_ros.compiled.lanes import Kernel, OneTick, fits, lanes_kernel
+from knee_contact_ros.compiled.lanes import LanesKernel, OneTick, fits, lanes_kernel
 from knee_contact_ros.compiled.layout import kind_of, laid_down
 from knee_contact_ros.compiled.machine_code import Native
 from knee_contact_ros.compiled.source_meaning import digest
 from knee_contact_ros.compiled.transposed import LANES, memory_of
 from knee_contact_ros.compiled.turns import Announce, in_turn
+from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.ticks import MEMORY
 from knee_contact_ros.core.types import Rows
 
 FEWEST = 3
 """The least number of knees that is faster in lanes, most of them empty, than one after the other"""
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 _NONE = np.zeros(0, dtype=np.int64)
 """No knees: a kernel is compiled by a call with none"""
@@ -85,7 +85,7 @@ def run_batch(
 
 
 def _in_lanes(
-    kernel: Kernel, native: Native, laid: NDArray[np.uint8], numbers: Numbers, columns: list[Floats], answers: Rows
+    kernel: LanesKernel, native: Native, laid: NDArray[np.uint8], numbers: Numbers, columns: list[Floats], answers: Rows
 ) -> None:
     """Compute the knees of some numbers in lanes."""
     memory, room = np.zeros(len(numbers), MEMORY), memory_of(kernel.rows)

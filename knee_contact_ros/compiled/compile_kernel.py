@@ -43,7 +43,7 @@ the result and for an exception; the only exception possible is that memory runs
 
 
 @global_compiler_lock
-def bitcode(scene: Scene) -> bytes:
+def bitcode_of(scene: Scene) -> bytes:
     """Compile the kernel for a kind of scene; give LLVM's optimised code of the functions of `machine_code.Native`."""
     register()
     kind = numba.typeof(scene)

@@ -135,9 +135,9 @@ def _shipped(kind: Any) -> Native | None:
 def _compiled(scene: Scene, kind: Any) -> Native:
     """Compile the kernel."""
     announce_compiling()
-    from knee_contact_ros.compiled.compile_kernel import bitcode
+    from knee_contact_ros.compiled.compile_kernel import bitcode_of
 
-    return _keep(kind, object_code(bitcode(scene)))
+    return _keep(kind, object_code(bitcode_of(scene)))
 
 
 def _keep(kind: Any, code: bytes) -> Native:

@@ -18,7 +18,7 @@ from numba.extending import register_jitable
 from knee_contact_ros.compiled.functions import APART, INLINE, compiled_function
 from knee_contact_ros.compiled.scene_memory import run_at, scene_at, size_of
 from knee_contact_ros.compiled.source_meaning import digest
-from knee_contact_ros.compiled.transposed import LANES, Transposed, kind_of, transposed
+from knee_contact_ros.compiled.transposed import LANES, Transposed, numba_type_of, transposed
 from knee_contact_ros.core.contact_modes import ContactMode
 from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
 from knee_contact_ros.core.geometries.circle import Circle
@@ -39,7 +39,7 @@ KEPT, ANSWER = MEMORY.itemsize, ROW.itemsize
 """Sizes [B] of a run's memory and of an answer"""
 
 
-class Kernel(NamedTuple):
+class LanesKernel(NamedTuple):
     """A kernel that computes knees of a kind in lanes."""
 
     rows: int
@@ -112,7 +112,7 @@ def fits(scene: Scene) -> bool:
 
 
 @functools.cache
-def lanes_kernel(kind: types.Type) -> Kernel:
+def lanes_kernel(kind: types.Type) -> LanesKernel:
     """Compile the kernel for those knees of a kind that fit into lanes."""
     read_scene, places, size = scene_at(kind), _places(kind), size_of(kind)
     put_scene, put_lane, lane_in = places.scene.put, places.lane.put, places.lane.get
@@ -143,7 +143,7 @@ def lanes_kernel(kind: types.Type) -> Kernel:
                     addresses[6] = one_tick.answers + number * ANSWER
                     answer(rows, i, tick, memory[first + i], answers[knee, k], one_tick.run, addresses)
 
-    return Kernel(places.result.end, compiled_function(through, kind, nogil=True))
+    return LanesKernel(places.result.end, compiled_function(through, kind, nogil=True))
 
 
 def _inlined(function: _Function) -> _Function:
@@ -163,7 +163,7 @@ def _apart(loop: _Function, kind: str) -> _Function:
 
 
 @_inlined
-def interval_of(scene: Scene, lane: Lane, tick: Tick) -> Interval:
+def interval_in_lane(scene: Scene, lane: Lane, tick: Tick) -> Interval:
     """Give what is prescribed to a lane in a tick."""
     return interval_between(scene, tick.duration, tick.last_angle, lane.last_load, tick.angle, lane.load, math.nan)
 
@@ -171,11 +171,12 @@ def interval_of(scene: Scene, lane: Lane, tick: Tick) -> Interval:
 def _places(kind: types.Type) -> Places:
     """Lay out the memory for lanes with a kind of scene."""
     scene = transposed(kind, 0, {"exponent": EXPONENT})
-    lane = transposed(kind_of(Lane), scene.end)
-    so_far = transposed(kind_of(SmoothTick), lane.end)
+    lane = transposed(numba_type_of(Lane), scene.end)
+    so_far = transposed(numba_type_of(SmoothTick), lane.end)
     return Places(
         kind=digest(str(kind)), scene=scene, lane=lane, so_far=so_far,
-        result=transposed(kind_of(TickResult), so_far.end), run_state=transposed(kind_of(RunState), so_far.end),
+        result=transposed(numba_type_of(TickResult), so_far.end),
+        run_state=transposed(numba_type_of(RunState), so_far.end),
     )  # fmt: skip
 
 
@@ -202,7 +203,7 @@ def _begin_all(places: Places) -> Callable[..., int]:
         most = 0
         for i in range(LANES):
             scene, lane, start = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i)
-            interval = interval_of(scene, lane, tick)
+            interval = interval_in_lane(scene, lane, tick)
             so_far, _, _ = begin_smooth(scene, interval, start)
             moves = (lane.behind == 0) & (not math.isnan(start.state.velocity))
             smooth = so_far.smooth & moves & is_calm(scene, interval, start)
@@ -224,7 +225,7 @@ def _stride_all(places: Places) -> Callable[..., None]:
         for i in range(LANES):
             scene, lane, start, so_far = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i), so_far_in(rows, i)
             farther = step_smooth(
-                scene, interval_of(scene, lane, tick), start, ContactMode(0, True), so_far, number, True
+                scene, interval_in_lane(scene, lane, tick), start, ContactMode(0, True), so_far, number, True
             )
             if lane.smooth & (number < so_far.parts):
                 put_so_far(farther, rows, i)
@@ -242,7 +243,7 @@ def _arrive_all(places: Places) -> Callable[..., None]:
         for i in range(LANES):
             scene, lane, start, so_far = scene_in(rows, i), lane_in(rows, i), run_state_in(rows, i), so_far_in(rows, i)
             spent = 1 + int(so_far.parts) * EVALUATIONS
-            result = end_smooth(scene, interval_of(scene, lane, tick), start, so_far, spent)
+            result = end_smooth(scene, interval_in_lane(scene, lane, tick), start, so_far, spent)
             if lane.smooth:
                 put_result(result, rows, i)
 

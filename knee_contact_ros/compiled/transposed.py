@@ -80,10 +80,10 @@ def transposed(kind: types.Type, begin: int, known: Mapping[str, float] = NOTHIN
     return Transposed(begin + len(numbers), put, get)
 
 
-def kind_of(part: Any) -> types.Type:
+def numba_type_of(part: Any) -> types.Type:
     """Give Numba's type of a class of named tuples, from its type hints: numbers, and other such classes."""
     numbers = {float: types.float64, int: types.int64, bool: types.boolean}
-    kinds = [numbers.get(hint) or kind_of(hint) for hint in get_type_hints(part).values()]
+    kinds = [numbers.get(hint) or numba_type_of(hint) for hint in get_type_hints(part).values()]
     return types.BaseTuple.from_types(kinds, part)
 
 

@@ -109,7 +109,7 @@ class Drive(NamedTuple):
     """Length of that time [s]"""
 
 
-class Range(NamedTuple):
+class Enclosure(NamedTuple):
     """Bounds of the exact solution at the end of a tick."""
 
     least: float
@@ -292,7 +292,7 @@ def with_window(adrift: Adrift, energy: float) -> Adrift:
 
 
 @never_inlined
-def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
+def enclosure_of(law: ContactLaw, adrift: Adrift, mass: float) -> Enclosure:
     """Return the range of depth, rate and force that the bounds allow for."""
     load, excess = max(adrift.load, 0.0), excess_of(adrift)
     force, stiffness, _ = static_force(law, adrift.rest)
@@ -304,11 +304,11 @@ def range_of(law: ContactLaw, adrift: Adrift, mass: float) -> Range:
     least = max(adrift.rest - back, 0.0) if back < adrift.rest else -adrift.height
     force, _, damping = static_force(law, most)
     rate = math.sqrt(2.0 * excess / mass)
-    return Range(least, most, rate, force + damping * rate, evaluations + extra + 2)
+    return Enclosure(least, most, rate, force + damping * rate, evaluations + extra + 2)
 
 
 @in_kernel
-def error_within(limits: Range, depth: float, rate: float, cosine: float) -> CarriedError:
+def error_within(limits: Enclosure, depth: float, rate: float, cosine: float) -> CarriedError:
     """Return the error of a `depth` [m] and its `rate` [m/s] if the exact ones lie within limits; `cosine` is n_y."""
     height = max(limits.most - depth, depth - limits.least) / (cosine * SPREAD)
     velocity = (limits.rate + abs(rate)) / (cosine * SPREAD)

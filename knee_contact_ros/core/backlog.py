@@ -23,14 +23,14 @@ from knee_contact_ros.core.adrift import (
     WATCHED,
     Adrift,
     Drive,
-    Range,
+    Enclosure,
     bounds_near,
     calmed,
+    enclosure_of,
     error_within,
     exceeds,
     loses,
     pushed,
-    range_of,
 )
 from knee_contact_ros.core.error_estimate import EXACT, holding, reach
 from knee_contact_ros.core.integrators.base import FemurState
@@ -163,13 +163,13 @@ def watched(scene: Scene, interval: Interval, start: RunState, result: TickResul
         evaluations += extra
         if near.energy < adrift.energy:
             adrift = near
-    limits = range_of(law, adrift, drive.mass)
+    limits = enclosure_of(law, adrift, drive.mass)
     return within(scene, result, adrift, limits, evaluations + limits.evaluations, math.sqrt(scene.mass / drive.mass))
 
 
 @in_kernel
 def within(
-    scene: Scene, result: TickResult, adrift: Adrift, limits: Range, evaluations: int, cosine: float
+    scene: Scene, result: TickResult, adrift: Adrift, limits: Enclosure, evaluations: int, cosine: float
 ) -> TickResult:
     """Return the answer with its exact solution within limits, which may be narrow enough to continue from."""
     run_state = result.run_state
@@ -259,7 +259,7 @@ def behind(scene: Scene, backlog: Backlog, result: TickResult, adrift: Adrift, g
     static = static_contact(law, touch, load, run_state.state.height, near, 0.0, room)
     adrift, extra = pushed(law, adrift._replace(stage=LOST), drive, static.depth)
     _, surface_rate, cosine = touch.touch(static.height)
-    limits = range_of(law, adrift, drive.mass)
+    limits = enclosure_of(law, adrift, drive.mass)
     evaluations += extra
     if give_up:
         backlog["count"] = 0

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.core import ticks
+from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_laws import contract
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import Closest, ContactPair
@@ -18,10 +19,8 @@ from knee_contact_ros.core.mechanisms.base import Mechanism
 from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
 from knee_contact_ros.core.readouts import ContactPatch, Readings
 from knee_contact_ros.core.scene import AUTO, PRESCRIBED_HEIGHT, Scene
-from knee_contact_ros.core.types import ROW, Contact, Rows, blank
+from knee_contact_ros.core.types import NANOSECOND, ROW, Contact, Rows, blank
 
-NANOSECOND = 1e-9
-Floats = NDArray[np.float64]
 INPUTS = "flexion_angle, load and femoral_height"
 LARGEST_TIME = 9e9
 """Time [s] beyond which integer nanoseconds do not reach: 285 years."""

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.types import ContactState, Rows, Status
+from knee_contact_ros.core.types import NANOSECOND, ContactState, Rows, Status
 
 Readings = NDArray[Any]
 """Readouts of answers: an array of `READOUTS`, shape (n,)"""
@@ -42,7 +42,6 @@ SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
 """Names of the readouts that depend on the contact law"""
 UNITS = {"half_width": "m", "mean_pressure": "Pa", "peak_pressure": "Pa", "strain": "", "loading_rate": "N/s"}
 """Units of the readouts, by name"""
-NANOSECOND = 1e-9
 
 
 class Spread(NamedTuple):

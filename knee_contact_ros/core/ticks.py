@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.core.adrift import FOUND, NONE, Adrift
+from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.backlog import BACKLOG, in_doubt, interval_of, take_on, work_off
 from knee_contact_ros.core.contact_laws.base import layer_at
 from knee_contact_ros.core.contact_pairs.base import Closest
@@ -28,8 +29,6 @@ from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import DYNAMIC, RunState, Scene, TickResult, at_height
 from knee_contact_ros.core.statics import NO_LIMIT, START_HEIGHT, static_contact
 from knee_contact_ros.core.types import Rows, Status
-
-Floats = NDArray[np.float64]
 
 
 def _fields(kind: type) -> np.dtype[Any]:

@@ -57,6 +57,8 @@ class Status(IntFlag):
     """The depth is beyond what is plausible for a knee; see `plausible_depth.py`."""
 
 
+NANOSECOND = 1e-9
+"""Unit of stamps [s]"""
 UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
 """An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used."""
 

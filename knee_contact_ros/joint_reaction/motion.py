@@ -10,7 +10,7 @@ import numpy as np
 
 from knee_contact_ros.joint_reaction.sensed import Joints
 
-SECOND = 1e-9
+NANOSECOND = 1e-9
 """Duration [s] of a nanosecond"""
 FEWEST = 4
 """The least number of samples in the window from which a motion is computed"""
@@ -50,7 +50,7 @@ class MotionFilter:
 
     def __init__(self, window: float) -> None:
         """Take the duration [s] of the samples that the parabola is fitted to; 0: the joints count as still."""
-        self._window = round(window / SECOND)
+        self._window = round(window / NANOSECOND)
         self._cell = -(-self._window // (MOST - 1))
         self._held: deque[int] = deque()  # stamps in the window
         self._motion = STILL
@@ -106,7 +106,7 @@ class MotionFilter:
 
     def _parabola(self) -> Motion:
         """Fit by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
-        rows, window = self._rows[self._end - len(self._held) : self._end], self._window * SECOND
+        rows, window = self._rows[self._end - len(self._held) : self._end], self._window * NANOSECOND
         ones, firsts, seconds = (rows[:, :3].T @ rows).tolist()
         number, first, second = ones[:3]
         mean = first / number

@@ -15,8 +15,9 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodet
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from knee_contact_ros.core.types import FLAT, TOLD, Rows, untold
-from knee_contact_ros.messages.cdr import BYTE_ORDERS, MOST_TRAILING, SECOND, STAMP_END, Order
+from knee_contact_ros.messages.cdr import BYTE_ORDERS, MOST_TRAILING, STAMP_END, Order
 from knee_contact_ros.messages.ros_types import definition
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 
 TYPE = MESSAGE_TYPES[KNEE_CONTACT]
@@ -64,7 +65,7 @@ def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinit
         with np.errstate(invalid="ignore"):  # a foreign definition may have other types
             for name in set(TOLD) & set(layout.names or ()):
                 numbers[name][begin:end] = rows[name]
-        numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * SECOND + rows["nanoseconds"]
+        numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
     return answers
 
 

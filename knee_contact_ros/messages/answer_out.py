@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from knee_contact_ros.core.types import MESSAGE, ROW, WRENCH, Rows
-from knee_contact_ros.messages.cdr import HEADER, SECOND, STAMP_END, Bytes, Stamps, check_stamp, filled
+from knee_contact_ros.messages.cdr import HEADER, STAMP_END, Bytes, Stamps, filled
+from knee_contact_ros.messages.stamps import NANOSECONDS, check_stamp
 
 
 def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
@@ -41,7 +42,7 @@ def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
     length = len(before) + part.stop - part.start
     times = np.dtype({"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length})
     messages, data = filled(before + bytes(length - len(before)), times, len(stamps))
-    messages["s"], messages["ns"] = np.divmod(stamps, SECOND)
+    messages["s"], messages["ns"] = np.divmod(stamps, NANOSECONDS)
     data[:, len(before) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
     return data
 
@@ -54,7 +55,7 @@ def header(stamp: int, frame_id: str) -> bytes:
     """
     check_stamp(stamp)
     pack, frame = _packer(frame_id)
-    return pack(HEADER, *divmod(stamp, SECOND), len(frame), frame)
+    return pack(HEADER, *divmod(stamp, NANOSECONDS), len(frame), frame)
 
 
 @lru_cache(maxsize=16)

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.messages.column import Column
+from knee_contact_ros.messages.stamps import NANOSECONDS, check_stamp
 
 Bytes = NDArray[np.uint8]
 Stamps = NDArray[np.int64]
 Order = Literal["<", ">"]
-SECOND = 1_000_000_000
-"""Nanoseconds in a second"""
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation of little-endian CDR without options; alignment counts from its end"""
 LITTLE_ENDIAN = HEADER[:2]
@@ -130,7 +129,7 @@ class Layout:
 
     def parts(self, content: JointState | WrenchStamped) -> list[Any]:
         """Parts, for `pack`, of a content of this shape."""
-        parts: list[Any] = [HEADER[:2], *divmod(content.stamp, SECOND), *[None] * (self._parts - 3)]
+        parts: list[Any] = [HEADER[:2], *divmod(content.stamp, NANOSECONDS), *[None] * (self._parts - 3)]
         for number, known in self.known.items():
             parts[number] = known
         numbers: Sequence[Any] = content[1 + len(self.texts) :]
@@ -198,8 +197,8 @@ class Coder(Generic[Content]):
             if layout is None or not layout.fits(parts):
                 layout = self._read(received)
                 parts = layout.unpack(received)
-            content: Content = self._kind(parts[1] * SECOND + parts[2], *layout.texts, *layout.numbers_in(parts))
-            if parts[0] == LITTLE_ENDIAN and parts[2] < SECOND:
+            content: Content = self._kind(parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts))
+            if parts[0] == LITTLE_ENDIAN and parts[2] < NANOSECONDS:
                 return content, layout.written.pack(*parts)
             return content, layout.written.pack(*layout.written.parts(content))
         except UNKNOWN:
@@ -238,8 +237,8 @@ class Coder(Generic[Content]):
         parts = matrix.reshape(-1).view(kind)
         for name in kind.names or ():
             rows[name] = parts[name]
-        stamps = parts["seconds"].astype(np.int64) * SECOND + parts["nanoseconds"]
-        rows["seconds"], rows["nanoseconds"] = np.divmod(stamps, SECOND)
+        stamps = parts["seconds"].astype(np.int64) * NANOSECONDS + parts["nanoseconds"]
+        rows["seconds"], rows["nanoseconds"] = np.divmod(stamps, NANOSECONDS)
         return Block(shape, stamps, rows, data)
 
     def _read(self, data: bytes) -> Layout:
@@ -322,16 +321,6 @@ def _covered(kind: np.dtype[Any]) -> NDArray[np.bool_]:
     return mask
 
 
-def check_stamp(stamp: int) -> None:
-    """Check that a message can hold a stamp [ns].
-
-    Raises:
-        ValueError: its seconds are not within int32.
-    """
-    if not -(2**31) <= stamp // SECOND < 2**31:
-        raise ValueError(f"stamp {stamp} ns is beyond the int32 seconds of a ROS time")
-
-
 def stamp_in(data: bytes) -> int:
     """Stamp [ns] of a message that begins with a header.
 
@@ -342,7 +331,7 @@ def stamp_in(data: bytes) -> int:
     if stamp is None or len(data) < STAMP_END:
         raise ValueError("no stamp in these bytes")
     seconds, nanoseconds = stamp(data)
-    return int(seconds * SECOND + nanoseconds)
+    return int(seconds * NANOSECONDS + nanoseconds)
 
 
 JOINT_STATE, WRENCH = Coder(JointState), Coder(WrenchStamped)

@@ -9,7 +9,8 @@ from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.messages.cdr import JointState, encode_joint_state
-from knee_contact_ros.messages.ros_types import stamp_to_ns, typestore
+from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATE
 
 POSITION = "position"

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.cdr import HEADER, SECOND, check_stamp
+from knee_contact_ros.messages.cdr import HEADER
+from knee_contact_ros.messages.stamps import NANOSECONDS, check_stamp
 
 LIFETIME = 1
 """Time [s] for which a viewer shows a marker that is not sent again"""
@@ -90,7 +91,7 @@ class MarkerMessage:
             ValueError: the stamp is beyond what ROS can hold.
         """
         check_stamp(stamp)
-        seconds, nanoseconds = divmod(stamp, SECOND)
+        seconds, nanoseconds = divmod(stamp, NANOSECONDS)
         for places in self._places:
             STAMP.pack_into(self._data, places.stamp, seconds, nanoseconds)
 

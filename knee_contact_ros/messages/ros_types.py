@@ -11,8 +11,6 @@ from rosbags.typesys.store import Typestore
 from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 
-NANOSECONDS = 1_000_000_000
-
 
 @cache
 def typestore() -> Typestore:
@@ -35,11 +33,6 @@ def definition(type_name: str) -> bytes:
         _, rule, parts = text.partition("=" * 80 + "\n")
         text = source.read_text(encoding="utf-8") + rule + parts
     return text.encode()
-
-
-def stamp_to_ns(stamp: Any) -> int:
-    """Convert the stamp of a message to nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def deserialize(data: bytes, topic: str) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS, typestore
+from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.messages.stamps import NANOSECONDS
 
 TF_STATIC = "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"

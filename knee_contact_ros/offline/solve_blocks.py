@@ -16,8 +16,9 @@ from knee_contact_ros.bags.block_recorder import Messages
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
-from knee_contact_ros.messages.cdr import JOINT_STATE, SECOND, WRENCH, Block
+from knee_contact_ros.messages.cdr import JOINT_STATE, WRENCH, Block
 from knee_contact_ros.messages.column import Column
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
 from knee_contact_ros.pipeline.compartment import summed_wrenches
 from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
@@ -70,7 +71,7 @@ def take(pipeline: Pipeline, states: Column, forces: Column) -> Answers | None:
     if steady is None or not (len(states) and len(forces)):
         return None
     pairing = pipeline.parameters.pairing
-    max_gap = round(pairing.max_gap * SECOND)
+    max_gap = round(pairing.max_gap * NANOSECONDS)
     block, fresh = _with_held(steady, states, forces)
     samples = _samples(block, pipeline) if max(map(len, block)) <= pairing.queue else None
     if samples is None:

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.messages.cdr import stamp_in
-from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.replay.keyboard import Command

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.results.columns import begin_of, stamp_text

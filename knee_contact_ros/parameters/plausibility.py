@@ -15,11 +15,11 @@ from knee_contact_ros.core.contact_laws.base import ContactLaw
 from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.core.statics import NO_LIMIT, static_depth
 from knee_contact_ros.core.types import Status
+from knee_contact_ros.joint_reaction.leg import GRAVITY
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.parameters.sections import Pairing
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2]"""
 LIGHTEST = 150.0
 """Body weight [N] below which the number must be in kg: the weight of 15 kg"""
 STIFF = math.radians(3.5)
@@ -32,7 +32,7 @@ ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
 """Number of ticks, and time [s], from which a load that was never positive cannot be a swing phase"""
 PULLING = -50.0
 """Mean load [N] that is too low even for an unloaded knee"""
-MM, NANOSECONDS = 1e3, 1e9
+MM = 1e3
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,7 +46,7 @@ def parameter_doubts(parameters: Parameters, law: ContactLaw, plausible_depth: f
     return [
         doubt
         for doubt in (
-            _body_weight(parameters.body_weight),
+            weight_doubt(parameters.body_weight),
             _stiffness(parameters, law, plausible_depth),
             _second_layer(parameters.contact, law),
             _wait(parameters.pairing),
@@ -55,7 +55,8 @@ def parameter_doubts(parameters: Parameters, law: ContactLaw, plausible_depth: f
     ]
 
 
-def _body_weight(weight: float) -> str:
+def weight_doubt(weight: float) -> str:
+    """Sentence about a body weight [N] that is likely in kg; empty if it is not."""
     if weight >= LIGHTEST:
         return ""
     return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"

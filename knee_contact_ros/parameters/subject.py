@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.declared import first_error
-from knee_contact_ros.parameters.plausibility import GRAVITY
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.system.errors import UsageError

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.core.types import Status
-from knee_contact_ros.messages.cdr import SECOND
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.timeline import Timeline
@@ -69,8 +69,8 @@ class Synchroniser:
     def __init__(self, pairing: Pairing) -> None:
         self.refused: Counter[str] = Counter()
         """Number of refused samples by reason"""
-        self._max_gap, self._queue = round(pairing.max_gap * SECOND), pairing.queue
-        self.angle_delay = round(pairing.angle_delay * SECOND)
+        self._max_gap, self._queue = round(pairing.max_gap * NANOSECONDS), pairing.queue
+        self.angle_delay = round(pairing.angle_delay * NANOSECONDS)
         """Time [ns] by which the stamps of angles have been moved earlier"""
         self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
         self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
@@ -99,7 +99,7 @@ class Synchroniser:
     def lead(self) -> float | None:
         """Difference [s] of the last load's stamp and the last angle's, as they came; None if it is not known."""
         angle, load = self.angle_time.last, self.load_time.last
-        return None if angle is None or load is None else (load - angle - self.angle_delay) / SECOND
+        return None if angle is None or load is None else (load - angle - self.angle_delay) / NANOSECONDS
 
     def steady(self) -> Steady | None:
         """Current state; None after something unusual, until a pair has been flagged with it."""

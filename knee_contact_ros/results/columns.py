@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import FLAT, Rows
+from knee_contact_ros.core.types import FLAT, NANOSECOND, Rows
 from knee_contact_ros.system.errors import UsageError
 
-NANOSECOND = 1e-9
-"""Duration [s] of a nanosecond"""
 DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
 """The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""
 TIME = "time"

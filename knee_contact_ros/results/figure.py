@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.types import Rows
-from knee_contact_ros.results.columns import NANOSECOND, begin_in
+from knee_contact_ros.core.types import NANOSECOND, Rows
+from knee_contact_ros.results.columns import begin_in
 from knee_contact_ros.results.extra import library
 
 SIZE = (8.0, 8.0)

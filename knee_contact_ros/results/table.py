@@ -10,8 +10,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.core.types import Rows, Status
-from knee_contact_ros.results.columns import NANOSECOND, begin_in, stamp_text, time_of
+from knee_contact_ros.core.types import NANOSECOND, Rows, Status
+from knee_contact_ros.results.columns import begin_in, stamp_text, time_of
 
 ENDS = 4
 """Number of rows that are shown of the beginning, and of the end"""

@@ -16,7 +16,7 @@ from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.motion import STILL
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
-from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
 from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters

@@ -22,8 +22,8 @@ from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.core.types import blank
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
-from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.messages.ros_types import definition, typestore
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -52,7 +52,7 @@ def make_bag(path: Path, ticks: int) -> None:
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
-        for sample in islice(samples(RATE, SECOND), ticks):
+        for sample in islice(samples(RATE, NANOSECONDS), ticks):
             bag.write(f"/{JOINT_STATES}", sample.stamp, sample.angle)
             bag.write(FORCES, sample.stamp, sample.force)
 

@@ -15,7 +15,7 @@ from numba import typeof as type_of
 from knee_contact_ros.compiled import lanes
 from knee_contact_ros.compiled.functions import ENTRY, compiled_function
 from knee_contact_ros.compiled.lanes import Tick, fits
-from knee_contact_ros.compiled.transposed import kind_of
+from knee_contact_ros.compiled.transposed import numba_type_of
 from knee_contact_ros.core import ticks
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.model import KneeModel
@@ -93,7 +93,7 @@ def test_the_loops_over_lanes_are_vectors(config: Path, make: Any, more: tuple[A
     """One branch too many, and they are right but no quicker than one knee after the other."""
     compiled_function(ticks.run)
     loop: Any = njit(**ENTRY)(make(lanes._places(type_of(knee(config, FIRST, "kelvin_voigt").scene))))
-    loop.compile((int64, kind_of(Tick), *more))
+    loop.compile((int64, numba_type_of(Tick), *more))
     (code,) = loop.inspect_asm().values()
     assert re.search(r"\bv?sqrtpd\b", code)
     assert not re.search(r"\bv?sqrtsd\b", code)

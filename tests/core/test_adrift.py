@@ -16,12 +16,12 @@ from knee_contact_ros.core.adrift import (
     LOST,
     Adrift,
     Drive,
-    Range,
+    Enclosure,
     bounds_near,
     calmed,
+    enclosure_of,
     excess_of,
     pushed,
-    range_of,
 )
 from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
@@ -137,7 +137,7 @@ def bounded_on(contact: Contact, adrift: Adrift, load: float, kick: float, mass:
     drive = Drive(mass, load, max(change, 0.0), max(-change, 0.0), least, most, abs(kick), h)
     adrift, _ = pushed(contact.law, adrift, drive, 1e-4)
     adrift, _ = calmed(contact.law, adrift, mass)
-    return adrift, range_of(contact.law, adrift, mass)
+    return adrift, enclosure_of(contact.law, adrift, mass)
 
 
 def start_with(contact: Contact, energy: float, load: float) -> Adrift:
@@ -171,7 +171,7 @@ def test_no_motion_leaves_its_bounds(name: str, kind: str) -> None:
 def test_a_stride_finds_a_lost_femur_again(name: str) -> None:
     # It was lost bouncing under 20 N; a load that rises to 1200 N makes it overshoot into what is damped.
     contact, adrift = CONTACTS[name], start_with(CONTACTS[name], 4e-3, 20.0)
-    limits = Range(0.0, 0.0, 0.0, 0.0, 0)
+    limits = Enclosure(0.0, 0.0, 0.0, 0.0, 0)
     for load in np.maximum(20.0, 1200.0 * np.sin(np.linspace(0.0, 0.6 * math.pi, 30))):
         adrift, limits = bounded_on(contact, adrift, float(load), 0.0, 9.3, 5e-3)
     assert limits.least > 0.0
@@ -238,7 +238,7 @@ def test_a_load_that_rises_and_falls_within_one_time_is_counted() -> None:
     contact, start = CONTACTS["damped"], start_with(CONTACTS["damped"], 0.0, 20.0)
     drive = Drive(9.3, 20.0, 1180.0, 1180.0, 20.0, 1200.0, 0.0, 0.011)
     adrift, _ = pushed(contact.law, start, drive, 1e-4)
-    limits = range_of(contact.law, adrift, 9.3)
+    limits = enclosure_of(contact.law, adrift, 9.3)
     depth, rate = np.array([start.rest]), np.array([0.0])
     for loads, duration in (((20.0, 1200.0), 5e-3), ((1200.0, 1200.0), 5e-3), ((1200.0, 20.0), 1e-3)):
         depth, rate = moved(contact.force, depth, rate, loads, 9.3, duration)
@@ -271,5 +271,5 @@ def test_no_load_and_no_guess_divides_by_nothing(name: str) -> None:
                 adrift = Adrift(LOST, energy, energy / load, load, rest, stored, math.inf, load, energy, 1.0)
                 calm, _ = calmed(contact.law, adrift, 9.3)
                 assert calm.energy <= energy
-                limits = range_of(contact.law, adrift, 9.3)
+                limits = enclosure_of(contact.law, adrift, 9.3)
                 assert limits.least <= limits.most

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.core.mechanisms import MECHANISMS, Hinge, Mechanism, ParallelMechanism, Table
-from knee_contact_ros.core.mechanisms.closure import Closure, Condyle, Fibre, Knee, Pose, Vector
+from knee_contact_ros.core.mechanisms.closure import Closure, Condyle, ConstrainedKnee, Fibre, SpatialPose, Vector
 from knee_contact_ros.core.mechanisms.parallel_mechanism import SANCISI_2017, START, STOP
 from tests import ROOT
 
@@ -23,10 +23,10 @@ VALUES = [0.001, 0.0, 0.004, 0.0055, 0.003, -0.006]
 HALF, RADIUS = 0.024, 0.03
 
 
-def level(fibres: tuple[Fibre, Fibre, Fibre]) -> Knee:
+def level(fibres: tuple[Fibre, Fibre, Fibre]) -> ConstrainedKnee:
     """Equal spheres on one horizontal plane, their centres on the femur's z axis: for closed forms."""
     medial, lateral = (Condyle((0.0, 0.0, z), RADIUS, (0.0, -RADIUS, z), (0.0, 2.0, 0.0)) for z in (-HALF, HALF))
-    return Knee(medial, lateral, fibres)
+    return ConstrainedKnee(medial, lateral, fibres)
 
 
 def taut(femur: Vector, tibia: Vector) -> Fibre:
@@ -127,20 +127,24 @@ def test_the_equations_are_linearised_rightly() -> None:
     closure, h = Closure(SANCISI_2017), 1e-6
     pose = np.array([0.004, -0.003, 0.002, 0.2, 0.4])
     columns = [
-        (closure.linearised(0.8, Pose(*(pose + step)))[0] - closure.linearised(0.8, Pose(*(pose - step)))[0]) / (2 * h)
+        (
+            closure.linearised(0.8, SpatialPose(*(pose + step)))[0]
+            - closure.linearised(0.8, SpatialPose(*(pose - step)))[0]
+        )
+        / (2 * h)
         for step in h * np.eye(5)
     ]  # error h² / 6 times third derivatives below 100, and rounding 1e-17 / h
-    assert closure.linearised(0.8, Pose(*pose))[1] == pytest.approx(np.array(columns).T, abs=1e-9)
+    assert closure.linearised(0.8, SpatialPose(*pose))[1] == pytest.approx(np.array(columns).T, abs=1e-9)
 
 
-def placed(point: Vector, pose: Pose, angle: float) -> np.ndarray:
+def placed(point: Vector, pose: SpatialPose, angle: float) -> np.ndarray:
     """A femoral point in the tibia frame, by SciPy's Euler angles instead of our matrix."""
     turn = Rotation.from_euler("YXZ", [-pose.internal_rotation, pose.abduction, angle])
     return np.asarray(turn.apply(point) + np.array([pose.x, pose.y, pose.z]))
 
 
 @pytest.mark.parametrize("knee", [SANCISI_2017, level(AXIS), level(PIVOT)])
-def test_the_parallel_mechanism_stays_closed(knee: Knee) -> None:
+def test_the_parallel_mechanism_stays_closed(knee: ConstrainedKnee) -> None:
     mechanism = ParallelMechanism(knee)
     for angle in INSIDE:
         pose = mechanism.pose(angle)
@@ -263,7 +267,7 @@ def test_the_default_knee_rolls_back_and_turns_inwards() -> None:
         (SANCISI_2017._replace(medial=SANCISI_2017.medial._replace(normal=(0.0, 0.0, 0.0))), "must not be 0"),
     ],
 )
-def test_what_cannot_be_assembled_is_refused(knee: Knee, reason: str) -> None:
+def test_what_cannot_be_assembled_is_refused(knee: ConstrainedKnee, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         ParallelMechanism(knee)
 

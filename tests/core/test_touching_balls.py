@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.core.contact_pairs.femoral_curve import femoral_curve
-from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile, height_at
+from knee_contact_ros.core.contact_pairs.tibial_profile import TibialProfile, spline_at
 from knee_contact_ros.core.geometries import Profile
 from tests.core.surfaces import ellipse, plateau, wavy
 
@@ -41,7 +41,7 @@ def tibial(surface: TibialProfile) -> np.ndarray:
     inner = (nodes[:-1, None] + np.diff(nodes)[:, None] * np.linspace(0.0, 1.0, FINE)).ravel()
     beyond = np.geomspace(1e-4, 5.0, 60)
     every = np.concatenate([nodes[0] - beyond[::-1], inner, nodes[-1] + beyond])
-    height, slope, _ = np.array([height_at(surface.pieces, x) for x in every.tolist()]).T
+    height, slope, _ = np.array([spline_at(surface.pieces, x) for x in every.tolist()]).T
     tangents = np.stack([np.ones_like(slope), slope], axis=1) / np.hypot(1.0, slope)[:, None]
     found = roundness(np.stack([every, height], axis=1), tangents)[60:-60]
     return np.asarray(np.nanmax(found, axis=1).reshape(-1, FINE).max(axis=1))

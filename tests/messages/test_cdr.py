@@ -27,7 +27,8 @@ from knee_contact_ros.messages.cdr import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.messages.ros_types import stamp_to_ns, typestore
+from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.messages.stamps import stamp_to_ns
 from tests.helpers.answers import contact, contacts_of
 from tests.helpers.messages import PlainMessages, RosMessages, contact_message, header, message_class, wrench_message
 

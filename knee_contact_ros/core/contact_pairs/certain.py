@@ -20,18 +20,13 @@ from knee_contact_ros.core.contact_pairs.femoral_curve import (
     slope_on,
     turned_arc,
 )
-from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, TibialSurface
+from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, LAST_STEP, MOST_STEPS, TibialSurface
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
-MOST_STEPS = 10
-"""Largest number of Newton's steps; more mean that it does not converge"""
 ROUNDS = 2
 """Number of rounds to find a start"""
 FARTHEST = 0.05
 """Length [m] of a step above which Newton's method is given up"""
-LAST_STEP = 1e-9
-"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
-curvatures"""
 
 
 class Certain(NamedTuple):

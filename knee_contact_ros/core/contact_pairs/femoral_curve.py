@@ -11,12 +11,10 @@ from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.contact_pairs.least import Sample, least_between
 from knee_contact_ros.core.contact_pairs.tibial_surface import TibialSurface, level_curvatures
-from knee_contact_ros.core.contact_pairs.touching_balls import SHARP, Pieces, least_roundness
+from knee_contact_ros.core.contact_pairs.touching_balls import PARTS, SHARP, Pieces, least_roundness
 from knee_contact_ros.core.geometries.profile import Profile
 from knee_contact_ros.core.kernel_source import in_kernel
 
-PARTS = 4
-"""Number of parts of a segment for the bounds of its roundness (`touching_balls`)"""
 ANGLES = 512
 """Number of angles for which the lowest point is stored"""
 Cubic = tuple[float, float, float, float]

@@ -10,23 +10,16 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.contact_pairs.least import NOTHING, Sample, least
-from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, Foot
-from knee_contact_ros.core.contact_pairs.touching_balls import Pieces, least_roundness
+from knee_contact_ros.core.contact_pairs.tibial_surface import DEEPEST_PART, LAST_STEP, MOST_STEPS, Foot
+from knee_contact_ros.core.contact_pairs.touching_balls import PARTS, Pieces, least_roundness
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 
 RESOLUTION = 1e-9
 """Difference [m] below which two nearest places count as one, if the bounds cannot separate them"""
-PARTS = 4
-"""Number of parts of a piece for the bounds of its roundness (`touching_balls`)"""
 GROWTH = 1.25
 """Ratio of the lengths of two neighbouring parts beyond the measured points"""
 FAR = 10.0
 """Distance [m] to which these parts go; a circle through a point beyond has no more curvature than 2/FAR"""
-MOST_STEPS = 10
-"""Largest number of Newton's steps; more mean that it does not converge"""
-LAST_STEP = 1e-9
-"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
-curvatures"""
 LARGEST_PART = 1.0 - 1e-9
 """Largest distance over the radius of a ball for a proof, so that rounding does not matter"""
 OUTLINE_POINTS = 201
@@ -90,7 +83,7 @@ class TibialProfile(_TibialProfile):
                 x=x, y=y,
             )  # fmt: skip
             place = _foot_by_search(problem)
-        height, slope, bend = height_at(self.pieces, place)
+        height, slope, bend = spline_at(self.pieces, place)
         norm = math.sqrt(1.0 + slope * slope)
         return Foot(((y - height) - slope * (x - place)) / norm, -slope / norm, 1.0 / norm, bend / (norm * norm * norm))
 
@@ -100,10 +93,10 @@ class TibialProfile(_TibialProfile):
         Balls that touch the surface there, with the radius of the largest curvature on either side, do not cross the
         surface. So the distances of their centres are known, and that of the point differs by its distance from them.
         """
-        height, slope, bend = height_at(self.pieces, x)
+        height, slope, bend = spline_at(self.pieces, x)
         above = y - height
         place = x + above * slope / max(1.0 + slope * slope - above * bend, 0.5)
-        height, slope, _ = height_at(self.pieces, place)
+        height, slope, _ = spline_at(self.pieces, place)
         squared_norm = 1.0 + slope * slope
         norm = math.sqrt(squared_norm)
         dx, dy = x - place, y - height
@@ -113,7 +106,7 @@ class TibialProfile(_TibialProfile):
 
     def graph(self, x: float) -> tuple[float, float, float]:
         """Return height [m], slope and second derivative [1/m] at x [m]."""
-        return height_at(self.pieces, x)
+        return spline_at(self.pieces, x)
 
     def cup(self, x: float) -> float:
         """Return the curvature [1/m] of a ball that touches from above at x [m] and lies above all of the surface."""
@@ -133,7 +126,7 @@ class TibialProfile(_TibialProfile):
         low, high = max(-reach, first), min(reach, last)
         x = np.unique(np.concatenate([np.linspace(low, high, OUTLINE_POINTS), self.pieces[:, 0]]))
         x = x[np.abs(x) <= reach]
-        return np.array([(place, height_at(self.pieces, place)[0]) for place in x.tolist()])
+        return np.array([(place, spline_at(self.pieces, place)[0]) for place in x.tolist()])
 
 
 class SquaredDistance(NamedTuple):
@@ -151,7 +144,7 @@ class SquaredDistance(NamedTuple):
 
     def sample(self, place: float) -> Sample:
         """Evaluate the function and its derivatives at a place [m]; `normal` has height [m] and y'' [1/m] there."""
-        height, slope, bend = height_at(self.pieces, place)
+        height, slope, bend = spline_at(self.pieces, place)
         dx, dy = place - self.x, height - self.y
         value = 0.5 * (dx * dx + dy * dy)
         return Sample(
@@ -178,7 +171,7 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
     """
     place = x
     for _ in range(MOST_STEPS):
-        height, slope, bend = height_at(pieces, place)
+        height, slope, bend = spline_at(pieces, place)
         dy = height - y
         rise = 1.0 + slope * slope + dy * bend
         if not rise > 0.0:
@@ -187,7 +180,7 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
         place += step
         if abs(step) < LAST_STEP:
             i = _piece_at(pieces, place)
-            height, slope, _ = height_at(pieces, place)
+            height, slope, _ = spline_at(pieces, place)
             distance = ((y - height) - slope * (x - place)) / math.sqrt(1.0 + slope * slope)
             inside = distance * pieces[i, 6] < LARGEST_PART if distance > 0.0 else convex * distance < DEEPEST_PART
             return place if inside and 0 < i < len(pieces) - 1 else math.nan
@@ -198,7 +191,7 @@ def _foot_by_newton(pieces: Floats, convex: float, x: float, y: float) -> float:
 def _foot_by_search(problem: SquaredDistance) -> float:
     """Return the place [m] of the nearest point, which is no further to the side than the distance along y."""
     x, y = problem.x, problem.y
-    reach = abs(y - height_at(problem.pieces, x)[0])
+    reach = abs(y - spline_at(problem.pieces, x)[0])
     first, last = _ends(problem.pieces)
     best = _nearest(problem, max(first, x - reach), min(last, x + reach), reach, NOTHING)
     best = _nearest(problem, x - reach, min(first, x + reach), reach, best)
@@ -213,7 +206,7 @@ def _nearest(problem: SquaredDistance, begin: float, end: float, reach: float, b
 
 
 @in_kernel
-def height_at(pieces: Floats, x: float) -> tuple[float, float, float]:
+def spline_at(pieces: Floats, x: float) -> tuple[float, float, float]:
     """Return height [m], slope and second derivative [1/m] at x [m]."""
     i = _piece_at(pieces, x)
     c0, c1, c2, c3 = float(pieces[i, 1]), float(pieces[i, 2]), float(pieces[i, 3]), float(pieces[i, 4])

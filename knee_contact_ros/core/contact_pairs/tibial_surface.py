@@ -13,6 +13,11 @@ from typing import NamedTuple, Protocol
 from knee_contact_ros.core.arrays import Floats
 from knee_contact_ros.core.kernel_source import in_kernel, kernel_interface
 
+MOST_STEPS = 10
+"""Largest number of Newton's steps; more mean that it does not converge"""
+LAST_STEP = 1e-9
+"""Length [m] of a step below which it is the last; it leaves an error of the order of its square times the
+curvatures"""
 DEEPEST_PART = 0.9
 """Largest depth below a convex place of the surface that the bounds hold for, in radii of curvature"""
 

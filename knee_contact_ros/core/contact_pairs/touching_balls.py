@@ -14,6 +14,8 @@ import numpy as np
 
 from knee_contact_ros.core.arrays import Floats, Integers
 
+PARTS = 4
+"""Number of parts of a piece of a spline for the bounds of its roundness"""
 WINDOWS = (2, 4, 8, 16, 32, 64, 128, 256, 512)
 """Numbers of neighbours on both sides for which q is bounded by their curvature"""
 LARGEST_TURN = 1.5

@@ -95,7 +95,7 @@ def stepwise(scene: Scene, interval: Interval, start: RunState, spent: int) -> T
         until, following = stretch_from(interval, begin)
         stepper, mode = begin_stretch(scene, interval, stepper, begin)
         while stepper.s < until and not stepper.given_up:
-            stepper, mode = step_on(scene, interval, stepper, mode, until)
+            stepper, mode = step_dynamic(scene, interval, stepper, mode, until)
         begin = following
     if stepper.given_up or not abs(stepper.state.height) < math.inf:
         return unresolved(interval, stepper, start)
@@ -130,7 +130,7 @@ def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
 
 
 @in_kernel
-def step_on(
+def step_dynamic(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, ContactMode]:
     """Take a step towards `until` [s]; return the mode after it."""

@@ -76,7 +76,7 @@ def first_order_tick(scene: Scene, interval: Interval, start: RunState, spent: i
         if rests(massless, part, stepper):
             stepper = on_surface(part, stepper, until)
         while stepper.s < until and not stepper.given_up:
-            stepper, mode = step_on(massless, part, stepper, mode, until)
+            stepper, mode = step_first_order(massless, part, stepper, mode, until)
         begin = following
     if stepper.given_up or not abs(stepper.state.height) < math.inf:
         return unresolved(interval, stepper._replace(s=0.0, state=start.state, error=start.error), start)
@@ -194,11 +194,11 @@ def jumped(stepper: StepperState, jump: float) -> StepperState:
 
 
 @in_kernel
-def step_on(
+def step_first_order(
     scene: Scene, part: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, ContactMode]:
     """Take a step towards `until` [s]; return the mode after it."""
-    stepper, step, h = controlled_step(scene, part, stepper, mode, until)
+    stepper, step, h = controlled_massless_step(scene, part, stepper, mode, until)
     boundary = NOWHERE
     while h > 0.0 and leaves(mode, step) and not stepper.given_up:
         stepper, step, h, boundary = end_on_boundary(scene, part, stepper, mode, step, h)
@@ -230,7 +230,7 @@ def memory(step: Step, h: float) -> float:
 
 
 @never_inlined
-def controlled_step(
+def controlled_massless_step(
     scene: Scene, part: Interval, stepper: StepperState, mode: ContactMode, until: float
 ) -> tuple[StepperState, Step, float]:
     """Compute a step towards `until` [s] whose estimated error fits the tolerance; return it and its duration [s].

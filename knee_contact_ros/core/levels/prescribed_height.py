@@ -8,7 +8,7 @@ from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.prescribed import Interval, touch_at
 from knee_contact_ros.core.scene import RunState, Scene, TickResult, at_height
 
-MAX_LOCATE = 60
+MOST_BISECTIONS = 60
 """Largest number of bisections to find the time of touch."""
 
 
@@ -42,7 +42,7 @@ def contact_on_way(interval: Interval, height: float, velocity: float, s: float)
 def moment_of_touch(interval: Interval, height: float, velocity: float) -> float:
     """Return the time [s] at which the depth becomes positive, which it is at the interval's end (bisection)."""
     low, high = 0.0, interval.duration
-    for _ in range(MAX_LOCATE):
+    for _ in range(MOST_BISECTIONS):
         middle = 0.5 * (low + high)
         if not low < middle < high:
             break

@@ -47,7 +47,7 @@ class Fibre(NamedTuple):
     """Distance of the attachments [m]"""
 
 
-class Knee(NamedTuple):
+class ConstrainedKnee(NamedTuple):
     """A knee with five constraints on six degrees of freedom, so that one is left."""
 
     medial: Condyle
@@ -55,7 +55,7 @@ class Knee(NamedTuple):
     fibres: tuple[Fibre, Fibre, Fibre]
 
 
-class Pose(NamedTuple):
+class SpatialPose(NamedTuple):
     """Pose of the femur in the tibia frame, apart from the flexion angle."""
 
     x: float
@@ -84,7 +84,7 @@ class Pose(NamedTuple):
 class Closure:
     """The five closure equations of a knee, which can be solved at any flexion angle."""
 
-    def __init__(self, knee: Knee) -> None:
+    def __init__(self, knee: ConstrainedKnee) -> None:
         """Take the geometry.
 
         Raises:
@@ -102,7 +102,7 @@ class Closure:
             raise ValueError("the parallel mechanism's radii, lengths and normals must not be 0")
         self._normals = normals / sizes[:, None]
 
-    def solve(self, flexion: float, guess: Pose) -> Pose:
+    def solve(self, flexion: float, guess: SpatialPose) -> SpatialPose:
         """Return the pose at a flexion angle [rad], by Newton's method from a guess nearby.
 
         Raises:
@@ -110,18 +110,18 @@ class Closure:
         """
         pose = np.array(guess)
         for _ in range(ITERATIONS):
-            errors, jacobian = self.linearised(flexion, Pose(*pose.tolist()))
+            errors, jacobian = self.linearised(flexion, SpatialPose(*pose.tolist()))
             if np.abs(errors).max() < CLOSED:
                 if np.linalg.cond(jacobian) > WORST_CONDITION:
                     break
-                return Pose(*pose.tolist())
+                return SpatialPose(*pose.tolist())
             try:
                 pose = pose - np.linalg.solve(jacobian, errors)
             except np.linalg.LinAlgError:
                 break
         raise ValueError(f"the parallel mechanism cannot be assembled at {math.degrees(flexion):.1f} deg of flexion")
 
-    def linearised(self, flexion: float, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearised(self, flexion: float, pose: SpatialPose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the errors [m], shape (5,), and their derivatives by the pose, shape (5, 5).
 
         Each row is a line along which a contact pushes or a fibre pulls: its direction, and its moments about the

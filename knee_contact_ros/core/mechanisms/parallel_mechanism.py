@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.mechanisms.closure import Closure, Condyle, Fibre, Knee, Pose
+from knee_contact_ros.core.mechanisms.closure import Closure, Condyle, ConstrainedKnee, Fibre, SpatialPose
 from knee_contact_ros.core.mechanisms.table import Table
 
-SANCISI_2017 = Knee(
+SANCISI_2017 = ConstrainedKnee(
     medial=Condyle(
         centre=(0.0002458, 0.0034071, -0.0232019),
         radius=0.03232,
@@ -57,7 +57,7 @@ class ParallelMechanism:
     A model uses its `table`.
     """
 
-    def __init__(self, knee: Knee = SANCISI_2017, start: float = START, stop: float = STOP) -> None:
+    def __init__(self, knee: ConstrainedKnee = SANCISI_2017, start: float = START, stop: float = STOP) -> None:
         """Solve the mechanism from full extension to `start` < 0 and `stop` > 0 [rad]; the table is straight beyond.
 
         Raises:
@@ -66,7 +66,7 @@ class ParallelMechanism:
         if not start < 0.0 < stop:
             raise ValueError("the parallel mechanism's range of flexion must contain full extension inside it")
         self._closure = Closure(knee)
-        extension = self._closure.solve(0.0, Pose(0.0, 0.0, 0.0, 0.0, 0.0))
+        extension = self._closure.solve(0.0, SpatialPose(0.0, 0.0, 0.0, 0.0, 0.0))
         flexed, extended = self._follow(extension, stop), self._follow(extension, start)
         poses = dict(sorted({**extended, **flexed}.items()))
         self._angles = np.array(list(poses))
@@ -75,7 +75,7 @@ class ParallelMechanism:
         self.table = Table(self._angles, anterior - _anterior(knee, 0.0, extension))
         """The translation as a `Mechanism`; x is 0 at full extension"""
 
-    def pose(self, angle: float) -> Pose:
+    def pose(self, angle: float) -> SpatialPose:
         """Solve for the whole pose of the femur at a flexion angle [rad] inside the range, to the last digit.
 
         Raises:
@@ -86,20 +86,20 @@ class ParallelMechanism:
         nearest = int(np.abs(self._angles - angle).argmin())
         return self._closure.solve(angle, self._poses[nearest])
 
-    def _follow(self, extension: Pose, end: float) -> dict[float, Pose]:
+    def _follow(self, extension: SpatialPose, end: float) -> dict[float, SpatialPose]:
         """Return poses by flexion angle from full extension to `end` [rad], each solved from the two before it."""
         angles: NDArray[np.float64] = np.linspace(0.0, end, 1 + int(np.ceil(abs(end) / STEP)))
         poses = [extension]
         for angle in angles[1:].tolist():
             last, before = np.array(poses[-1]), np.array(poses[-2:][0])
             guess = 2.0 * last - before
-            pose = self._closure.solve(angle, Pose(*guess.tolist()))
+            pose = self._closure.solve(angle, SpatialPose(*guess.tolist()))
             if len(poses) > 1 and np.abs(np.array(pose) - guess).max() > LARGEST_JUMP:
                 raise ValueError(f"the parallel mechanism jams before {np.degrees(angle):.1f} deg of flexion")
             poses.append(pose)
         return dict(zip(angles.tolist(), poses, strict=True))
 
 
-def _anterior(knee: Knee, angle: float, pose: Pose) -> float:
+def _anterior(knee: ConstrainedKnee, angle: float, pose: SpatialPose) -> float:
     """Return x of the medial sphere's centre in the tibia frame [m]."""
     return pose.x + float(pose.rotation(angle)[0] @ np.array(knee.medial.centre))

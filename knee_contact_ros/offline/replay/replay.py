@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.messages.transforms import TF_STATIC
 from knee_contact_ros.offline.bag_inputs import transform_messages

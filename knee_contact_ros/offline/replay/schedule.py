@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 
 
 class Schedule:

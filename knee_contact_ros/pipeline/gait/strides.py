@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.core.types import ContactState
-from knee_contact_ros.messages.cdr import SECOND
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEvents
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 SHORTEST, LONGEST = 0.4, 2.5
 """Range of plausible durations of a stride [s]"""
-CERTAIN = round(2.2 * SECOND)
+CERTAIN = round(2.2 * NANOSECONDS)
 """Time [ns] after which all events are certain: a toe-off may wait for a slow flexion and a slow extension"""
-KEPT = round((LONGEST + 3.0) * SECOND)
+KEPT = round((LONGEST + 3.0) * NANOSECONDS)
 """Time [ns] that samples must be kept: a stride, and the time until events are certain"""
 
 
@@ -36,7 +36,7 @@ class Span(NamedTuple):
     @property
     def duration(self) -> float:
         """Duration of the stride [s]."""
-        return (self.end - self.start) / SECOND
+        return (self.end - self.start) / NANOSECONDS
 
     @property
     def stance(self) -> float:
@@ -71,7 +71,7 @@ def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
     strides = []
     for start, end in pairwise(strikes):
         between = [stamp for stamp in toe_offs if start < stamp < end]
-        if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST:
+        if len(between) == 1 and SHORTEST <= (end - start) / NANOSECONDS <= LONGEST:
             strides.append(Span(start, between[0], end))
     return strides
 
@@ -85,7 +85,7 @@ def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tupl
     inner = slice(*np.searchsorted(stamps, (start + 1, end)))
     at = np.concatenate(([start], stamps[inner], [end]))
     edges = at_stamps(stamps, values, np.array([start, end]), held)
-    return (at - start) / SECOND, np.concatenate((edges[:1], values[inner], edges[1:]))
+    return (at - start) / NANOSECONDS, np.concatenate((edges[:1], values[inner], edges[1:]))
 
 
 def at_stamps(stamps: Stamps, values: Floats, at: Stamps, held: int) -> Floats:
@@ -132,7 +132,7 @@ def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: f
     Returns:
         One entry per whole stride, in order; none where there is no gait.
     """
-    stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
+    stamps = np.rint(np.asarray(time, dtype=np.float64) * NANOSECONDS).astype(np.int64)
     values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
     strides = []
     for span in _strides(stamps, series, body_weight):

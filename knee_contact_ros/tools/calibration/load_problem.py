@@ -12,7 +12,7 @@ from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
 from knee_contact_ros.joint_reaction.leg import leg_of
 from knee_contact_ros.joint_reaction.levels import LEVELS, EstimationLevel
 from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
-from knee_contact_ros.messages.cdr import SECOND
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.parameters.reading import known_parameters
@@ -55,7 +55,7 @@ class LoadProblem(Problem):
 
     def predicted(self, place: Floats) -> dict[str, Floats]:
         """Give the answers, with the samples' stamps as `time` [s]."""
-        return {"time": np.array([each.stamp / SECOND for each in self.measured.samples]), **self.answers(place)}
+        return {"time": np.array([each.stamp / NANOSECONDS for each in self.measured.samples]), **self.answers(place)}
 
     def doubts(self, place: Floats) -> list[str]:  # noqa: ARG002
         """Report what makes no sense in the bag."""

@@ -15,8 +15,8 @@ from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.core.types import UNUSABLE
-from knee_contact_ros.messages.cdr import SECOND
 from knee_contact_ros.messages.ros_types import deserialize
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -73,7 +73,7 @@ def referenced(
     stamps, axial, refused = _reference(bag, names.get(OWN_NAME, OWN_NAME))
     if not sensed.samples:
         raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
-    column = interpolated(stamps, axial, sensed, round(parameters.pairing.max_gap * SECOND))
+    column = interpolated(stamps, axial, sensed, round(parameters.pairing.max_gap * NANOSECONDS))
     flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed.samples])
     without = int((np.isnan(column) & ~flagged).sum())
     column[flagged] = np.nan

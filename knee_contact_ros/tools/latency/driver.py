@@ -19,7 +19,8 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.messages.cdr import SECOND, stamp_in
+from knee_contact_ros.messages.cdr import stamp_in
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.system.errors import UsageError
@@ -84,7 +85,7 @@ class Driver:
         self._angle = node.create_publisher(JointState, JOINT_STATES, QOS)
         self._force = node.create_publisher(WrenchStamped, feed.force_topic, QOS)
         node.create_subscription(KneeContact, KNEE_CONTACT, self._on_contact, QOS, raw=True)
-        self._stamp = SECOND  # of the next sample [ns]; all life long they grow
+        self._stamp = NANOSECONDS  # of the next sample [ns]; all life long they grow
         self._waiting: dict[int, int] = {}  # stamp to time of publishing, both in [ns]
         self._latencies: list[int] = []
         self._last = 0  # time of the last answer [ns]

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.cdr import SECOND, JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.parameters.schema import Knee, Load
 
@@ -31,9 +32,9 @@ class Sample(NamedTuple):
 
 def samples(rate: float, first: int) -> Iterator[Sample]:
     """Samples at `rate` [Hz] without end, stamped from `first` [ns] on."""
-    stamp, step = first, round(SECOND / rate)
+    stamp, step = first, round(NANOSECONDS / rate)
     for angle, force in cycle(rests(rate)):
-        start = _START.pack(b"\x00\x01\x00\x00", *divmod(stamp, SECOND))
+        start = _START.pack(b"\x00\x01\x00\x00", *divmod(stamp, NANOSECONDS))
         yield Sample(stamp, start + angle, start + force)
         stamp += step
 

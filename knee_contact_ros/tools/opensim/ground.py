@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files.leg_gait import GroundForces
 from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage
 from knee_contact_ros.system.errors import UsageError

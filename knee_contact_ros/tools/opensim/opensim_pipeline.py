@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files.storage import read_storage, repaired, text_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import Bar

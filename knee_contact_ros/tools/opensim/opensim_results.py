@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.gait_files import knee_gait
 from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions
 from knee_contact_ros.offline.gait_files.leg_gait import Leg, leg_at
@@ -29,8 +30,6 @@ from knee_contact_ros.tools.opensim.external_loads import data_file, read_ground
 from knee_contact_ros.tools.opensim.leg import LegGait, leg_joints, read_leg
 from knee_contact_ros.tools.opensim.model_file import read_model
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]"""
 SMALLEST_FORCE, LARGEST_FORCE = 20.0, 1e6
 """Range of the peak of an axial force [N], outside of which the force is not in N"""
 MOVES = 0.1

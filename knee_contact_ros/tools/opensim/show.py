@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files.leg_gait import Leg
 from knee_contact_ros.offline.gait_files.storage import Stamps
 from knee_contact_ros.pipeline.gait.events import LOAD_PEAK, GaitEvents

@@ -11,7 +11,7 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import names_in_bag
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE, is_lateral, knee_name
 from knee_contact_ros.offline.uncertainty.deviations import deviations_of, read_deviations
 from knee_contact_ros.offline.uncertainty.propagation import LEVEL, Propagated, factor, propagated

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files.storage import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.sensors.channels import Series

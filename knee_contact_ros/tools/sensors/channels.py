@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files.storage import Floats, Stamps, Storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.sensors.sensor_map import LEAVE_OUT, TENSION, AngleChannel, Channel, LoadChannel, SensorMap

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.messages.ros_types import NANOSECONDS
-from knee_contact_ros.parameters.plausibility import GRAVITY, LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF
+from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.parameters.plausibility import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
 from knee_contact_ros.tools.sensors.channels import Series
 from knee_contact_ros.tools.sensors.sensor_map import SensorMap
 from knee_contact_ros.tools.sensors.units import BODY_WEIGHT, FORCE, UNITS
@@ -53,17 +53,11 @@ def impossible(angle: Series, load: Series | None) -> str:
 
 def doubts(angle: Series, load: Series | None, sensors: SensorMap) -> list[str]:
     """List what is likely a mistake in the map."""
-    sentences = [_weight(sensors), _slow(angle), _still(angle), _outside(angle), _jumps(angle, sensors.max_gap)]
+    weight = "" if sensors.body_weight is None else weight_doubt(sensors.body_weight)
+    sentences = [weight, _slow(angle), _still(angle), _outside(angle), _jumps(angle, sensors.max_gap)]
     if load is not None:
         sentences += [_slow(load), _peak(load, sensors)]
     return [sentence for sentence in sentences if sentence]
-
-
-def _weight(sensors: SensorMap) -> str:
-    weight = sensors.body_weight
-    if weight is None or weight >= LIGHTEST:
-        return ""
-    return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"
 
 
 def _slow(series: Series) -> str:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros import __version__
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.gait_files import knee_gait
 from knee_contact_ros.offline.gait_files.gait_bag import QUANTITIES, check_output, digest, write_bag
 from knee_contact_ros.offline.gait_files.knee_gait import Angles, Reactions

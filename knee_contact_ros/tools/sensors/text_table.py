@@ -25,8 +25,6 @@ from knee_contact_ros.tools.sensors.units import TIME, factor
 
 STORAGES = {".sto", ".mot"}
 COMMENT = "#"
-LOOKED_AT = 200
-"""Number of lines among which a header is looked for"""
 LONGEST_LINE = 2**20
 MOST_STANDING = 0.1
 """Largest share of the rows that may have the time of the next row"""

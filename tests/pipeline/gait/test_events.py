@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.messages.ros_types import stamp_to_ns
+from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.pipeline.gait.rules import points
 from knee_contact_ros.system.resources import share_folder

@@ -10,7 +10,7 @@ import pytest
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.messages.ros_types import NANOSECONDS
+from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.gait_files.storage import read_storage
 from knee_contact_ros.parameters.load_schema import LOAD_READING
