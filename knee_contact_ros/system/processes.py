@@ -19,6 +19,8 @@ from knee_contact_ros.system.errors import UsageError
 Process = subprocess.Popen[bytes]
 PATIENCE = 30.0
 """Longest time [s] that a process may take to end, as a rule"""
+INFORMATION = "[INFO]"
+"""Mark of lines in which ROS logs what is not wrong"""
 LAST_WORDS = 5.0
 """Longest time [s] that a process may take to end once its socket is closed"""
 RUN_MODULE = (
@@ -43,13 +45,12 @@ class Child(NamedTuple):
         """Check that the process still runs.
 
         Raises:
-            UsageError: it has ended; the text has the last line of its output.
+            UsageError: it has ended; the text has the last line of its output that is more than information.
         """
         if self.process.poll() is not None:
-            lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise UsageError(
-                f"{self.name} ended with code {self.process.returncode}: {lines[-1] if lines else 'it said nothing'}"
-            )
+            lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["it said nothing"]
+            last = next((line for line in reversed(lines) if INFORMATION not in line), lines[-1])
+            raise UsageError(f"{self.name} ended with code {self.process.returncode}: {last}")
 
 
 def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> Process:

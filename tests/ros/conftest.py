@@ -32,6 +32,8 @@ from tests.ros.nursery import COMMAND, Forked, nursery
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
+ACQUAINTANCE = 0.1
+"""Time [s] in which a node hears of a client that has heard of it"""
 
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
@@ -113,6 +115,8 @@ class Peer:
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
         self.stalled: list[subprocess.Popen[str]] = []
+        self.clients: dict[tuple[type, str], Any] = {}
+        """Clients of services, by type and name"""
         self.node_process = 0
         """Its number, for faults that need it"""
         self.between = 0.0
@@ -154,6 +158,17 @@ class Peer:
             )
         )
 
+    def client(self, service_type: type, name: str) -> Any:
+        """Get a client of a service that the node knows, too: it cannot answer one of whom it has yet to hear."""
+        kind = service_type, name
+        is_new = kind not in self.clients
+        if is_new:
+            self.clients[kind] = self.node.create_client(service_type, name)
+        self.wait_until(self.clients[kind].service_is_ready)
+        if is_new:
+            self.spin(ACQUAINTANCE)
+        return self.clients[kind]
+
     def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
         """Publish a flexion angle [rad] at a stamp [ns]."""
         self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
@@ -171,14 +186,9 @@ class Peer:
 
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
     """Call a service and wait for its answer."""
-    client = peer.node.create_client(service_type, name)
-    try:
-        peer.wait_until(client.service_is_ready)
-        future = client.call_async(request)
-        peer.wait_until(future.done)
-        return future.result()
-    finally:
-        peer.node.destroy_client(client)  # else the node knows of one more each time
+    future = peer.client(service_type, name).call_async(request)
+    peer.wait_until(future.done)
+    return future.result()
 
 
 def change_state(peer: Peer, transition: int, node: str = "knee_contact") -> bool:

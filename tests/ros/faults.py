@@ -102,27 +102,23 @@ def lost_angle(peer: Peer, stamp: int) -> list[Sample]:
 
 
 def parameter_storm(peer: Peer, _stamp: int) -> None:
-    client = peer.node.create_client(SetParameters, "/knee_contact/set_parameters")
-    peer.wait_until(client.service_is_ready)
+    client = peer.client(SetParameters, "/knee_contact/set_parameters")
     change = Parameter("fidelity.budget", value=0).to_parameter_msg()
     for _ in range(40):  # in parts, for a service forgets what is asked by more than ten at once
         calls = [client.call_async(SetParameters.Request(parameters=[change])) for _ in range(5)]
         for each in calls:
             peer.wait_until(each.done)
         assert all(call.result().results[0].successful for call in calls)
-    peer.node.destroy_client(client)
 
 
 def refused_parameter(peer: Peer, _stamp: int) -> None:
-    client = peer.node.create_client(SetParameters, "/knee_contact/set_parameters")
-    peer.wait_until(client.service_is_ready)
+    client = peer.client(SetParameters, "/knee_contact/set_parameters")
     changes = [Parameter("femur.geometry", value="profile"), Parameter("contact.damping", value=-1.0)]
     call = client.call_async(SetParameters.Request(parameters=[change.to_parameter_msg() for change in changes]))
     peer.wait_until(call.done)
     reasons = [result.reason for result in call.result().results]
     assert "femur.geometry cannot change while the node is configured" in reasons[0]
     assert "contact.damping" in reasons[1]
-    peer.node.destroy_client(client)
 
 
 def unfit_transitions(peer: Peer, _stamp: int) -> None:

@@ -19,7 +19,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.stamps import stamp_to_ns
 from tests import ROOT
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer
+from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call
 from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at
 
 SHARE = 0.5
@@ -51,11 +51,7 @@ def running() -> Iterator[Running]:
 def listening(peer: Peer, running: Running) -> Iterator[Peer]:
     """Our side, with the node at rest: its next tick starts anew."""
     peer.wait_for_node()
-    client = peer.node.create_client(Trigger, "/knee_contact/reset")
-    peer.wait_until(client.service_is_ready)
-    call = client.call_async(Trigger.Request())
-    peer.wait_until(call.done)
-    assert call.result().success
+    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
     yield peer
     for process in peer.stalled:
         process.kill()

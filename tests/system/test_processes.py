@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.system import processes
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import child_process
 
 
@@ -36,3 +37,21 @@ def test_a_signal_while_it_starts_ends_it(number: int, tmp_path: Path, monkeypat
         signal.signal(number, before)
     assert len(started) == 1
     assert started[0].poll() is not None
+
+
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        ("", "it said nothing"),
+        ("one\ntwo\n", "two"),
+        ("[ERROR] [1.5] [knee_contact]: why\n[INFO] [1.6] [knee_contact]: 601 ticks", r"\[ERROR\] .* why"),
+        ("[INFO] [1.5] [knee_contact]: begun\n[INFO] [1.6] [knee_contact]: 601 ticks", ".* 601 ticks"),
+    ],
+)
+def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> None:
+    words = f"import sys; sys.stdout.write({output!r}); sys.exit(3)"
+    with (
+        pytest.raises(UsageError, match=f"^it ended with code 3: {told}$"),
+        child_process("it", ["-c", words], tmp_path / "log") as child,
+    ):
+        child.process.wait()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from typing import NamedTuple
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.stage import RECORDING
+from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, running
 from knee_contact_ros.tools.latency.driver import Driver
@@ -27,6 +28,8 @@ PATIENCE = 1200.0
 """Time [s] within which the node must complete its files"""
 MB = 1e6
 NODE = "node"
+RECORDED = OURS._replace(start=partial(node_process, [PARAMETERS]))
+"""The node, whose recording must be complete here"""
 Advance = Callable[[int, int], None]
 INTRODUCTION = """
 The node ({about}) alone, fed at {rate:g} Hz.
@@ -74,7 +77,7 @@ def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advan
     """
     moments: list[Moment] = []
     done = lost = 0
-    with running(OURS, driver, work / NODE, PATIENCE) as node:
+    with running(RECORDED, driver, work / NODE, PATIENCE) as node:
         while done < ticks:
             advance(done, ticks)
             before = snapshot(node.process.pid)
