@@ -36,7 +36,7 @@ from knee_contact_ros.core.error_estimate import (
     LARGEST_VELOCITY_ERROR,
     SPREAD,
     TINY,
-    CarriedError,
+    PropagatedError,
     reach,
     velocity_reach,
 )
@@ -124,7 +124,7 @@ class Enclosure(NamedTuple):
 
 
 @in_kernel
-def loses(interval: Interval, depth: float, force: float, never_flies: bool, error: CarriedError) -> bool:
+def loses(interval: Interval, depth: float, force: float, never_flies: bool, error: PropagatedError) -> bool:
     """Whether the exact femur may be apart from the tibia while that of the answer carries the load.
 
     `depth` [m] and `force` [N] along the height are those at the beginning of the tick. A level that never flies
@@ -140,7 +140,7 @@ def loses(interval: Interval, depth: float, force: float, never_flies: bool, err
 
 
 @in_kernel
-def exceeds(error: CarriedError, limit: float) -> bool:
+def exceeds(error: PropagatedError, limit: float) -> bool:
     """Whether the error estimate of the height exceeds a limit [m]."""
     if 4.5 * error.height * error.height + 18.0 * error.hh <= limit * limit:  # no less than the square of the reach
         return False
@@ -149,7 +149,7 @@ def exceeds(error: CarriedError, limit: float) -> bool:
 
 @never_inlined
 def bounds_near(
-    law: ContactLaw, depth: float, rate: float, error: CarriedError, impact: float, load: float, mass: float
+    law: ContactLaw, depth: float, rate: float, error: PropagatedError, impact: float, load: float, mass: float
 ) -> tuple[Adrift, int]:
     """Return bounds of an exact solution within an error of a `depth` [m] with its `rate` [m/s]; and evaluations.
 
@@ -308,8 +308,8 @@ def enclosure_of(law: ContactLaw, adrift: Adrift, mass: float) -> Enclosure:
 
 
 @in_kernel
-def error_within(limits: Enclosure, depth: float, rate: float, cosine: float) -> CarriedError:
+def error_within(limits: Enclosure, depth: float, rate: float, cosine: float) -> PropagatedError:
     """Return the error of a `depth` [m] and its `rate` [m/s] if the exact ones lie within limits; `cosine` is n_y."""
     height = max(limits.most - depth, depth - limits.least) / (cosine * SPREAD)
     velocity = (limits.rate + abs(rate)) / (cosine * SPREAD)
-    return CarriedError(height=0.0, velocity=0.0, hh=height * height, hv=0.0, vv=velocity * velocity)
+    return PropagatedError(height=0.0, velocity=0.0, hh=height * height, hv=0.0, vv=velocity * velocity)

@@ -75,7 +75,7 @@ def response_by_series(square: float, half_rate: float, h: float) -> tuple[float
     return decay * even, decay * h * odd
 
 
-class CarriedError(NamedTuple):
+class PropagatedError(NamedTuple):
     """Error of a femur state: expected value and covariance."""
 
     height: float
@@ -90,11 +90,11 @@ class CarriedError(NamedTuple):
     """Variance of the velocity's error [m²/s²]"""
 
 
-EXACT = CarriedError(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
+EXACT = PropagatedError(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
 
 
 @in_kernel
-def propagated(error: CarriedError, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
+def propagated(error: PropagatedError, stiffness: float, damping: float, mass: float, h: float) -> PropagatedError:
     """Return the error after `h` [s] of m ë = -stiffness e - damping ė."""
     spring = stiffness / mass
     even, odd, half_rate = response(spring, damping / mass, h)
@@ -102,9 +102,9 @@ def propagated(error: CarriedError, stiffness: float, damping: float, mass: floa
 
 
 @in_kernel
-def carry_on(
-    error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
-) -> CarriedError:
+def propagated_over_step(
+    error: PropagatedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
+) -> PropagatedError:
     """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
 
     The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
@@ -120,10 +120,10 @@ def carry_on(
 
 
 @always_inlined
-def carry_on_by_series(
-    error: CarriedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
-) -> tuple[CarriedError, bool]:
-    """The result of `carry_on` without branches, which holds in nearly all steps; and whether it does in this one."""
+def propagated_by_series(
+    error: PropagatedError, begin: float, middle: float, end: float, damping: float, mass: float, h: float
+) -> tuple[PropagatedError, bool]:
+    """The result of `propagated_over_step` without branches; and whether it holds here, as in nearly all steps."""
     per_mass = 1.0 / mass
     spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
@@ -136,8 +136,8 @@ def carry_on_by_series(
 
 @always_inlined
 def turned_between(
-    error: CarriedError, spring: float, drag: float, grown: float, even: float, odd: float, half_rate: float
-) -> CarriedError:
+    error: PropagatedError, spring: float, drag: float, grown: float, even: float, odd: float, half_rate: float
+) -> PropagatedError:
     """The error mapped by both terms of Magnus' series: half of the second, the first, and half of the second."""
     shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
@@ -147,10 +147,10 @@ def turned_between(
 
 
 @in_kernel
-def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> CarriedError:
+def turned(error: PropagatedError, a: float, b: float, c: float, d: float) -> PropagatedError:
     """Return the error under the linear map of e to a e + b ė and of ė to c e + d ė."""
     hh, hv, vv = error.hh, error.hv, error.vv
-    return CarriedError(
+    return PropagatedError(
         height=a * error.height + b * error.velocity, velocity=c * error.height + d * error.velocity,
         hh=a * a * hh + 2.0 * a * b * hv + b * b * vv, hv=a * c * hh + (a * d + b * c) * hv + b * d * vv,
         vv=c * c * hh + 2.0 * c * d * hv + d * d * vv,
@@ -158,7 +158,7 @@ def turned(error: CarriedError, a: float, b: float, c: float, d: float) -> Carri
 
 
 @in_kernel
-def with_step(error: CarriedError, local: StateError, unknown: float, held: float) -> CarriedError:
+def with_step(error: PropagatedError, local: StateError, unknown: float, held: float) -> PropagatedError:
     """Return the error after a step that adds its own estimated error.
 
     `unknown` is the standard deviation of its size over the estimate; `held` [1/s] as in `reach`.
@@ -167,7 +167,7 @@ def with_step(error: CarriedError, local: StateError, unknown: float, held: floa
     square = held * held * h * h + v * v
     spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
     added = TURNED * TURNED * square + 2.0 * ALIKE * math.sqrt(square * spread)
-    return CarriedError(
+    return PropagatedError(
         height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
         hh=error.hh + unknown * unknown * h * h + added / (held * held),
         hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + added,
@@ -175,7 +175,7 @@ def with_step(error: CarriedError, local: StateError, unknown: float, held: floa
 
 
 @in_kernel
-def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedError:
+def with_bound(error: PropagatedError, height: float, velocity: float) -> PropagatedError:
     """The error with bounds of additional errors of height [m] and velocity [m/s], of the same sign each time."""
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
@@ -183,7 +183,7 @@ def with_bound(error: CarriedError, height: float, velocity: float) -> CarriedEr
 
 
 @in_kernel
-def with_bound_aside(error: CarriedError, height: float, velocity: float) -> CarriedError:
+def with_bound_aside(error: PropagatedError, height: float, velocity: float) -> PropagatedError:
     """Return the error with bounds of additional errors [m], [m/s] that are added to its uncorrelated parts.
 
     A femur that is late has large errors of height and velocity, which depend on each other; the additional error is
@@ -202,14 +202,14 @@ def with_bound_aside(error: CarriedError, height: float, velocity: float) -> Car
 
 
 @in_kernel
-def with_doubt(error: CarriedError, velocity: float) -> CarriedError:
+def with_doubt(error: PropagatedError, velocity: float) -> PropagatedError:
     """Return the error with a bound of an additional error of the velocity [m/s], of another sign each time."""
     v = velocity / SPREAD
     return error._replace(vv=error.vv + v * v)
 
 
 @in_kernel
-def bounded(error: CarriedError) -> CarriedError:
+def bounded(error: PropagatedError) -> PropagatedError:
     """Return the error, limited to `LARGEST_HEIGHT_ERROR` and `LARGEST_VELOCITY_ERROR`."""
     h = abs(error.height) + math.sqrt(max(error.hh, 0.0))
     v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
@@ -217,13 +217,13 @@ def bounded(error: CarriedError) -> CarriedError:
         return error
     h = h if h < LARGEST_HEIGHT_ERROR else LARGEST_HEIGHT_ERROR
     v = v if v < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
-    return CarriedError(height=0.0, velocity=0.0, hh=h * h, hv=0.0, vv=v * v)
+    return PropagatedError(height=0.0, velocity=0.0, hh=h * h, hv=0.0, vv=v * v)
 
 
 @in_kernel
 def with_push(
-    error: CarriedError, push: float, stiffness: float, damping: float, mass: float, h: float
-) -> CarriedError:
+    error: PropagatedError, push: float, stiffness: float, damping: float, mass: float, h: float
+) -> PropagatedError:
     """Return the error after an unknown force of up to `push` [N] of either sign has acted for `h` [s]."""
     height, velocity = pushed_by(push, stiffness, damping, mass, h)
     return with_bound(error, height, velocity)
@@ -244,7 +244,7 @@ def holding(stiffness: float, damping: float, mass: float) -> float:
 
 
 @in_kernel
-def reach(error: CarriedError, held: float) -> float:
+def reach(error: PropagatedError, held: float) -> float:
     """Return the published error estimate [m] of the height.
 
     In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
@@ -257,14 +257,14 @@ def reach(error: CarriedError, held: float) -> float:
 
 
 @in_kernel
-def velocity_reach(error: CarriedError) -> float:
+def velocity_reach(error: PropagatedError) -> float:
     """Return the error estimate [m/s] of the velocity."""
     estimate = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
     return estimate if estimate < LARGEST_VELOCITY_ERROR else LARGEST_VELOCITY_ERROR
 
 
 @in_kernel
-def force_reach(error: CarriedError, stiffness: float, damping: float, left_out: float, held: float) -> float:
+def force_reach(error: PropagatedError, stiffness: float, damping: float, left_out: float, held: float) -> float:
     """Return the error estimate [N] of a force with these slopes over height [N/m] and velocity [N s/m]; see `reach`.
 
     `left_out` [N] is the part of the force that was neglected.
@@ -277,13 +277,13 @@ def force_reach(error: CarriedError, stiffness: float, damping: float, left_out:
 
 
 @in_kernel
-def carry_in_flight(error: CarriedError, h: float) -> CarriedError:
+def propagated_in_flight(error: PropagatedError, h: float) -> PropagatedError:
     """Return the error after a flight of `h` [s]."""
     return turned(error, 1.0, h, 0.0, 1.0)
 
 
 @in_kernel
-def either(error: CarriedError, other: CarriedError) -> CarriedError:
+def either(error: PropagatedError, other: PropagatedError) -> PropagatedError:
     """Return an error that covers two possible ones."""
     spread_height = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(error.hh, 0.0))
     spread_velocity = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(error.vv, 0.0))
@@ -293,7 +293,9 @@ def either(error: CarriedError, other: CarriedError) -> CarriedError:
 
 
 @in_kernel
-def curved(error: CarriedError, depth: float, stiffness: float, damping: float, mass: float, h: float) -> CarriedError:
+def curved(
+    error: PropagatedError, depth: float, stiffness: float, damping: float, mass: float, h: float
+) -> PropagatedError:
     """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m]."""
     if meets_straight(error, depth):
         return error
@@ -304,7 +306,7 @@ def curved(error: CarriedError, depth: float, stiffness: float, damping: float, 
 
 
 @always_inlined
-def meets_straight(error: CarriedError, depth: float) -> bool:
+def meets_straight(error: PropagatedError, depth: float) -> bool:
     """Whether an error is so small against the depth [m] that the contact is linear for it."""
     return error.height * error.height + error.hh <= BENT * BENT * depth * depth
 
@@ -326,7 +328,9 @@ def spectral_radius(stiffness: float, damping: float, mass: float) -> float:
 
 
 @in_kernel
-def saltation(error: CarriedError, rate: float, jump: float, off: float, mass: float, longest: float) -> CarriedError:
+def saltation(
+    error: PropagatedError, rate: float, jump: float, off: float, mass: float, longest: float
+) -> PropagatedError:
     """Return the error after a boundary that is met at a `rate` [m/s] of the depth, where the force jumps [N].
 
     A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but

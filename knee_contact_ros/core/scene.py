@@ -9,7 +9,7 @@ from knee_contact_ros.core.adrift import FOUND, Adrift
 from knee_contact_ros.core.contact_laws.base import law_force
 from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs.base import ContactPair
-from knee_contact_ros.core.error_estimate import EXACT, CarriedError, velocity_reach
+from knee_contact_ros.core.error_estimate import EXACT, PropagatedError, velocity_reach
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.kernel_source import in_kernel
 from knee_contact_ros.core.mechanisms.base import Mechanism
@@ -48,7 +48,7 @@ class RunState(NamedTuple):
     state: FemurState
     """Height and velocity of the femur; the velocity is NaN at the static start: the femur follows its turning
     surface"""
-    error: CarriedError
+    error: PropagatedError
     """Estimated error of the state, or its deviation from the dynamic one where a simpler level computed it"""
     try_step: float
     """Duration [s] that the next step should try"""

@@ -11,7 +11,7 @@ from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, has_deeper
 from knee_contact_ros.core.error_estimate import (
     HORIZON,
     TINY,
-    CarriedError,
+    PropagatedError,
     decay_rate,
     depth_error,
     holding,
@@ -73,7 +73,7 @@ class StepperState(NamedTuple):
     s: float
     """Time [s] since the beginning of the tick"""
     state: FemurState
-    error: CarriedError
+    error: PropagatedError
     try_step: float
     """Duration [s] that the next step should try"""
     spectral_radius: float

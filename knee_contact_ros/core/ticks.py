@@ -19,7 +19,7 @@ from knee_contact_ros.core.contact_pairs.base import Closest
 from knee_contact_ros.core.error_estimate import (
     EXACT,
     LARGEST_HEIGHT_ERROR,
-    CarriedError,
+    PropagatedError,
     velocity_reach,
 )
 from knee_contact_ros.core.integrators.base import FemurState
@@ -151,7 +151,7 @@ def read_run_state(kept: Record) -> RunState:
     state, error, adrift = kept["state"], kept["error"], kept["adrift"]
     return RunState(
         state=FemurState(float(state["height"]), float(state["velocity"])),
-        error=CarriedError(
+        error=PropagatedError(
             height=float(error["height"]), velocity=float(error["velocity"]), hh=float(error["hh"]),
             hv=float(error["hv"]), vv=float(error["vv"]),
         ),

@@ -117,7 +117,7 @@ INLINE Crossing earlier(Crossing found, const Motion *motion, const Stage *stage
 
 /* Errors of the linearised contact */
 
-static State carry(State error, double stiffness, double damping, double mass, double h) {
+static State propagated_over_step(State error, double stiffness, double damping, double mass, double h) {
     double half_rate = 0.5 * damping / mass, discriminant = half_rate * half_rate - stiffness / mass;
     double root = sqrt(fabs(discriminant)), even, odd;
     if (discriminant > 0.0) {
@@ -381,7 +381,7 @@ static State flight(const Motion *motion, double s, State state, double t) {
     };
 }
 
-static State carry_in_flight(State error, double h) {
+static State propagated_in_flight(State error, double h) {
     double reached = error.height + h * error.velocity;
     return (State){copysign(fabs(error.height) + h * fabs(error.velocity), reached), error.velocity};
 }
@@ -533,16 +533,16 @@ static double spectral_radius_in(const Scene *scene, Entry entry) {
 static void accept(
     const Scene *scene, const Interval *interval, StepperState *stepper, ContactMode mode, const Step *step, double h
 ) {
-    State carried;
+    State propagated;
     double lost = lost_swing(step, interval, stepper->s, scene->mass, h);
     State error = stepper->error;
-    if (mode.pressing) carried = carry(error, step->stiffness, step->damping, scene->mass, h);
-    else carried = carry_in_flight(error, h);
-    double velocity = carried.velocity + step->error.velocity;
+    if (mode.pressing) propagated = propagated_over_step(error, step->stiffness, step->damping, scene->mass, h);
+    else propagated = propagated_in_flight(error, h);
+    double velocity = propagated.velocity + step->error.velocity;
     stepper->spectral_radius = mode.pressing ? spectral_radius(step->stiffness, step->damping, scene->mass) : 0.0;
     stepper->s = h == interval->duration - stepper->s ? interval->duration : stepper->s + h;
     stepper->state = step->state;
-    stepper->error = (State){carried.height + step->error.height, velocity + copysign(lost, velocity)};
+    stepper->error = (State){propagated.height + step->error.height, velocity + copysign(lost, velocity)};
 }
 
 static ContactMode behind_boundary(
@@ -633,8 +633,8 @@ static TickResult smooth_tick(const Scene *scene, const Interval *interval, cons
             scene, stride.state, stride.error, slope.stage.force, stride.end.stage.force, stiffness, damping, part
         );
         if (stride.crossing.boundary != NOWHERE || !(ratio <= 1.0)) return result;
-        State carried = carry(error, stiffness, damping, mass, part);
-        error = (State){carried.height + stride.error.height, carried.velocity + stride.error.velocity};
+        State propagated = propagated_over_step(error, stiffness, damping, mass, part);
+        error = (State){propagated.height + stride.error.height, propagated.velocity + stride.error.velocity};
         state = stride.state;
         slope = stride.end;
         largest = larger(largest, ratio);
@@ -656,7 +656,7 @@ static bool flies_freely(const Scene *scene, const Interval *interval, const Run
 static TickResult flying_tick(const Scene *scene, const Interval *interval, const RunState *start) {
     Motion motion = {scene, interval, {APART, false}, NOWHERE};
     State state = flight(&motion, 0.0, start->state, interval->duration);
-    State error = carry_in_flight(start->error, interval->duration);
+    State error = propagated_in_flight(start->error, interval->duration);
     error.height += launch_rounding(start->state, state);
     double depth = depth_at(scene, state.height);
     RunState run_state = {state, error, start->try_step, depth, false};

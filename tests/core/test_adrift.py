@@ -27,7 +27,7 @@ from knee_contact_ros.core.contact_laws import CONTACT_LAWS
 from knee_contact_ros.core.contact_laws.base import ContactLaw, static_force
 from knee_contact_ros.core.contact_pairs import OnPlane
 from knee_contact_ros.core.energy import at_rest, elastic_energy, overshoot
-from knee_contact_ros.core.error_estimate import CarriedError
+from knee_contact_ros.core.error_estimate import PropagatedError
 from knee_contact_ros.core.types import Status
 from studies.honesty.ours import knee
 from studies.long_runs import held_in_swing, long_runs, scene_of
@@ -211,8 +211,8 @@ def test_energies_are_bounded_on_both_sides(name: str, depth: float) -> None:
 
 def test_an_answer_that_is_known_to_be_too_deep_bounds_the_energy_by_less() -> None:
     contact = CONTACTS["damped"]
-    deep = CarriedError(-3e-4, 0.0, 1e-10, 0.0, 0.0)
-    high = CarriedError(3e-4, 0.0, 1e-10, 0.0, 0.0)
+    deep = PropagatedError(-3e-4, 0.0, 1e-10, 0.0, 0.0)
+    high = PropagatedError(3e-4, 0.0, 1e-10, 0.0, 0.0)
     apart, _ = bounds_near(contact.law, 2e-4, 0.0, deep, 0.0, 100.0, 9.3)
     pressed, _ = bounds_near(contact.law, 2e-4, 0.0, high, 0.0, 100.0, 9.3)
     assert apart.height > 1e-4

@@ -20,12 +20,12 @@ from knee_contact_ros.core.error_estimate import (
     EXPECTED,
     LARGEST_HEIGHT_ERROR,
     LARGEST_VELOCITY_ERROR,
-    CarriedError,
+    PropagatedError,
     bounded,
-    carry_in_flight,
-    carry_on,
     force_reach,
     propagated,
+    propagated_in_flight,
+    propagated_over_step,
     reach,
     saltation,
     velocity_reach,
@@ -49,9 +49,9 @@ MASS = 2.0
 HELD = math.sqrt(4e6 / MASS)
 
 
-def of(height: float, velocity: float) -> CarriedError:
+def of(height: float, velocity: float) -> PropagatedError:
     """An error of which all is known."""
-    return CarriedError(height, velocity, 0.0, 0.0, 0.0)
+    return PropagatedError(height, velocity, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(4e6, 2e3), (4e6, 4e4), (0.0, 2e3), (0.0, 0.0), (8e6, 8e3)])
@@ -59,7 +59,7 @@ def test_an_error_is_carried_by_the_linear_contact(stiffness: float, damping: fl
     motion = np.array([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]])
     through = expm(2e-3 * motion)
     spread = np.array([[4e-14, 1e-12], [1e-12, 9e-10]])
-    carried = propagated(CarriedError(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, damping, MASS, 2e-3)
+    carried = propagated(PropagatedError(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, damping, MASS, 2e-3)
     # rounding of the exponential's scaling, and of differences in the covariance
     assert carried[:2] == pytest.approx(tuple(through @ [3e-7, -1e-4]), rel=1e-9)
     expected = through @ spread @ through.T
@@ -74,7 +74,7 @@ def test_a_stiffness_that_changes_over_a_step_carries_an_error_at_fourth_order(d
             lambda s, z: [z[1], -(begin + (end - begin) * s / h) / MASS * z[0] - damping / MASS * z[1]],
             (0.0, h), [1.0, 100.0], rtol=1e-12, atol=1e-14,
         ).y[:, -1]  # fmt: skip
-        found = carry_on(of(1.0, 100.0), begin, 0.5 * (begin + end), end, damping, MASS, h)
+        found = propagated_over_step(of(1.0, 100.0), begin, 0.5 * (begin + end), end, damping, MASS, h)
         return abs(found.height - exact[0])
 
     # Per step one order more; the middle's slope alone gives 2^3.
@@ -88,7 +88,7 @@ def test_a_stiffness_that_changes_over_many_decays_leaves_the_velocity_at_its_cr
         lambda s, z: [z[1], -(begin + (end - begin) * s / h) / MASS * z[0] - damping / MASS * z[1]],
         (0.0, h), [1e-7, -1.5e-6], rtol=1e-12, atol=1e-20, method="Radau",
     ).y[:, -1]  # fmt: skip
-    found = carry_on(of(1e-7, -1.5e-6), begin, 0.5 * (begin + end), end, damping, MASS, h)
+    found = propagated_over_step(of(1e-7, -1.5e-6), begin, 0.5 * (begin + end), end, damping, MASS, h)
     # The middle's stiffness for the end's, which are 5 % apart
     assert tuple(found[:2]) == pytest.approx(tuple(exact), rel=0.06)
 
@@ -120,7 +120,7 @@ def test_parts_of_an_error_cancel_and_what_is_not_known_of_them_does_not() -> No
 
 
 def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
-    for wild in (of(math.inf, 0.0), of(math.nan, 1.0), CarriedError(0.0, 0.0, math.inf, math.nan, 1e300)):
+    for wild in (of(math.inf, 0.0), of(math.nan, 1.0), PropagatedError(0.0, 0.0, math.inf, math.nan, 1e300)):
         kept = bounded(wild)
         assert np.isfinite(kept).all()
         assert reach(kept, 100.0) == LARGEST_HEIGHT_ERROR
@@ -149,7 +149,9 @@ def test_bounds_add_up() -> None:
 def test_what_adds_aside_leaves_a_late_femur_late() -> None:
     """Both errors follow from one time: what is added aside is what this time does not tell, in the same direction."""
     late, speed, acceleration = 1e-6, 3.0, 5e3
-    error = CarriedError(0.0, 0.0, (late * speed) ** 2, late * late * speed * acceleration, (late * acceleration) ** 2)
+    error = PropagatedError(
+        0.0, 0.0, (late * speed) ** 2, late * late * speed * acceleration, (late * acceleration) ** 2
+    )
     for _ in range(100):
         error = with_bound_aside(error, 0.0, 3e-9)
     own = error.vv - error.hv**2 / error.hh
@@ -164,7 +166,7 @@ def test_doubt_in_another_direction_each_time_adds_as_squares() -> None:
 
 
 def test_in_flight_a_velocity_is_carried_into_the_height() -> None:
-    carried = carry_in_flight(CarriedError(3e-7, -1e-4, 4e-14, 0.0, 9e-10), 2e-3)
+    carried = propagated_in_flight(PropagatedError(3e-7, -1e-4, 4e-14, 0.0, 9e-10), 2e-3)
     assert carried == pytest.approx((1e-7, -1e-4, 4e-14 + 36e-16, 18e-13, 9e-10), rel=1e-9)  # rounding of differences
 
 
@@ -221,7 +223,7 @@ def test_a_contact_that_lets_go_keeps_the_doubt_of_its_speed() -> None:
 def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
     """The load has pressed it on for that time, and damping that remembers the impact goes by it ever after."""
     flores, above = law("flores"), 1e-4
-    error = CarriedError(height=1e-6, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
+    error = PropagatedError(height=1e-6, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
     lands = moving(FemurState(RADIUS + above, -0.05))._replace(error=error, depth=-above)
     late = moving(FemurState(RADIUS + above + 1e-6, -0.05))._replace(depth=-above - 1e-6)
     one, other = (advanced(flores, start, 2e-3, load=200.0).run_state for start in (lands, late))
@@ -231,7 +233,7 @@ def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
 
 def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() -> None:
     # The answer has long come to rest by the tick's end; the exact femur may still be on its way.
-    error = CarriedError(0.0, 0.0, 1e-4, 0.0, 0.0)  # 1 cm
+    error = PropagatedError(0.0, 0.0, 1e-4, 0.0, 0.0)  # 1 cm
     start = moving(FemurState(RADIUS + 1e-4, -0.02))._replace(error=error, depth=-1e-4)
     touched = advanced(law("kelvin_voigt"), start, 0.05, load=1.0)
     assert not math.isnan(touched.run_state.impact_speed)

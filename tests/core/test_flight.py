@@ -15,7 +15,7 @@ from knee_contact_ros.core.contact_modes import ContactModes
 from knee_contact_ros.core.contact_pairs import Closest, ContactPair, CurveContact, OnPlane
 from knee_contact_ros.core.contact_pairs.on_plane import PlaneTouch
 from knee_contact_ros.core.contact_pairs.tibial_circle import TibialCircle
-from knee_contact_ros.core.error_estimate import CarriedError
+from knee_contact_ros.core.error_estimate import PropagatedError
 from knee_contact_ros.core.geometries import Circle, FemoralGeometry
 from knee_contact_ros.core.integrators.base import FemurState
 from knee_contact_ros.core.integrators.free_flight import flight
@@ -83,7 +83,7 @@ def test_the_short_cut_gives_what_the_steps_give() -> None:
         pair, mechanism, mass = PAIRS[2], MECHANISMS[1], 1.7
         interval = Interval(pair, mechanism, 2e-3, rng.uniform(0.0, 1.0), rng.uniform(-5.0, 5.0), -50.0, 9e3, math.nan)
         start = moving(FemurState(0.08, rng.uniform(-0.2, 0.2)))._replace(
-            depth=-0.03, error=CarriedError(1e-9, -1e-7, 1e-20, 0.0, 1e-14)
+            depth=-0.03, error=PropagatedError(1e-9, -1e-7, 1e-20, 0.0, 1e-14)
         )
         assert flies_freely(interval, start, mass)
         scene = Scene(pair, mechanism, REGIONS, mass, 1e-6, 0.0, 0, LEVELS["dynamic"])

@@ -68,7 +68,7 @@ class _CurveContact(NamedTuple):
     tibia: TibialSurface
     searched: Searched
     """The femur in the form that the search needs"""
-    dented: bool
+    non_convex: bool
     """Whether the femur has dents, or the tibia one that is narrower than the femur"""
 
 
@@ -80,11 +80,11 @@ class CurveContact(_CurveContact):
     def __new__(cls, femur: Circle | Profile, tibia: TibialSurface) -> CurveContact:
         """Prepare the contact of `femur` on `tibia`."""
         # One kink is that of an open curve's two ends; a hollow that is narrower than the femur holds it on two edges.
-        dented = tibia.curvatures()[1] > 1.0 / femur.support(0.0)[0]
+        non_convex = tibia.curvatures()[1] > 1.0 / femur.support(0.0)[0]
         if isinstance(femur, Circle):
-            return super().__new__(cls, femur, tibia, CircleSearch(femur.radius), dented)
+            return super().__new__(cls, femur, tibia, CircleSearch(femur.radius), non_convex)
         search = ProfileSearch(femoral_curve(femur))
-        return super().__new__(cls, femur, tibia, search, dented or len(femur.kinks) > 1)
+        return super().__new__(cls, femur, tibia, search, non_convex or len(femur.kinks) > 1)
 
     def closest(self, angle: float, x: float, height: float) -> Closest:
         """Return the common normal at an angle [rad] and (x, height) [m]; see `Kinematics.closest`."""
@@ -100,7 +100,7 @@ class CurveContact(_CurveContact):
 
     def is_non_convex(self) -> bool:
         """Whether the contact may leap from bump to bump; see `Kinematics.is_non_convex`."""
-        return self.dented
+        return self.non_convex
 
     def knot_spacing(self) -> float:
         """Return the turn [rad] between two points where the femur is not smooth."""

@@ -139,5 +139,5 @@ def lets_go(interval: Interval) -> bool:
 @in_kernel
 def dynamic_is_stiff(scene: Scene, interval: Interval, start: RunState) -> bool:
     """Whether the dynamic level would need implicit steps, which cost more than the steps of the first-order level."""
-    swift = spectral_radius(start.stiffness, start.damping, scene.mass)
-    return swift * interval.duration > EXPLICIT * MOST_EXPLICIT
+    fastest = spectral_radius(start.stiffness, start.damping, scene.mass)
+    return fastest * interval.duration > EXPLICIT * MOST_EXPLICIT

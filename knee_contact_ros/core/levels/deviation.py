@@ -15,12 +15,12 @@ from knee_contact_ros.core.error_estimate import (
     EXPECTED,
     SPREAD,
     TINY,
-    CarriedError,
-    carry_in_flight,
+    PropagatedError,
     curved,
     either,
     holding,
     propagated,
+    propagated_in_flight,
     with_bound,
     with_push,
 )
@@ -79,7 +79,7 @@ class LeftOut(NamedTuple):
 
 
 @in_kernel
-def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
+def deviate(error: PropagatedError, left_out: LeftOut, mass: float, h: float) -> PropagatedError:
     """Return the deviation after a tick of `h` [s], from that at its beginning."""
     if left_out.begin_load <= 0.0 or left_out.end_load <= 0.0:
         return fly(error, left_out, mass, h)
@@ -106,12 +106,12 @@ def deviate(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Ca
     if behind > 0.0:
         moved = with_bound(moved, behind, 0.0)
     if pulled_back(error, left_out, spring):
-        moved = either(moved, carry_in_flight(error, h))
+        moved = either(moved, propagated_in_flight(error, h))
     return curved(moved, left_out.depth, spring, left_out.damping, mass, h)
 
 
 @in_kernel
-def unknown_way(error: CarriedError, moved: CarriedError, left_out: LeftOut) -> float:
+def unknown_way(error: PropagatedError, moved: PropagatedError, left_out: LeftOut) -> float:
     """Return how far [m] a deviation may be wrong because p/K is not linear and K and C are not constant."""
     size = abs(moved.height) + abs(error.height)
     bent = BENT * size * min(1.0, size / max(left_out.depth, TINY))
@@ -125,7 +125,7 @@ def changes(middle: float, end: float) -> bool:
 
 
 @in_kernel
-def out_of_step(away: CarriedError, left_out: LeftOut, spring: float, mass: float, h: float) -> CarriedError:
+def out_of_step(away: PropagatedError, left_out: LeftOut, spring: float, mass: float, h: float) -> PropagatedError:
     """Return a deviation from rest, as one of any phase if its phase at the end of the tick is not known."""
     frequency = math.sqrt(spring / mass)
     if h * frequency <= IN_STEP or left_out.damping >= 2.0 * frequency * mass:
@@ -139,7 +139,7 @@ def out_of_step(away: CarriedError, left_out: LeftOut, spring: float, mass: floa
 
 
 @in_kernel
-def pulled_back(error: CarriedError, left_out: LeftOut, spring: float) -> bool:
+def pulled_back(error: PropagatedError, left_out: LeftOut, spring: float) -> bool:
     """Whether the linearised contact pulls the femur towards the level with more than the load, as no contact does."""
     pull = EXPECTED * abs(spring * error.height + left_out.damping * error.velocity)
     return pull > min(left_out.begin_load, left_out.end_load)
@@ -153,7 +153,7 @@ def carried_off(left_out: LeftOut) -> LeftOut:
 
 
 @in_kernel
-def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> CarriedError:
+def fly(error: PropagatedError, left_out: LeftOut, mass: float, h: float) -> PropagatedError:
     """Return the deviation after a tick of `h` [s] in which the load does not press throughout."""
     lift, launch = lifted(left_out.begin_load, left_out.end_load, mass, h)
     way, gain = left_out.way, left_out.gain
@@ -165,7 +165,7 @@ def fly(error: CarriedError, left_out: LeftOut, mass: float, h: float) -> Carrie
         fastest = min(FASTEST * thrown, math.sqrt(left_out.begin_load * abs(way) / mass))
         unknown_way, unknown_gain = unknown_way + abs(way), unknown_gain + max(thrown, fastest)
         way, gain = 0.0, gain - thrown
-    flown = carry_in_flight(error, h)
+    flown = propagated_in_flight(error, h)
     height, velocity = flown.height + way + lift, flown.velocity + gain + launch
     if height > 0.0 and left_out.end_load <= 0.0:
         # No femur is below a level that nothing presses: it is carried, or thrown up by the tibia.

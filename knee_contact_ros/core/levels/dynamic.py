@@ -27,11 +27,11 @@ from knee_contact_ros.core.error_estimate import (
     UNKNOWN,
     UNKNOWN_IMPLICIT,
     bounded,
-    carry_in_flight,
-    carry_on,
     curved,
     force_reach,
     holding,
+    propagated_in_flight,
+    propagated_over_step,
     reach,
     saltation,
     spectral_radius,
@@ -115,14 +115,14 @@ def begin_stretch(
         impact_speed, impact_error = rate, velocity_reach(stepper.error)
     entry = enter(scene.modes, depth, rate, load_at(interval, s), impact_speed)
     stepper = stepper._replace(
-        s=s, state=state, spectral_radius=swiftness_in(scene, entry, cosine), impact_speed=impact_speed,
+        s=s, state=state, spectral_radius=spectral_radius_in(scene, entry, cosine), impact_speed=impact_speed,
         impact_error=impact_error, evaluations=stepper.evaluations + (1 if entry.mode.layer >= 0 else 0),
     )  # fmt: skip
     return stepper, entry.mode
 
 
 @in_kernel
-def swiftness_in(scene: Scene, entry: Entry, cosine: float) -> float:
+def spectral_radius_in(scene: Scene, entry: Entry, cosine: float) -> float:
     """Return the spectral radius [1/s] of the contact in a mode; `cosine` is n_y."""
     if not entry.mode.pressing:
         return 0.0
@@ -155,7 +155,7 @@ def accepted(
     if mode.pressing:
         square = step.cosine * step.cosine
         begin, end = square * step.begin.stiffness, square * step.end.stiffness
-        error = carry_on(stepper.error, begin, step.stiffness, end, step.damping, scene.mass, h)
+        error = propagated_over_step(stepper.error, begin, step.stiffness, end, step.damping, scene.mass, h)
         unknown = UNKNOWN if stepper.spectral_radius * h <= EXPLICIT else UNKNOWN_IMPLICIT
         error = with_step(error, step.error, unknown, holding(step.stiffness, step.damping, scene.mass))
         error = curved(error, max(step.begin.depth, step.end.depth), step.stiffness, step.damping, scene.mass, h)
@@ -165,13 +165,13 @@ def accepted(
         unsigned = LOST * swung + doubtful_push(scene, stepper, mode, step, h)
         crept = lost_creep(step, load, scene.mass, h)
         error = with_bound(error, crept, unsigned) if crept + unsigned > 0.0 else error
-        swift = spectral_radius(step.stiffness, step.damping, scene.mass)
+        fastest = spectral_radius(step.stiffness, step.damping, scene.mass)
         if h > 0.0:
             evaluations += 2 * looks_for_doubt(scene, stepper)
     else:
-        error, swift = with_bound_aside(carry_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
+        error, fastest = with_bound_aside(propagated_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
     s = until if h == until - stepper.s else stepper.s + h
-    return stepper._replace(s=s, state=step.state, error=error, spectral_radius=swift, evaluations=evaluations)
+    return stepper._replace(s=s, state=step.state, error=error, spectral_radius=fastest, evaluations=evaluations)
 
 
 @in_kernel
@@ -214,7 +214,7 @@ def behind_boundary(
     if following.layer < 0:
         error = with_doubt(error, RELEASED * velocity_reach(error))
     stepper = stepper._replace(
-        error=bounded(error), spectral_radius=swiftness_in(scene, entry, cosine),
+        error=bounded(error), spectral_radius=spectral_radius_in(scene, entry, cosine),
         impact_speed=math.nan if following.layer < 0 else impact_speed, impact_error=impact_error,
         evaluations=stepper.evaluations + (1 if evaluated else 0), events=stepper.events + 1, landing=landing,
     )  # fmt: skip

@@ -161,14 +161,14 @@ def settle_in_layer(
         formula = scene.modes.law.layers[layer].formula
         at_rest, stiffness, damping = formula.force_at(depth, 0.0, stepper.impact_speed)
         evaluations += static.evaluations + 1
-    swift, sinking = math.inf, 0.0
+    fastest, sinking = math.inf, 0.0
     if damping > 0.0:
-        swift, sinking = stiffness / damping, (load / cosine - at_rest) / damping
+        fastest, sinking = stiffness / damping, (load / cosine - at_rest) / damping
     elif stiffness > 0.0:
         sinking = part.load_rate / cosine / stiffness
     state = FemurState(height, (surface_rate - sinking) / cosine)
     evaluations += stepper.evaluations
-    return stepper._replace(state=state, spectral_radius=swift, evaluations=evaluations), ContactMode(layer, True)
+    return stepper._replace(state=state, spectral_radius=fastest, evaluations=evaluations), ContactMode(layer, True)
 
 
 @in_kernel
@@ -208,10 +208,10 @@ def step_first_order(
     spread = remembered * math.sqrt(stepper.error.hh) + abs(step.error.height)
     changed = stepper.error.velocity + abs(step.state.velocity - stepper.state.velocity)
     error = stepper.error._replace(velocity=changed, hh=spread * spread, hv=0.0, vv=0.0)
-    swift = step.stiffness / step.damping if step.damping > 0.0 else math.inf
+    fastest = step.stiffness / step.damping if step.damping > 0.0 else math.inf
     events = stepper.events + (0 if boundary == NOWHERE else 1)
     s = until if h == until - stepper.s else stepper.s + h
-    stepper = stepper._replace(s=s, state=step.state, error=error, spectral_radius=swift, events=events)
+    stepper = stepper._replace(s=s, state=step.state, error=error, spectral_radius=fastest, events=events)
     if boundary == NOWHERE:
         return stepper, mode
     return settle_in_layer(scene, part, stepper, mode.layer + (1 if boundary == BELOW else -1))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.core.error_estimate import bounded, carry_in_flight, reach, with_bound
+from knee_contact_ros.core.error_estimate import bounded, propagated_in_flight, reach, with_bound
 from knee_contact_ros.core.integrators.free_flight import flight, launch_rounding
 from knee_contact_ros.core.kernel_source import in_kernel, never_inlined
 from knee_contact_ros.core.prescribed import Interval, load_at, touch_at
@@ -34,7 +34,7 @@ def flying_tick(interval: Interval, start: RunState, mass: float, spent: int) ->
     """Carry the femur in free flight over the interval; `spent` is the number of evaluations taken so far."""
     h = interval.duration
     state = flight(interval, mass, 0.0, start.state, h)
-    error = bounded(with_bound(carry_in_flight(start.error, h), launch_rounding(start.state, state), 0.0))
+    error = bounded(with_bound(propagated_in_flight(start.error, h), launch_rounding(start.state, state), 0.0))
     depth, surface_rate, cosine = touch_at(interval, h).touch(state.height)
     rate = surface_rate - cosine * state.velocity
     return TickResult(

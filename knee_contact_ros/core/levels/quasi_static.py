@@ -8,7 +8,7 @@ from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.contact_laws.base import ContactLaw, layer_at
 from knee_contact_ros.core.error_estimate import (
     TINY,
-    CarriedError,
+    PropagatedError,
     bounded,
     force_reach,
     holding,
@@ -111,7 +111,7 @@ def lag_of(start: RunState) -> float:
 
 
 @in_kernel
-def deviation_at_start(start: RunState, velocity: float) -> CarriedError:
+def deviation_at_start(start: RunState, velocity: float) -> PropagatedError:
     """Return the deviation of this level at the beginning of a tick, where it has a `velocity` [m/s]."""
     error = start.error
     return error._replace(

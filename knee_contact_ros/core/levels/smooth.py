@@ -14,14 +14,14 @@ from knee_contact_ros.core.adrift import RESERVE
 from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, enter
 from knee_contact_ros.core.error_estimate import (
     UNKNOWN,
-    CarriedError,
+    PropagatedError,
     bounded,
-    carry_on,
-    carry_on_by_series,
     curved,
     force_reach,
     holding,
     meets_straight,
+    propagated_by_series,
+    propagated_over_step,
     reach,
     spectral_radius,
     with_step,
@@ -41,7 +41,7 @@ class SmoothTick(NamedTuple):
     """State of a smooth tick between two steps."""
 
     state: FemurState
-    error: CarriedError
+    error: PropagatedError
     slope: Slope
     """Contact and acceleration in that state"""
     largest: StateError
@@ -93,8 +93,8 @@ def begin_smooth(scene: Scene, interval: Interval, start: RunState) -> tuple[Smo
     rate, load = surface_rate - cosine * state.velocity, interval.start_load
     entry = enter(scene.modes, depth, rate, load, start.impact_speed)
     stiffness, damping = cosine * cosine * entry.stiffness, cosine * cosine * entry.damping
-    swift = spectral_radius(stiffness, damping, scene.mass)
-    parts = float(math.ceil(max(1.0, h * swift / EXPLICIT, h / start.try_step)))
+    fastest = spectral_radius(stiffness, damping, scene.mass)
+    parts = float(math.ceil(max(1.0, h * fastest / EXPLICIT, h / start.try_step)))
     begin = Stage(depth=depth, rate=rate, force=entry.force, stiffness=entry.stiffness, surface_rate=surface_rate)
     slope = Slope(
         acceleration=(cosine * entry.force - load) / scene.mass, stage=begin, stiffness=stiffness, damping=damping,
@@ -131,11 +131,13 @@ def step_smooth(
             scene, interval.start_load, stride.state, largest, slope.stage.force, end.stage.force, middle.stiffness,
             middle.damping, leapt, h, start.impact_speed > 0.0,
         )  # fmt: skip
-    error, known = carry_on_by_series(
+    error, known = propagated_by_series(
         so_far.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h
     )
     if not (known or plain):
-        error = carry_on(so_far.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h)
+        error = propagated_over_step(
+            so_far.error, slope.stiffness, middle.stiffness, end.stiffness, middle.damping, mass, h
+        )
     error = with_step(error, stride.error, UNKNOWN, so_far.held)
     if plain:
         known = known and meets_straight(error, end.stage.depth)
