@@ -10,8 +10,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.mcap_chunks import MESSAGE_HEADS
 from knee_contact_ros.bags.mcap_layout import ENTRY, MESSAGE, MESSAGE_HEAD
-from knee_contact_ros.bags.mcap_records import MESSAGE_HEADS
 from knee_contact_ros.bags.writer import BagWriter
 
 Places = NDArray[np.int64]

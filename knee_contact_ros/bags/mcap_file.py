@@ -16,27 +16,29 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Header, Metadata, Schema, Statistics
 
 from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.bags.mcap_layout import HEAD, MESSAGE
-from knee_contact_ros.bags.mcap_records import (
-    BLOCK,
+from knee_contact_ros.bags.mcap_chunks import (
     DECLARATIONS,
     Chunk,
     Contents,
-    CutChunk,
     DamagedError,
+    beginning_of,
+    contents_of,
+    read_chunk,
+    records_in,
+    unpack,
+)
+from knee_contact_ros.bags.mcap_layout import HEAD, MESSAGE
+from knee_contact_ros.bags.mcap_records import (
+    BLOCK,
+    CutChunk,
     Hole,
     Piece,
     Record,
-    beginning_of,
-    contents_of,
     magic_at,
     parsed,
     read_at,
-    read_chunk,
     read_records,
     record_at,
-    records_in,
-    unpack,
     with_indices,
 )
 from knee_contact_ros.messages.column import Column

@@ -11,9 +11,10 @@ import pytest
 import zstandard
 
 from knee_contact_ros.bags.bag_files import MOST_AT_ONCE
+from knee_contact_ros.bags.mcap_chunks import LARGEST_CHUNK, Chunk, DamagedError, unpack
 from knee_contact_ros.bags.mcap_file import MOST_RECORDS, McapFile
 from knee_contact_ros.bags.mcap_layout import HEAD, MAGIC
-from knee_contact_ros.bags.mcap_records import BLOCK, LARGEST_CHUNK, Chunk, DamagedError, read_records, unpack
+from knee_contact_ros.bags.mcap_records import BLOCK, read_records
 from knee_contact_ros.bags.stored_bag import StoredBag
 from knee_contact_ros.system.errors import UsageError
 from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros

@@ -14,8 +14,8 @@ from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE, ChunkedMcap
+from knee_contact_ros.bags.mcap_chunks import MESSAGE_HEADS
 from knee_contact_ros.bags.mcap_layout import MESSAGE_HEAD
-from knee_contact_ros.bags.mcap_records import MESSAGE_HEADS
 
 CHANNELS = 3
 Said = tuple[int, int, int]

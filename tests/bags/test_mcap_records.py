@@ -11,17 +11,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 
 from knee_contact_ros.bags import mcap_records
+from knee_contact_ros.bags.mcap_chunks import contents_of, indexed, records_in
 from knee_contact_ros.bags.mcap_layout import HEAD, MAGIC, MESSAGE_HEAD
-from knee_contact_ros.bags.mcap_records import (
-    Hole,
-    Record,
-    contents_of,
-    indexed,
-    parsed,
-    read_records,
-    records_in,
-    with_indices,
-)
+from knee_contact_ros.bags.mcap_records import Hole, Record, parsed, read_records, with_indices
 from tests.hostile.bags import channel, chunk, message, record
 
 
