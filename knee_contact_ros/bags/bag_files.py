@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import zstandard
 
-from knee_contact_ros.bags.mcap_file import ALLOWED_SIZE, MOST_GROWTH, McapFile
+from knee_contact_ros.bags.mcap_file import McapFile
+from knee_contact_ros.bags.mcap_inspection import ALLOWED_SIZE, MOST_GROWTH
 from knee_contact_ros.bags.mcap_layout import MAGIC
 from knee_contact_ros.bags.mcap_metadata import NUMBERED, as_one_recording, in_order, later_files
 from knee_contact_ros.bags.metadata import METADATA, read_metadata

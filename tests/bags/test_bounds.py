@@ -12,7 +12,8 @@ import zstandard
 
 from knee_contact_ros.bags.bag_files import MOST_AT_ONCE
 from knee_contact_ros.bags.mcap_chunks import LARGEST_CHUNK, Chunk, DamagedError, unpack
-from knee_contact_ros.bags.mcap_file import MOST_RECORDS, McapFile
+from knee_contact_ros.bags.mcap_file import McapFile
+from knee_contact_ros.bags.mcap_inspection import MOST_RECORDS
 from knee_contact_ros.bags.mcap_layout import HEAD, MAGIC
 from knee_contact_ros.bags.mcap_records import BLOCK, read_records
 from knee_contact_ros.bags.stored_bag import StoredBag
