@@ -13,6 +13,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from knee_contact_ros.system.processes import PATIENCE, kept
+from knee_contact_ros.system.ros_graph import private_graph
+
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
 MODEL = ("core/", "compiled/")
@@ -22,18 +25,17 @@ def files_on_the_way(work: Path) -> set[str]:
     """Files of the package that a force passes, as paths in it."""
     noted = work / "noted"
     noted.mkdir()
-    graph = {"ROS_DOMAIN_ID": "77", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    traced = {
-        "PYTHONPATH": os.pathsep.join([str(ROOT / "scripts" / "tracing"), str(ROOT)]),
-        "KNEE_CONTACT_WAY": str(noted),
-    }
-    recording = f"record.path:={work / 'recording.mcap'}"
-    node = subprocess.Popen([*COMMAND, "node", "--ros-args", "-p", recording], env=os.environ | graph | traced)
+    tracing = os.pathsep.join([str(ROOT / "scripts" / "tracing"), str(ROOT)])
+    traced = {"PYTHONPATH": tracing, "KNEE_CONTACT_WAY": str(noted)}
+    node_command = [*COMMAND, "node", "--ros-args", "-p", f"record.path:={work / 'recording.mcap'}"]
     bag = str(ROOT / "bags" / "gait2354_right")
-    subprocess.run([*COMMAND, "replay", bag, "--wait", "60"], check=True, env=os.environ | graph)
-    time.sleep(1.0)
-    node.send_signal(signal.SIGINT)
-    node.wait(60)
+    with private_graph() as graph, (work / "log").open("wb") as log:
+        environment = os.environ | graph
+        with kept(node_command, log, PATIENCE, env=environment | traced) as node:
+            subprocess.run([*COMMAND, "replay", bag, "--wait", f"{PATIENCE}"], check=True, env=environment)
+            time.sleep(1.0)  # the last forces are answered
+            node.send_signal(signal.SIGINT)
+            node.wait(PATIENCE)
     return {name for path in noted.iterdir() for name in path.read_text(encoding="utf-8").split()}
 
 
