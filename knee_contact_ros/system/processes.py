@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -30,6 +31,8 @@ RUN_MODULE = (
 """Replacement for `python -P -m`, which Python 3.10 does not have"""
 OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
 """Arguments of `Popen` for a process group of its own"""
+ENDS_WITH_US = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
+"""Words before a command that gets SIGTERM when the thread that started it has ended, unless that was before it began"""
 
 
 class Child(NamedTuple):
@@ -64,11 +67,11 @@ def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> P
 
 @contextmanager
 def kept(command: Sequence[str], output: IO[bytes], patience: float, **options: Any) -> Iterator[Process]:
-    """Run a process within the `with` block, and end it in any case; see `start` and `end`."""
+    """Run a process within the `with` block, and end it in any case, even if we are killed; see `start` and `end`."""
     process = None
     try:
         with signals_later():
-            process = start(command, output, **options)
+            process = start([*ENDS_WITH_US, *command], output, **options)
         yield process
     finally:
         if process:

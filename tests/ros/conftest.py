@@ -25,6 +25,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.system.executor import executor_of
+from knee_contact_ros.system.processes import ENDS_WITH_US
 from knee_contact_ros.system.ros_graph import private_graph
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
@@ -85,8 +86,8 @@ class NodeProcess:
         if anew or limited or not nursery().is_like_us():
             command = ["-c", WITHOUT.format(without)] if without else ["-m", COMMAND]
             self.process = subprocess.Popen(
-                [sys.executable, *command, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                env=os.environ | (NO_BYTECODE if limited else {}),
+                [*ENDS_WITH_US, sys.executable, *command, *words], text=True,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | (NO_BYTECODE if limited else {}),
             )  # fmt: skip
         else:
             self.process = nursery().fork(words, without)

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from ctypes import CDLL
 from functools import cache, cached_property
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -38,6 +39,8 @@ IMPORTED = (
 """Modules that the command imports sooner or later, if it runs a node; none of ROS, whose libraries begin threads"""
 OUTPUTS = (1, 2)
 """File descriptors of standard output and of standard error"""
+PR_SET_PDEATHSIG = 1
+"""Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
 LOOK_PERIOD = 0.02
 """Time [s] between two looks whether a process has ended"""
 
@@ -172,6 +175,7 @@ def serve(connection: Connection) -> Birth | None:
         os.close(output)
         if not pid:
             connection.close()
+            CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
             return asked
         connection.send(pid)
 

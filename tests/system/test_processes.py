@@ -4,14 +4,32 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from knee_contact_ros.system import processes
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import child_process
+from tests.helpers.processes import has_ended
+
+PATIENCE = 30.0
+PARENT = """
+from pathlib import Path
+from sys import argv
+from time import sleep
+from knee_contact_ros.system.processes import child_process
+log = Path(argv[1])
+with child_process("it", ["-c", "import time; print('begun', flush=True); time.sleep(600)"], log) as child:
+    while not log.read_text():
+        sleep(0.01)
+    print(child.process.pid, flush=True)
+    input()
+"""
+"""Program that keeps a process, says its number once it has begun, and waits"""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -55,3 +73,14 @@ def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> Non
         child_process("it", ["-c", words], tmp_path / "log") as child,
     ):
         child.process.wait()
+
+
+def test_a_parent_that_is_killed_leaves_none_behind(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", PARENT, str(tmp_path / "log")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as parent:
+        assert parent.stdout
+        child = psutil.Process(int(parent.stdout.readline()))
+        assert not has_ended(child)
+        parent.kill()
+    psutil.wait_procs([child], PATIENCE)
+    assert has_ended(child)
