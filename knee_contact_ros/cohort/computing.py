@@ -16,7 +16,7 @@ from knee_contact_ros.core import ticks
 from knee_contact_ros.core.scene import Scene
 from knee_contact_ros.core.types import ROW, Rows, Status
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.compartment import aside, put_aside
+from knee_contact_ros.pipeline.compartment import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 
 TOGETHER = 16_384
@@ -148,9 +148,9 @@ def _computed(recording: Recording, cases: list[_Case], options: _Options) -> li
             rows.append(outcomes(own, recording.steps, [side.law for side in sides], [side.patch for side in sides]))
             kept += [tuple(own.copy())] if options.series else []
         for i, case in enumerate(part):
-            series, z = tuple(of_side[i] for of_side in kept), aside(case.parameters)
+            series, z = tuple(of_side[i] for of_side in kept), half_spacing(case.parameters)
             for answers, place in zip(series, (-z, z), strict=False):
-                put_aside(answers, place)
+                move_along_z(answers, place)
             results.append(Computed(case.parameters, tuple(row[i] for row in rows), series, "", 0.0))
     return results
 

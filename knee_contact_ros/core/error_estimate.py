@@ -1,4 +1,4 @@
-"""The accumulated error of the steps, carried along by the linearised contact: its expected value and its covariance.
+"""The accumulated error of the steps, propagated by the linearised contact: its expected value and its covariance.
 
 Each step adds its estimated error to the expected one and a part of it to the covariance (the estimate of an error is
 itself in error), in the energy norm of the contact. Both are then propagated as the contact moves: spring, dashpot,
@@ -183,7 +183,7 @@ def with_bound(error: PropagatedError, height: float, velocity: float) -> Propag
 
 
 @in_kernel
-def with_bound_aside(error: PropagatedError, height: float, velocity: float) -> PropagatedError:
+def with_uncorrelated_bound(error: PropagatedError, height: float, velocity: float) -> PropagatedError:
     """Return the error with bounds of additional errors [m], [m/s] that are added to its uncorrelated parts.
 
     A femur that is late has large errors of height and velocity, which depend on each other; the additional error is
@@ -302,7 +302,7 @@ def curved(
     wrong = reach(error, math.inf)
     push = CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY))
     height, velocity = pushed_by(push, stiffness, damping, mass, h)
-    return with_bound_aside(error, height, velocity)
+    return with_uncorrelated_bound(error, height, velocity)
 
 
 @always_inlined

@@ -83,11 +83,11 @@ class Compartment:
         """Compute many ticks, with the same bits as `advance`. All arrays have shape (n,)."""
         rows = self.stream.advance_all(stamps, angles, loads, heights)
         rows["status"] |= status.astype(np.uint8)
-        put_aside(rows, self._z)
+        move_along_z(rows, self._z)
         return rows
 
 
-def put_aside(rows: Rows, z: float) -> None:
+def move_along_z(rows: Rows, z: float) -> None:
     """Move the answers of many ticks to a compartment at a place z [m] beside the middle of the tibia."""
     if not z:
         return
@@ -105,7 +105,7 @@ def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[C
     Raises:
         UsageError: a model cannot be built; see `build_model`.
     """
-    z = aside(parameters)
+    z = half_spacing(parameters)
     first = Compartment(KNEE_CONTACT, parameters, build_model(parameters, curves=texts), -z)
     if not z:
         return (first,)
@@ -113,7 +113,7 @@ def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[C
     return first, Compartment(KNEE_CONTACT_LATERAL, own, build_model(own, curves=lateral_texts(texts)), z)
 
 
-def aside(parameters: Parameters) -> float:
+def half_spacing(parameters: Parameters) -> float:
     """Distance [m] of the compartments from the middle of the tibia; 0 if there is only one."""
     return 0.5 * parameters.load.compartment_spacing if has_both(parameters) else 0.0
 

@@ -16,7 +16,7 @@ from knee_contact_ros.parameters.lateral import lateral_knee
 from knee_contact_ros.parameters.measured_share import MeasuredShare
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.compartment import aside, compartments_of, summed_wrench
+from knee_contact_ros.pipeline.compartment import compartments_of, half_spacing, summed_wrench
 from knee_contact_ros.pipeline.frames import ForceFrame
 from knee_contact_ros.pipeline.intake import Intake
 from knee_contact_ros.pipeline.samples import AngleSample, Deserialize, LoadSample, angle_sample, load_sample
@@ -117,9 +117,9 @@ class Pipeline(Intake):
         self.parameters = parameters
         self._divide(parameters)
         medial, *lateral = self.compartments
-        medial.retune(parameters, -aside(parameters))
+        medial.retune(parameters, -half_spacing(parameters))
         for compartment in lateral:
-            compartment.retune(lateral_knee(parameters), aside(parameters))
+            compartment.retune(lateral_knee(parameters), half_spacing(parameters))
 
     def _divide(self, parameters: Parameters) -> None:
         """Set up the rule by which the medial load follows from the joint reaction."""

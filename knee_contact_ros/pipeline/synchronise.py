@@ -103,7 +103,7 @@ class Synchroniser:
 
     def steady(self) -> Steady | None:
         """Current state; None after something unusual, until a pair has been flagged with it."""
-        if self._flags or self._left or self.angle_time.aside or self.load_time.aside:
+        if self._flags or self._left or self.angle_time.pending or self.load_time.pending:
             return None
         return Steady(
             tuple(self._angles), tuple(self._fresh), tuple(self._loads),
@@ -146,7 +146,7 @@ class Synchroniser:
         """Take an angle; return the pairs that it makes possible."""
         jumps = self.angle_time.jumps
         pairs = self._take_angles(self.angle_time.take(sample, self.load_time))
-        if not self.load_time.aside:
+        if not self.load_time.pending:
             return pairs
         jumped = self.angle_time.jumps > jumps
         return pairs + self._take_loads(self.load_time.look_again(self.angle_time, jumped))
@@ -155,7 +155,7 @@ class Synchroniser:
         """Take a load; return the pairs that it makes possible."""
         jumps = self.load_time.jumps
         believed = self.load_time.take(sample, self.angle_time)
-        if not self.angle_time.aside:
+        if not self.angle_time.pending:
             return self._take_loads(believed)
         # The angles first: the loads may have to be answered with them.
         jumped = self.load_time.jumps > jumps
@@ -167,8 +167,8 @@ class Synchroniser:
 
         No angle at or after their stamps has come in time. Loads that were kept aside for so long are believed.
         """
-        aside = self.load_time.aside
-        if aside and aside[0].arrived <= arrived_by < math.inf:
+        pending = self.load_time.pending
+        if pending and pending[0].arrived <= arrived_by < math.inf:
             jumped = self.load_time.believe()
             angles = self._take_angles(self.angle_time.look_again(self.load_time, jumped=True))
             return angles + self._take_loads(jumped) + self.give_up(arrived_by)
@@ -180,7 +180,7 @@ class Synchroniser:
 
         Loads that waited before are not paired with angles that were kept aside.
         """
-        pairs = self.give_up() if self.angle_time.aside else []
+        pairs = self.give_up() if self.angle_time.pending else []
         pairs += self._take_angles(self.angle_time.believe())
         return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
 

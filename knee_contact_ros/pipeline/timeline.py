@@ -51,7 +51,7 @@ class Timeline(Generic[S]):
         """
         self.last: int | None = None
         """Stamp [ns] of the last sample that was believed"""
-        self.aside: list[S] = []
+        self.pending: list[S] = []
         """Samples that may be believed later, in increasing order of their stamps"""
         self.jumps = 0
         """Number of jumps of the stream"""
@@ -71,19 +71,19 @@ class Timeline(Generic[S]):
             step = stamp - last
             near = 0 < step <= self.far
             if near or (step > 0 and other.has_reached(stamp)):
-                passed = [] if not self.aside or (near and self._is_alone(other)) else self._pass_by(stamp)
+                passed = [] if not self.pending or (near and self._is_alone(other)) else self._pass_by(stamp)
                 self._go_to(stamp)
                 return [*passed, sample]
-            if -self._max_gap <= step <= 0 and not (self.aside and stamp > self.aside[-1].stamp):
+            if -self._max_gap <= step <= 0 and not (self.pending and stamp > self.pending[-1].stamp):
                 self._refuse(f"{self._name}_not_in_order")
                 return []
-        return self._put_aside(sample, other)
+        return self._hold_back(sample, other)
 
     def look_again(self, other: Timeline[Any], jumped: bool) -> list[S]:
         """Return samples kept aside that are believed now that the other stream has new samples, or has `jumped`."""
-        if not self.aside:
+        if not self.pending:
             return []
-        if jumped and other.last is not None and abs(self.aside[-1].stamp - other.last) <= self._max_gap:
+        if jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap:
             return self.believe()
         return self.believe(self._believable(other))
 
@@ -95,7 +95,7 @@ class Timeline(Generic[S]):
         """Believe the oldest samples of those kept aside, or all of them; return them."""
         if number == 0:
             return []
-        believed, self.aside = self.aside[:number], [] if number is None else self.aside[number:]
+        believed, self.pending = self.pending[:number], [] if number is None else self.pending[number:]
         for sample in believed:
             self.jumps += self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
             if self.last is not None and sample.stamp <= self.last:  # the jumps on the way there are no steps
@@ -105,9 +105,9 @@ class Timeline(Generic[S]):
 
     def drop_aside(self) -> None:
         """Refuse the samples that were kept aside."""
-        for _ in self.aside:
+        for _ in self.pending:
             self._refuse(f"{self._name}_off_time")
-        self.aside = []
+        self.pending = []
 
     def go_on(self, last: int | None, steps: Iterable[int]) -> None:
         """Set the state after samples up to a stamp [ns] with these last steps [ns], and none kept aside."""
@@ -120,27 +120,27 @@ class Timeline(Generic[S]):
         self.drop_aside()
         self.go_on(None, ())
 
-    def _put_aside(self, sample: S, other: Timeline[Any]) -> list[S]:
+    def _hold_back(self, sample: S, other: Timeline[Any]) -> list[S]:
         """Keep a sample for later; return those that are believed because of it."""
-        if self.aside and sample.stamp <= self.aside[-1].stamp:
+        if self.pending and sample.stamp <= self.pending[-1].stamp:
             if self._is_late_aside(sample.stamp):
                 self._refuse(f"{self._name}_not_in_order")
                 return []
             self.drop_aside()
-        self.aside.append(sample)
-        return self.believe(None if len(self.aside) >= self._most else self._believable(other))
+        self.pending.append(sample)
+        return self.believe(None if len(self.pending) >= self._most else self._believable(other))
 
     def _is_late_aside(self, stamp: int) -> bool:
         """Whether a sample belongs to those kept aside, but is late; if not, the stream does not continue there."""
-        first, newest, many = self.aside[0].stamp, self.aside[-1].stamp, len(self.aside) > ENOUGH
+        first, newest, many = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending) > ENOUGH
         before = self.last if many and self.last is not None and self.last < first else first - self.far
-        return stamp == newest or (len(self.aside) > 1 and stamp >= max(before, newest - self._max_gap))
+        return stamp == newest or (len(self.pending) > 1 and stamp >= max(before, newest - self._max_gap))
 
     def _believable(self, other: Timeline[Any]) -> int:
         """Number of samples kept aside, from the oldest on, with which the stream continues."""
-        first, newest, every = self.aside[0].stamp, self.aside[-1].stamp, len(self.aside)
-        enough = self.last is None or every + len(other.aside) >= ENOUGH
-        if other.aside and enough and abs(newest - other.aside[-1].stamp) <= self._max_gap:
+        first, newest, every = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending)
+        enough = self.last is None or every + len(other.pending) >= ENOUGH
+        if other.pending and enough and abs(newest - other.pending[-1].stamp) <= self._max_gap:
             return every
         if every > 1 and (newest - first >= self._silence() or self._is_alone(other)):
             return every
@@ -149,18 +149,18 @@ class Timeline(Generic[S]):
     def _near(self, other: Timeline[Any]) -> int:
         """Number of the oldest samples kept aside that are not far from each other or from the other stream."""
         at = self.last
-        for number, sample in enumerate(self.aside):
+        for number, sample in enumerate(self.pending):
             goes_on = at is not None and at < sample.stamp <= at + self.far
             if not (goes_on or ((at is None or at < sample.stamp) and other.has_reached(sample.stamp))):
                 return number
             at = sample.stamp
-        return len(self.aside)
+        return len(self.pending)
 
     def _pass_by(self, stamp: int) -> list[S]:
         """Continue the stream at a later stamp: believe the samples kept aside before it, and refuse the others."""
         last = -1 if self.last is None else self.last
-        between = [sample for sample in self.aside if last < sample.stamp < stamp]
-        self.aside = [sample for sample in self.aside if not last < sample.stamp < stamp]
+        between = [sample for sample in self.pending if last < sample.stamp < stamp]
+        self.pending = [sample for sample in self.pending if not last < sample.stamp < stamp]
         self.drop_aside()
         for sample in between:
             self._go_to(sample.stamp)
@@ -170,14 +170,14 @@ class Timeline(Generic[S]):
         """Time [ns] without a sample that continues the stream, after which samples kept aside are believed."""
         if not self.steps:
             return 0
-        own = (after.stamp - before.stamp for before, after in pairwise(self.aside))
+        own = (after.stamp - before.stamp for before, after in pairwise(self.pending))
         return min(SILENT * max(_longest_but_one(self.steps), *own), self._max_gap)
 
     def _is_alone(self, other: Timeline[Any]) -> bool:
         """Whether the samples kept aside are at the other stream's time, and those believed are not."""
         if self.last is None or other.last is None:
             return False
-        return abs(self.aside[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
+        return abs(self.pending[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
 
     def _go_to(self, stamp: int) -> None:
         if self.last is not None and stamp > self.last:

@@ -18,7 +18,7 @@ from knee_contact_ros.view.visitors import unguessable_address
 
 NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
-MEMORY = "1GB"
+MEMORY_LIMIT = "1GB"
 """Memory that a viewer beside a node may take; older data is dropped first"""
 BEHIND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
 """Beginning of the command of a viewer beside a node: it runs at low priority, as a tick must not wait for it, and it
@@ -133,7 +133,7 @@ def uncoloured() -> dict[str, str]:
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """Return the command of a viewer that shows the scenes served at addresses."""
-    return [*BEHIND, str(executable()), *hidden().options, "--memory-limit", MEMORY, *addresses]
+    return [*BEHIND, str(executable()), *hidden().options, "--memory-limit", MEMORY_LIMIT, *addresses]
 
 
 def open_window(address: str) -> Window:

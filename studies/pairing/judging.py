@@ -74,7 +74,7 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
     synchroniser = Synchroniser(Pairing(max_gap=MAX_GAP / SECOND, wait=WAIT / SECOND))
     answers: dict[int, list[Answer]] = defaultdict(list)
     handed: Counter[int] = Counter()
-    aside, look = 0, 0
+    most, look = 0, 0
 
     def keep(pairs: list[PairedSample], now: int) -> None:
         for pair in pairs:
@@ -91,10 +91,10 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
         else:
             load = LoadSample(arrival.stamp, 0.0, 0.0, "", number, arrival.arrives / SECOND)  # type: ignore[arg-type]
             keep(synchroniser.push_load(load), arrival.arrives)
-        aside = max(aside, len(synchroniser.angle_time.aside), len(synchroniser.load_time.aside))
+        most = max(most, len(synchroniser.angle_time.pending), len(synchroniser.load_time.pending))
     keep(synchroniser.finish(), world.now)
     handed.update(angle.data for angle in synchroniser.rest())  # type: ignore[misc]
-    return answers, handed, aside
+    return answers, handed, most
 
 
 def judged(seed: int) -> tuple[int, Judged]:
@@ -105,7 +105,7 @@ def judged(seed: int) -> tuple[int, Judged]:
 
 def judge(world: World) -> Judged:
     """Hold what the synchroniser makes of a world against the account."""
-    answers, handed, aside = run(world)
+    answers, handed, most = run(world)
     account = Account(world, handed)
     found = Judged([], Counter(d.kind for d in world.disturbances), Counter(), Counter())
     for number, arrival in enumerate(world.arrivals):
@@ -119,8 +119,8 @@ def judge(world: World) -> Judged:
         found.lost[kind] += not (given or handed[number])
         if before and given and not _unflagged(given[0]) and arrival.taken < account.end:
             found.flagged[kind] += 1
-    if aside > KEPT_ASIDE:
-        found.breaches.append(Breach(f"{aside} samples kept aside", world.arrivals[-1], ""))
+    if most > KEPT_ASIDE:
+        found.breaches.append(Breach(f"{most} samples kept aside", world.arrivals[-1], ""))
     return found
 
 

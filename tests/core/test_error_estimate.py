@@ -1,4 +1,4 @@
-"""The carried error: against the motions that it linearises."""
+"""The propagated error: against the motions that it linearises."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from knee_contact_ros.core.error_estimate import (
     saltation,
     velocity_reach,
     with_bound,
-    with_bound_aside,
     with_doubt,
     with_step,
+    with_uncorrelated_bound,
 )
 from knee_contact_ros.core.geometries import Circle
 from knee_contact_ros.core.integrators.base import FemurState, StateError, leap
@@ -153,11 +153,11 @@ def test_what_adds_aside_leaves_a_late_femur_late() -> None:
         0.0, 0.0, (late * speed) ** 2, late * late * speed * acceleration, (late * acceleration) ** 2
     )
     for _ in range(100):
-        error = with_bound_aside(error, 0.0, 3e-9)
+        error = with_uncorrelated_bound(error, 0.0, 3e-9)
     own = error.vv - error.hv**2 / error.hh
     assert own == pytest.approx((100 * 1e-9) ** 2, rel=1e-2)  # a difference of squares
-    once = with_bound_aside(EXACT, 3e-6, 0.0)
-    assert with_bound_aside(once, 3e-6, 0.0).hh == pytest.approx(4.0 * once.hh, rel=1e-12)  # rounding
+    once = with_uncorrelated_bound(EXACT, 3e-6, 0.0)
+    assert with_uncorrelated_bound(once, 3e-6, 0.0).hh == pytest.approx(4.0 * once.hh, rel=1e-12)  # rounding
 
 
 def test_doubt_in_another_direction_each_time_adds_as_squares() -> None:

@@ -197,7 +197,7 @@ def test_no_more_than_so_many_are_kept_aside() -> None:
     stream = Stream(*range(0, 10_000, 1000), max_gap=10_000)
     for number in range(250):
         stream.take(-9000 + number)
-    assert len(stream.time.aside) <= 100
+    assert len(stream.time.pending) <= 100
 
 
 def test_a_jump_of_both_is_believed_as_soon_as_one_goes_on_there() -> None:
@@ -263,6 +263,6 @@ def test_clear_forgets() -> None:
 def test_going_on_is_as_after_the_samples_themselves() -> None:
     stream, copy = running(), Stream()
     copy.time.go_on(stream.time.last, stream.time.steps)
-    state: Any = [(one.last, one.steps, one.far, one.aside) for one in (stream.time, copy.time)]
+    state: Any = [(one.last, one.steps, one.far, one.pending) for one in (stream.time, copy.time)]
     assert state[0] == state[1]
     assert len(stream.time.steps) == STEPS

@@ -37,10 +37,10 @@ from knee_contact_ros.core.error_estimate import (
     spectral_radius,
     velocity_reach,
     with_bound,
-    with_bound_aside,
     with_doubt,
     with_push,
     with_step,
+    with_uncorrelated_bound,
 )
 from knee_contact_ros.core.events import end_on_boundary
 from knee_contact_ros.core.integrators.base import FemurState, Step, force_on
@@ -150,7 +150,7 @@ def step_dynamic(
 def accepted(
     scene: Scene, interval: Interval, stepper: StepperState, mode: ContactMode, step: Step, h: float, until: float
 ) -> StepperState:
-    """Return the tick at the end of a step of `h` [s], with its error carried there."""
+    """Return the tick at the end of a step of `h` [s], with its error propagated there."""
     evaluations = stepper.evaluations
     if mode.pressing:
         square = step.cosine * step.cosine
@@ -169,7 +169,7 @@ def accepted(
         if h > 0.0:
             evaluations += 2 * looks_for_doubt(scene, stepper)
     else:
-        error, fastest = with_bound_aside(propagated_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
+        error, fastest = with_uncorrelated_bound(propagated_in_flight(stepper.error, h), step.error.height, 0.0), 0.0
     s = until if h == until - stepper.s else stepper.s + h
     return stepper._replace(s=s, state=step.state, error=error, spectral_radius=fastest, evaluations=evaluations)
 

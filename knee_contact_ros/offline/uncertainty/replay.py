@@ -26,7 +26,7 @@ from knee_contact_ros.parameters.compartments import COMPARTMENTS
 from knee_contact_ros.parameters.lateral import LATERAL, lateral_knee
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.compartment import Compartment, aside, compartments_of
+from knee_contact_ros.pipeline.compartment import Compartment, compartments_of, half_spacing
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.errors import UsageError
 
@@ -109,7 +109,7 @@ class Given(NamedTuple):
             for compartment in new if self.compiled else ():
                 compartment.compile(forced)
             return new
-        z = aside(parameters)
+        z = half_spacing(parameters)
         for compartment, own, place in zip(
             self.compartments, (parameters, lateral_knee(parameters)), (-z, z), strict=False
         ):

@@ -80,8 +80,8 @@ class Polar(Chart):
     def around(cls, points: Floats) -> Polar:
         """Make the chart about the centre of Coope's circle; its middle is where most of the points lie."""
         centre, radius = circle(points)
-        aside = (points - centre).mean(axis=0)
-        return cls(centre, radius, math.atan2(aside[1], aside[0]))
+        offset = (points - centre).mean(axis=0)
+        return cls(centre, radius, math.atan2(offset[1], offset[0]))
 
     def place(self, points: Floats) -> Floats:
         """Angles counter-clockwise, which is from posterior over distal to anterior."""

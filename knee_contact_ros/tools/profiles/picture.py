@@ -84,10 +84,10 @@ def label(fit: Fit, each: FittedCircle) -> str:
 
 def arc_of(each: FittedCircle) -> Floats:
     """Points of a circle's arc over the part to which it is fitted, shape (200, 2) [m]."""
-    aside = each.part - each.centre
-    middle = aside.mean(axis=0)
+    offset = each.part - each.centre
+    middle = offset.mean(axis=0)
     base = np.arctan2(middle[1], middle[0])
-    angles = (np.arctan2(aside[:, 1], aside[:, 0]) - base + np.pi) % (2.0 * np.pi) - np.pi
+    angles = (np.arctan2(offset[:, 1], offset[:, 0]) - base + np.pi) % (2.0 * np.pi) - np.pi
     turn = base + np.linspace(angles.min(), angles.max(), 200)
     return np.asarray(each.centre + abs(each.radius) * np.column_stack([np.cos(turn), np.sin(turn)]))
 

@@ -59,7 +59,7 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
 
 def read_mesh(path: Path, kind: str) -> tuple[Floats, Integers]:
     """Read points [the file's unit] and triangles of a mesh; coincident points are merged."""
-    with quiet():
+    with silenced():
         try:
             points, triangles = MESHES[kind](path)
         except Exception as error:  # the libraries raise what they like
@@ -170,7 +170,7 @@ MESHES = {".stl": by_trimesh, ".ply": by_trimesh, ".obj": by_trimesh, ".vtp": by
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """Silence VTK and loggers, which describe what is wrong with a file in many lines on the terminal."""
     import pyvista
 

@@ -162,8 +162,8 @@ def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
 
     nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
     along = curve[nearest + 1] - curve[nearest - 1]
-    aside = points - curve[nearest]
-    across = np.abs(along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]) / np.hypot(*along.T)
+    offset = points - curve[nearest]
+    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
     out = chart.outwards(points) - np.interp(chart.place(points), chart.place(curve), chart.outwards(curve))
     return np.asarray(np.copysign(across, out))
 

@@ -74,10 +74,10 @@ def in_zone(shape: Shape, femur: bool) -> NDArray[np.bool_]:
 def squared_distances(points: Floats, pieces: Pieces) -> Floats:
     """Squared distance [m²] of each point from the nearest straight piece, shape (n,)."""
     along = pieces.ends - pieces.begins
-    aside = points[:, None, :] - pieces.begins
+    offset = points[:, None, :] - pieces.begins
     squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
-    share = np.clip((aside * along).sum(axis=2) / squared_length, 0.0, 1.0)
-    return np.asarray(((aside - share[..., None] * along) ** 2).sum(axis=2).min(axis=1))
+    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
+    return np.asarray(((offset - share[..., None] * along) ** 2).sum(axis=2).min(axis=1))
 
 
 def outside_share(points: Floats, chart: Chart, pieces: Pieces) -> float:

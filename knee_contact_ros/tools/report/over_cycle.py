@@ -87,7 +87,7 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         drawn = cyclic
         if quantity is FLEXION:  # a comparison has the same
             drawn = [run for run in cyclic if run.beside is None]
-        text = sentences(lines, caption, apart(drawn, quantity), differences_in(cyclic))
+        text = sentences(lines, caption, distances_of_curves(drawn, quantity), differences_in(cyclic))
         png = draw(SIZE, partial(panel, runs=runs, cyclic=drawn, what=quantity))
         figures.append(Figure(quantity.name, f"{quantity.title} over the gait cycle", text, png))
     if moves(cyclic):
@@ -137,11 +137,11 @@ def tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
 
 def difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
     """Largest difference of two mean curves, in the unit of the quantity's axis, and the percent at which it is."""
-    apart = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
-    return float(apart.max()), int(apart.argmax())
+    distances = np.abs(what.of(one.gathered.mean.mean, one) - what.of(other.gathered.mean.mean, other))
+    return float(distances.max()), int(distances.argmax())
 
 
-def apart(cyclic: Sequence[Run], what: Quantity) -> str:
+def distances_of_curves(cyclic: Sequence[Run], what: Quantity) -> str:
     """Say how far the curves of comparisons are from those of their runs, and which curves are drawn once."""
     unit = what.axis[what.axis.index("[") + 1 : what.axis.index("]")]
     same = [group for group in alike(cyclic, what) if len(group) > 1]

@@ -188,8 +188,8 @@ def _course(
     numbers = sorted({index.n for index in panel.analysed.indices})
     for i, name in enumerate(names):
         course = panel.analysed.course(kind, name)
-        aside = 1.0 + 0.05 * (i - 0.5 * (len(names) - 1)) / max(len(names) / 4, 1.0)  # intervals beside each other
-        across, up = [aside * index.n for index in course], [factor * index.value for index in course]
+        shift = 1.0 + 0.05 * (i - 0.5 * (len(names) - 1)) / max(len(names) / 4, 1.0)  # intervals beside each other
+        across, up = [shift * index.n for index in course], [factor * index.value for index in course]
         axis.errorbar(
             across, up, yerr=_ends(course, factor), label=name, **_look(i), lw=1.2, elinewidth=1.0, capsize=2.0, ms=4.5,
         )  # fmt: skip

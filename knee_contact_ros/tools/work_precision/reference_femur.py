@@ -105,8 +105,8 @@ def circle_in_circle(radius: float, tibial_radius: float, translation: float) ->
     def pose(angle: float, turn: float, height: float) -> tuple[float, float, float]:
         x, x_rate = translation * math.sin(angle), translation * math.cos(angle) * turn
         above = height - tibial_radius
-        apart = math.sqrt(x * x + above * above)
-        return apart + radius - tibial_radius, x * x_rate / apart, -above / apart
+        distance = math.sqrt(x * x + above * above)
+        return distance + radius - tibial_radius, x * x_rate / distance, -above / distance
 
     return pose
 
