@@ -38,13 +38,12 @@ def test_no_message_goes_out_before_its_time_and_none_is_lost(rate: float) -> No
     sent: list[tuple[float, RawMessage]] = []
     player = Player(lambda message: sent.append((time.perf_counter(), message)), rate=rate)
     messages = bag(60)
+    before = time.perf_counter()
     late = [lateness for _, lateness in player.play(messages)]
     assert [message for _, message in sent] == messages
-    began = sent[0][0]
     for (when, message), lateness in zip(sent, late, strict=True):
         after = (message.log_time - BEGIN) / 1e9 / rate
-        # The schedule began a little before the first message went out; that is its lateness.
-        assert when - began >= after - late[0] - 1e-4
+        assert when - before >= after - 1e-9  # rounding of times of some days
         assert lateness is not None
         assert lateness >= 0.0
 
