@@ -174,7 +174,7 @@ def _panels(canvas: Any, of: Propagated, of_largest: str) -> None:
     below.plot(time, whole, color="black", linewidth=3.0, zorder=1.5, label=TOGETHER)  # behind what makes most of it
     numerical = np.maximum(MICRO * of.rows["error_estimate"][shown], LEAST)
     below.plot(time, numerical, ":", color="0.35", linewidth=1.6, label=NUMERICAL)
-    below.set(yscale="log", ylabel="of the depth [µm]", xlabel="time since the first tick [s]")
+    below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
     legend(canvas, below)
 
 
