@@ -31,7 +31,7 @@ RUN_MODULE = (
 """Replacement for `python -P -m`, which Python 3.10 does not have"""
 OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
 """Arguments of `Popen` for a process group of its own"""
-ENDS_WITH_US = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
+ENDS_WITH_US = [setpriv, "--pdeathsig", "TERM"] if (setpriv := shutil.which("setpriv")) else []
 """Words before a command that gets SIGTERM when the thread that started it has ended, unless it had not begun then"""
 
 
