@@ -177,12 +177,13 @@ def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
         stderr=subprocess.PIPE,
         text=True,
     )
-    deadline = time.monotonic() + TIMEOUT
-    while len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes:
+    deadline, processes = time.monotonic() + TIMEOUT, [psutil.Process(demo.pid)]
+    all_of_them = 2 + 2 * nodes + HAS_VIEWER  # with companion, nodes and their recorders, and viewer
+    while len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes or len(processes) < all_of_them:
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    processes = [psutil.Process(demo.pid), *psutil.Process(demo.pid).children(recursive=True)]
-    assert len(processes) == 2 + 2 * nodes + HAS_VIEWER  # with companion, nodes and their recorders, and viewer
+        processes[1:] = processes[0].children(recursive=True)
+    assert len(processes) == all_of_them
     while sum(map(bool, map(addresses, processes))) < 2 + nodes:
         assert time.monotonic() < deadline
         time.sleep(0.1)
